@@ -1,10 +1,10 @@
-//! `panelprep check`: the kind of a file, its problems, and what the program understood of it.
+//! `panelprep check`: the kind of a file, its problems, and how the program understood it.
 //!
-//! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
-//! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other. What is called `.src`,
-//! `.sub` or `.dat` is KRL; such files are checked as one program. What is called `.yml` or `.yaml` is a Zivid's settings, or
-//! a lens as OpenCV, ROS or a Zivid writes it.
-//! Recipes that are checked together with one cell are held against it.
+//! The names at the top of a file decide its kind, so a file may have any name. A file that begins with `<` or is
+//! called `.xml` is an EthernetKRL file; several of these are checked for clashes with each other. Files called
+//! `.src`, `.sub` or `.dat` are KRL and are checked as one program. A file called `.yml` or `.yaml` contains the
+//! settings of a Zivid, or a lens as OpenCV, ROS or a Zivid writes it. Recipes that are checked together with one
+//! cell are compared with that cell.
 
 mod controller;
 mod eki;
@@ -78,7 +78,7 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
 /// What files are checked for.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
-    /// A cell must say all that this needs; `None` for what commands on files need.
+    /// A cell's file must state all that this purpose needs. `None`: only what commands on files need.
     pub purpose: Option<Purpose>,
     /// Files that the cell names and that are not there yet are a warning, not a problem.
     pub may_lack_files: bool,
@@ -88,8 +88,9 @@ pub struct CheckedFor<'a> {
     pub kss: Option<Kss>,
 }
 
-/// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
-/// its text. A cell must say all that the purpose needs, where one is given; the files that it names are not looked at.
+/// Checks the texts of configuration files, each alone and against each other. A file is given by its name in
+/// messages and its text. If a purpose is given, a cell's file must state all that the purpose needs; the files
+/// that it names are not read.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
     let checked_for = CheckedFor { purpose, may_lack_files: true, read: &not_looked_at, kss: None };
     check_files_for(files, &checked_for)
@@ -159,7 +160,7 @@ fn the_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Ce
     Some((place, Cell::check(files[place].0, files[place].1).ok()?))
 }
 
-/// What recipes ask for and the cell cannot do, where one cell is among the files.
+/// Reports what recipes need and the cell cannot do, if one cell is among the files.
 fn hold_recipes_against_the_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
     let Some((_, cell)) = the_cell(files, reports) else { return };
     for place in of_kind(RECIPE, reports) {
@@ -216,11 +217,11 @@ const CELL: &str = "cell";
 /// The kind that is held against a cell.
 const RECIPE: &str = "recipe";
 
-/// What a cell's file does not say and the purpose needs, each at its line; the first one names the purpose. Files that are
-/// not there are one warning, if they may be made later.
+/// Finds what the purpose needs and a cell's file does not state, each at its line; the first problem names the
+/// purpose. Missing files give one warning, if they may be made later.
 fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Problem>, Vec<Problem>) {
     let Ok(cell) = Cell::check(name, text) else { return (vec![], vec![]) };
-    // Without a purpose no value must be there; what is there must be right all the same.
+    // Without a purpose no value is required, but the values that are present must be right.
     let mut all = incomplete(&cell, checked_for.purpose.unwrap_or(Purpose::Cycle), checked_for.read);
     all.retain(|unmet| checked_for.purpose.is_some() || unmet.lack != Lack::Value);
     let may_lack = |unmet: &Unmet| checked_for.may_lack_files && unmet.lack == Lack::MissingFile;
@@ -250,7 +251,7 @@ fn unclear(message: String) -> FileReport {
     FileReport { kind: None, problems, warnings: vec![], says: vec![] }
 }
 
-/// The one kind that shares most names with the file; misspelt names count where no right one is there.
+/// Returns the one kind that shares the most names with the file. Misspelt names count if no name is right.
 fn kind_of(top: &[String]) -> Option<&'static Kind> {
     let all: Vec<&str> = KINDS.iter().flat_map(|kind| kind.keys).copied().collect();
     let right = |kind: &Kind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();

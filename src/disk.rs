@@ -1,20 +1,20 @@
-//! Files that are read as input: regular files only, whole, and no larger than they may be.
+//! Reads input files: regular files only, completely, and up to a size limit.
 //!
-//! A pipe keeps its reader waiting for ever, a device may never end, and a file that is far too large takes the memory
-//! that the rest of the cell needs. So what a name stands for is asked before anything is read from it.
+//! A pipe keeps its reader waiting for ever, and a device may never end. A file that is far too large uses the
+//! memory that the rest of the cell needs. Therefore the type of a file is checked before anything is read from it.
 
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The largest file that is read whole: the numbers of a full-size scan as text take a quarter of it.
+/// The largest file that is read completely. The numbers of a full-size scan as text need a quarter of this.
 pub const MOST_BYTES: u64 = 512 << 20;
 
 /// Opens a regular file for reading. Never waits for a writer.
 ///
 /// # Errors
-/// Where there is no such file, it is a folder, a pipe, a socket or a device, or the system refuses.
+/// If the file does not exist, is a folder, a pipe, a socket or a device, or if the system refuses.
 pub fn open(file: &Path) -> Result<File> {
     // Opening a device may already do something, so its name is looked at first; then what was opened.
     is_regular(file.metadata()?.file_type())?;
@@ -24,10 +24,10 @@ pub fn open(file: &Path) -> Result<File> {
     Ok(opened)
 }
 
-/// The bytes of a regular file of at most [`MOST_BYTES`].
+/// Returns the bytes of a regular file of at most [`MOST_BYTES`].
 ///
 /// # Errors
-/// As [`open`], and where the file is larger.
+/// As [`open`], and if the file is larger.
 pub fn read(file: &Path) -> Result<Vec<u8>> {
     read_at_most(file, MOST_BYTES)
 }
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(read_at_most(&file, 5).expect("fits"), b"12345");
         let error = read_at_most(&file, 4).expect_err("too large").to_string();
         assert!(error.contains("is 5 bytes or more") && error.contains("4 bytes at most"), "{error}");
-        // Sparse: it takes no disk, and reading it would take the memory.
+        // Sparse: the file needs no disk space, but reading it would need the memory.
         File::create(&file).and_then(|file| file.set_len(MOST_BYTES + 1)).expect("grown");
         assert!(read(&file).expect_err("too large").to_string().contains("536870912 bytes at most"));
     }

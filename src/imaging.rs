@@ -24,11 +24,11 @@ pub(crate) fn named<T>(operation: &'static str, result: opencv::Result<T>) -> Re
     result.map_err(|error| ImagingError { operation, words: error.message })
 }
 
-/// Smooths noise and keeps edges (thesis Fig. 3.18): neighbours within `diameter_px` are averaged by their distance
-/// and by how alike they are, `sigma_gray`.
+/// Smooths noise and keeps edges (thesis Fig. 3.18). Neighbours within `diameter_px` are averaged, weighted by
+/// their distance and by their similarity, `sigma_gray`.
 ///
 /// # Errors
-/// Where OpenCV refuses the picture, such as an empty one.
+/// If OpenCV refuses the picture, for example an empty one.
 pub fn bilateral_filter(
     picture: &GrayPicture,
     diameter_px: usize,
@@ -47,10 +47,10 @@ pub fn bilateral_filter(
     Ok(GrayPicture { width: picture.width, height: picture.height, gray })
 }
 
-/// The outer contours of a mask, every pixel of each, largest area first.
+/// Returns the outer contours of a mask, every pixel of each, largest area first.
 ///
 /// # Errors
-/// Where OpenCV refuses the mask, such as an empty one.
+/// If OpenCV refuses the mask, for example an empty one.
 pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     const OPERATION: &str = "contours";
     let bytes = mask.to_gray().gray;
@@ -68,11 +68,11 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     Ok(contours.into_iter().map(|(_, pixels)| pixels).collect())
 }
 
-/// The connected pieces of a mask, each as its pixels row by row. Pixels that touch at a corner alone are of one piece where
-/// `by_corners` says so.
+/// Returns the connected pieces of a mask, each as its pixels row by row. If `by_corners` is set, pixels that touch
+/// only at a corner belong to one piece.
 ///
 /// # Errors
-/// Where OpenCV refuses the mask, such as an empty one.
+/// If OpenCV refuses the mask, for example an empty one.
 pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
     const OPERATION: &str = "connected pieces";
     let bytes = mask.to_gray().gray;
@@ -91,10 +91,10 @@ pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingE
     Ok(pieces)
 }
 
-/// The corners of the smallest box around these pixels, turned as it needs to be (thesis Fig. 3.20).
+/// Returns the corners of the smallest box around these pixels, rotated as needed (thesis Fig. 3.20).
 ///
 /// # Errors
-/// Where OpenCV refuses the pixels, such as none.
+/// If OpenCV refuses the pixels, for example if there are none.
 pub fn min_area_box(pixels: &[Pixel]) -> Result<[Pixel; 4], ImagingError> {
     const OPERATION: &str = "the smallest box";
     let points: Vector<Point2f> = pixels.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();

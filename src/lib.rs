@@ -1,12 +1,13 @@
-//! Panelprep: finds a free-form panel, watches water run off it, abrades where the film broke.
+//! Panelprep: finds a free-form panel, watches water run off it, abrades the places at which the film broke.
 //!
 //! The map of the code. Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier
-//! paragraphs. `tests/layers.rs` reads this file and the code and holds both to it. Disk, sockets, processes and clocks are
-//! touched by `disk`, `supervision`, `trust`, `store`, `backup`, `broker`, `page`, `devices`, `archive`, `daemon` and `cli` alone.
+//! paragraphs. `tests/layers.rs` reads this file and the code and checks that both follow this rule. Only `disk`,
+//! `supervision`, `trust`, `store`, `backup`, `broker`, `page`, `devices`, `archive`, `daemon` and `cli` use disk,
+//! sockets, processes and clocks.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
-// A result is handled, or an `expect` beside it says why it is not.
+// A result is handled, or an `expect` next to it states why it is not.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]
-// `println!` and its kin panic where nobody reads: see `cli::output`.
+// `println!` and similar macros panic if nothing reads the output: see `cli::output`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod config;

@@ -3,10 +3,10 @@
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::io::{Error, ErrorKind};
 
-/// So many of them.
+/// Returns this many random bytes.
 ///
 /// # Errors
-/// Where the system has none yet, or fewer.
+/// If the system has none yet, or fewer.
 pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
     let mut bytes = [0; N];
     match getrandom(&mut bytes, GetRandomFlags::empty())? {
@@ -15,7 +15,7 @@ pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
     }
 }
 
-/// A token that nobody guesses: 64 hexadecimal digits.
+/// Returns a token that cannot be guessed: 64 hexadecimal digits.
 ///
 /// # Errors
 /// As [`bytes`].

@@ -1,8 +1,9 @@
-//! What a cycle leaves behind: what it ran with, what each phase found, every motion, and how it ended.
+//! The record that a cycle leaves behind: the inputs that it ran with, the findings of each phase, every motion,
+//! and how it ended.
 //!
-//! Plain data between the phases that find, the store that keeps and the report that shows. A number stands here with
-//! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
-//! Decides nothing.
+//! Plain data between the phases that produce it, the store that keeps it and the report that shows it. Each number
+//! is stored with the limit that it was checked against, so that no one has to look the limit up in a recipe that
+//! has changed since. This module decides nothing.
 
 mod conclusion;
 mod contact;
@@ -59,7 +60,7 @@ impl Budget {
         }
     }
 
-    /// With the parts that `newer` knows in the place of these.
+    /// Returns this budget with the parts that `newer` contains in place of its own.
     pub fn renewed(self, newer: Budget) -> Budget {
         Budget {
             hand_eye_mm: newer.hand_eye_mm.or(self.hand_eye_mm),
@@ -73,7 +74,7 @@ impl Budget {
 
 /// Code of the reason by which a cycle ends that may not abrade again what broke: the part has its result.
 pub const PASSES_USED: &str = "passes_used";
-/// The name of the kept text by which a start said that another part than before lies in the fixture.
+/// The name of the kept text in which a start reports that the fixture holds another part than before.
 pub const ANOTHER_PART: &str = "another_part";
 
 /// By which clock a cycle ran.
@@ -82,9 +83,10 @@ pub const ANOTHER_PART: &str = "another_part";
 pub enum Clock {
     /// By the wall clock, as every real cell does.
     Wall,
-    /// By the simulated cell's own clock, which stood where nothing moved and ran as fast as the computer could.
+    /// By the simulated cell's own clock, which did not advance while nothing moved and ran as fast as the computer
+    /// could.
     Simulated {
-        /// What it says, ms.
+        /// The clock's reading, ms.
         at_ms: u64,
     },
 }
@@ -93,7 +95,7 @@ pub enum Clock {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecordingFile {
-    /// Where the store has recordings, under the cycle's number.
+    /// In the store's place for recordings, under the cycle's number.
     InStore,
     /// This one.
     Named(String),
@@ -120,17 +122,17 @@ pub struct CycleRecord {
     pub program_version: String,
     /// How it ended; `None` while it runs.
     pub judgement: Option<Judgement>,
-    /// The error at the tool; `None` where the cycle never came to it.
+    /// The error at the tool; `None` if the cycle never reached it.
     pub budget: Option<Budget>,
     /// What the phases found, in order.
     pub findings: Vec<Finding>,
     /// Every motion, in order.
     pub motions: Vec<MotionRecord>,
-    /// What was asked after the cycle before had ended and before this one began, in order.
+    /// The requests after the end of the previous cycle and before the start of this one, in order.
     pub asked_before: Vec<RequestRecord>,
-    /// What was asked of the cell in this cycle, in order.
+    /// The requests to the cell in this cycle, in order.
     pub asked: Vec<RequestRecord>,
-    /// The clock where the cycle began and where it was concluded, as far as they were kept.
+    /// The clock at the start of the cycle and at its conclusion, if they were kept.
     pub clocks: [Option<Clock>; 2],
     /// The file that it was recorded in.
     pub recording: Option<RecordingFile>,
@@ -152,7 +154,8 @@ impl CycleRecord {
         contradicting.into_iter().chain(no_film).collect()
     }
 
-    /// Whether it was asked for as a run in the air, or moved as one: its verdict is of the motions, not of the panel.
+    /// Returns whether the cycle was requested as a run in the air, or moved as one. Its verdict is then about the
+    /// motions, not about the panel.
     pub fn is_air_run(&self) -> bool {
         let asked = |asked: &RequestRecord| {
             matches!(asked.wanted, Wanted::For(Request::AirRun { .. })) && asked.answer == Some(Answer::Done)

@@ -1,9 +1,9 @@
-//! What a cell's file must say for what is to be done with the cell: decided here for every command.
+//! The contents that a cell's file needs for a purpose: decided here for every command.
 //!
-//! A file may leave out what offline work does not need. What a motion or a cycle would refuse later is refused here before
-//! anything begins, and `panelprep check` says so at the desk. [`unmet`] looks at the cell's file alone, [`incomplete`] also
-//! at the files that it names; `check`, `doctor`, `run` and `cycle` all ask these two. Whether devices answer is for
-//! `panelprep doctor`.
+//! A file may omit what offline work does not need. A lack that would make a motion or a cycle refuse later is
+//! refused here before anything begins, and `panelprep check` reports it at the desk. [`unmet`] examines only the
+//! cell's file, [`incomplete`] also the files that it names; `check`, `doctor`, `run` and `cycle` all use these
+//! two. `panelprep doctor` checks whether devices answer.
 
 mod findings;
 mod named_files;
@@ -19,7 +19,7 @@ use crate::path::reach::joint_motion;
 use crate::words::{fixed, plain};
 use nalgebra::Isometry3;
 
-/// All that this purpose needs and the cell's file does not have; empty where nothing is missing.
+/// Returns everything that this purpose needs and the cell's file does not contain; empty if nothing is missing.
 pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
     let is_mock = cell.robot().kind() == RobotKind::Mock;
     match purpose {
@@ -47,7 +47,7 @@ fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
     ]
 }
 
-/// Outputs and feedbacks; the simulated world tells by every feedback what became of an output.
+/// Finds missing outputs and feedbacks. The simulated world reports the effect of an output by every feedback.
 fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
     let io = cell.io();
     let mut missing = Vec::new();
@@ -57,7 +57,8 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
             let message = "is missing; a cycle switches it: state the number n of its $OUT[n]";
             missing.push(Unmet::new(format!("io.outputs.{name}"), message));
         }
-        // The light is proven by its output as the controller tells it, and by `light_on` only where there is one.
+        // The light is proven by its output as the controller reports it, and by `light_on` only if that feedback
+        // exists.
         let is_read = simulates || output != Output::Light;
         if is_read && io.feedback(feedback).is_none() {
             let message = format!("is missing; it proves what became of {name}: state the number n of its $IN[n]");
@@ -74,7 +75,7 @@ fn park(cell: &Cell) -> Vec<Unmet> {
     missing.into_iter().collect()
 }
 
-/// Whether the arm can stand where a cycle has it stand, and turn its axes from one to the other.
+/// Checks whether the arm can be in the poses of a cycle, and turn its axes from one to the other.
 fn poses(cell: &Cell) -> Vec<Unmet> {
     let (park, ready) = (cell.park(), cell.pose("ready"));
     let named: Vec<(&str, Joints)> =
@@ -83,7 +84,8 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
     if !beyond.is_empty() {
         return beyond;
     }
-    // Without the tool, which a calibration tells: what the arm alone meets, it meets with a tool as well.
+    // Without the tool, which a calibration determines: any obstacle of the arm alone is also an obstacle with a
+    // tool.
     let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::claim(Isometry3::identity()));
     let first = named.first().map(|first| (*first, *first));
     let both = named.first().zip(named.get(1)).into_iter();
@@ -98,7 +100,7 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
     met
 }
 
-/// The axes of a pose that stand beyond the arm's limits.
+/// Finds the axes of a pose that are beyond the arm's limits.
 fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
     let axes = cell.arm().axes();
     let angles = pose.degrees();
@@ -125,7 +127,7 @@ fn limits(cell: &Cell) -> Vec<Unmet> {
 /// No box in which a robot works is as small as this, mm: its numbers are metres.
 const SMALLEST_BOX_MM: f64 = 10.0;
 
-/// A box whose longest edge is so short that its numbers must be metres.
+/// Reports a box with a longest edge so short that its numbers must be metres.
 fn in_metres(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<Unmet> {
     let edges = [0, 1, 2].map(|axis| high[axis] - low[axis]);
     let message = || {
@@ -150,7 +152,7 @@ fn calibrations(cell: &Cell) -> Vec<Unmet> {
     missing.map(|(key, _)| Unmet::new(format!("calibration.{key}"), message)).collect()
 }
 
-/// Whether the cameras go with the robot, and know how to take a shot.
+/// Checks whether the cameras match the robot, and have what they need for a shot.
 fn cameras(cell: &Cell) -> Vec<Unmet> {
     let mut wrong = Vec::new();
     let robot = cell.robot();
@@ -191,7 +193,7 @@ mod tests {
         unmet(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
     }
 
-    /// One change of the cell that ships, and the key that it takes away or spoils.
+    /// One change of the cell that ships, and the key that the change removes or spoils.
     #[test]
     fn each_thing_that_a_cycle_would_refuse_is_named() {
         assert_eq!(keys(WHOLE, Purpose::Cycle), [""; 0]);

@@ -1,8 +1,9 @@
-//! Do the program's threads still work? Each one that the cell depends on says so, and one place asks all of them.
+//! Supervises the program's threads. Each thread that the cell depends on reports that it works, and one place
+//! checks all of them.
 //!
-//! A sign of life from one thread proves nothing about the others. So systemd's watchdog is fed, and the robot kept under
-//! control, only while every thread has answered: a thread that panics, ends or is silent for longer than it may be is a
-//! [`ThreadFault`], and the process ends by it in the safe way.
+//! A sign of life from one thread proves nothing about the others. Therefore systemd's watchdog is triggered, and
+//! the robot kept under control, only while every thread has answered. A thread that panics, ends or is silent for
+//! longer than allowed is a [`ThreadFault`], and the process then ends in the safe way.
 
 use std::cell::Cell;
 use std::fmt;
@@ -22,9 +23,9 @@ pub struct ThreadFault {
 /// How a thread fails.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Failure {
-    /// It panicked, which was reported where it happened.
+    /// It panicked; the panic was reported at its place.
     Panicked,
-    /// It ended, and nobody asked it to.
+    /// It ended without a request to end.
     Ended,
     /// It has not answered for so long.
     Silent(Duration),
@@ -46,12 +47,12 @@ impl fmt::Display for ThreadFault {
 
 impl std::error::Error for ThreadFault {}
 
-/// What a thread said of itself last.
+/// A thread's last report about itself.
 #[derive(Debug, Clone, Copy)]
 enum Sign {
-    /// It worked at this time, and will say so again.
+    /// It worked at this time, and will report so again.
     Works(Instant),
-    /// It waits until somebody gives it work; it may be silent.
+    /// It waits until it is given work; it may be silent.
     Rests,
     /// It ended as it should.
     Done,
@@ -82,7 +83,8 @@ impl Thread {
     }
 }
 
-/// The thread's own end: it moves into the thread. Where the thread is left without [`Supervised::done`], it is lost.
+/// The thread's own end, which moves into the thread. If it is dropped without [`Supervised::done`], the thread is
+/// lost.
 #[derive(Debug)]
 pub struct Supervised(Arc<Thread>);
 
@@ -90,7 +92,8 @@ pub struct Supervised(Arc<Thread>);
 #[derive(Debug, Clone)]
 pub struct Watched(Arc<Thread>);
 
-/// Both ends for a thread of this name, which says that it works at least once in `longest_silence`, or that it rests.
+/// Creates both ends for a thread of this name. The thread reports at least once in `longest_silence` that it
+/// works, or reports that it rests.
 pub fn supervised(name: &'static str, longest_silence: Duration) -> (Supervised, Watched) {
     #[cfg(debug_assertions)]
     let longest_silence = injected::shortened(longest_silence);
@@ -106,12 +109,12 @@ impl Supervised {
         injected::fails(self.0.name);
     }
 
-    /// It has nothing to do until somebody gives it work.
+    /// Reports that the thread has nothing to do until it is given work.
     pub fn rests(&self) {
         *self.0.sign() = Sign::Rests;
     }
 
-    /// It ends because it was asked to.
+    /// Reports that the thread ends because this was requested.
     pub fn done(&self) {
         *self.0.sign() = Sign::Done;
     }
@@ -127,10 +130,10 @@ impl Drop for Supervised {
 }
 
 impl Watched {
-    /// Whether the thread fails.
+    /// Checks whether the thread fails.
     ///
     /// # Errors
-    /// Where it ended by itself or is silent for too long.
+    /// If it ended by itself or is silent for too long.
     pub fn check(&self) -> Result<(), ThreadFault> {
         self.0.fault().map_or(Ok(()), |what| Err(ThreadFault { thread: self.0.name.to_owned(), what }))
     }
@@ -141,13 +144,13 @@ thread_local! {
     static IS_APART: Cell<bool> = const { Cell::new(false) };
 }
 
-/// From now on a panic of this thread is no fault of the cell. For a thread that runs the code of others on whatever comes in from a
-/// network, and that catches the panics: nothing that somebody sends there may stop the robot.
+/// From now on a panic of this thread is no fault of the cell. This is for a thread that runs foreign code on any
+/// network input and catches the panics: no input from there may stop the robot.
 pub fn stand_apart() {
     IS_APART.set(true);
 }
 
-/// Asks all threads. Clones are the same one.
+/// Checks all threads. Clones share the same state.
 #[derive(Debug, Clone, Default)]
 pub struct Supervisor(Arc<Mutex<Inside>>);
 
@@ -158,14 +161,15 @@ struct Inside {
 }
 
 impl Supervisor {
-    /// Asks this thread too. One that is done is forgotten.
+    /// Adds this thread to those that are checked. A thread that is done is removed.
     pub fn watch(&self, thread: Watched) {
         let mut inside = self.lock();
         inside.threads.retain(|watched| !matches!(*watched.0.sign(), Sign::Done));
         inside.threads.push(thread);
     }
 
-    /// From now on a panic of any thread of this process, named or not, is a fault that [`Supervisor::check`] tells.
+    /// From now on a panic of any thread of this process, named or not, is a fault that [`Supervisor::check`]
+    /// reports.
     pub fn notice_panics(&self) {
         let (supervisor, report) = (self.clone(), panic::take_hook());
         panic::set_hook(Box::new(move |panicked| {
@@ -199,9 +203,10 @@ impl Supervisor {
     }
 }
 
-/// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file; once it
-/// holds `panic NAME` or `hang NAME`, the supervised thread of that name does so when it next says that it works. No
-/// thread may be silent for longer than three seconds then, so that the test need not wait.
+/// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file.
+/// Once the file contains `panic NAME` or `hang NAME`, the supervised thread of that name does so when it next
+/// reports that it works. No thread may then be silent for longer than three seconds, so that the test need not
+/// wait.
 #[cfg(debug_assertions)]
 mod injected {
     use std::sync::LazyLock;
@@ -215,7 +220,7 @@ mod injected {
 
     #[expect(clippy::panic, reason = "the fault that is asked for")]
     pub(super) fn fails(thread: &str) {
-        // A second panic while the first one unwinds would end the process before it could tell.
+        // A second panic while the first one unwinds would end the process before it could report.
         if std::thread::panicking() {
             return;
         }

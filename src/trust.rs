@@ -24,10 +24,10 @@ impl TrustError {
     }
 }
 
-/// The password or token that stands alone in the first line of a file.
+/// Returns the password or token that is alone in the first line of a file.
 ///
 /// # Errors
-/// Where the file cannot be read, or its first line is empty.
+/// If the file cannot be read, or its first line is empty.
 pub fn secret(file: &Path) -> Result<String, TrustError> {
     let bytes = disk::read(file).map_err(|error| TrustError::of(file, error))?;
     let text = String::from_utf8(bytes).map_err(|_| TrustError::of(file, "it is no UTF-8 text"))?;
@@ -37,11 +37,11 @@ pub fn secret(file: &Path) -> Result<String, TrustError> {
     }
 }
 
-/// TLS towards a server whose certificate the authorities of this file have signed, in PEM, and no others; this program shows its own
-/// certificate with its key where both are given.
+/// Configures TLS to a server with a certificate that the authorities in this PEM file have signed, and no others.
+/// If both are given, this program presents its own certificate with its key.
 ///
 /// # Errors
-/// Where a file cannot be read, or does not hold what it must.
+/// If a file cannot be read, or does not contain what it must.
 pub fn client_config(authorities: &Path, own: Option<&[PathBuf; 2]>) -> Result<ClientConfig, TrustError> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(authorities)? {

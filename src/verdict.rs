@@ -1,4 +1,4 @@
-//! Verdicts, their reasons and the checks that they come from: what a gate says, in words a person can act on.
+//! Verdicts, their reasons and the checks that they come from: what a gate reports, in words a person can act on.
 
 mod check;
 mod judgement;

@@ -1,7 +1,7 @@
-//! How numbers and times stand in sentences for people.
+//! How numbers and times are written in sentences for people.
 //!
-//! A number that was measured and the limit that it misses are printed so that they differ; a rounded zero has no sign; a
-//! number that is none is called so.
+//! A measured number and the limit that it violates are printed so that they differ. A rounded zero has no sign. A
+//! value that is no number is named as such.
 
 use jiff::Timestamp;
 use jiff::civil::DateTime;
@@ -11,10 +11,10 @@ use std::fmt::{self, Display, Formatter};
 /// Digits after the point that are tried at most: a double has no more that matter here.
 const MOST_DECIMALS: usize = 15;
 
-/// Takes a name or a remark that is to stand on a page as it is.
+/// Checks a name or a remark that is shown on a page as it is.
 ///
 /// # Errors
-/// What is wrong with it, in words: it is empty, longer than so many characters, or cannot be printed as it stands.
+/// States in words what is wrong: it is empty, longer than this many characters, or cannot be printed as it is.
 pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
@@ -26,14 +26,14 @@ pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     }
 }
 
-/// A number with so many digits after the point, without a sign where it rounds to zero.
+/// A number with a given number of digits after the point, without a sign if it rounds to zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fixed {
     value: f64,
     decimals: usize,
 }
 
-/// A number with so many digits after the point: see [`Fixed`].
+/// Returns a number with this many digits after the point: see [`Fixed`].
 pub fn fixed(value: f64, decimals: usize) -> Fixed {
     Fixed { value, decimals }
 }
@@ -61,17 +61,17 @@ fn text(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A number as short as it reads back, without a sign where it is zero.
+/// Returns the shortest text that reads back as the same number, without a sign if the number is zero.
 pub fn plain(value: f64) -> String {
     if !value.is_finite() {
         return text(value, 0);
     }
-    // Adding zero takes the sign off a negative one.
+    // Adding zero removes the sign of a negative zero.
     (value + 0.0).to_string()
 }
 
-/// What was found and the limit that it misses, as texts that differ: `decimals` digits after the point, and more where
-/// it takes more to tell the two apart. The limit keeps no zeros at its end.
+/// Returns the found value and the limit that it violates, as texts that differ: `decimals` digits after the point,
+/// and more if the two cannot be distinguished otherwise. The limit has no zeros at its end.
 pub fn apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     let at = |decimals: usize| [text(found, decimals), text(limit, decimals)];
     let differ = |decimals: &usize| {

@@ -23,7 +23,7 @@ const POSES: usize = 13;
 const DRAWN: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
-/// Runs the program: exit code, its object, what it says.
+/// Runs the program: exit code, its object, its error output.
 fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     let command = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("{arguments} --json").split_whitespace())
@@ -47,7 +47,7 @@ fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
     (arm, errors)
 }
 
-/// The axes with which the arm, as drawn, stands there.
+/// The axes of the arm at this pose, according to the drawing.
 fn axes(arm: &Arm, pose: &Rigid<Base, Flange>) -> Option<Joints> {
     reach::postures(&Kinematics::new(arm), pose, Point::at(0.0, 0.0, 0.0)).into_iter().next()
 }
@@ -57,7 +57,7 @@ fn list(joints: &Joints) -> String {
     format!("[{}]", all.join(", "))
 }
 
-/// Pictures of one side with the axes at each, as the arm truly stood.
+/// Pictures of one side with the axes of each, at the arm's true poses.
 fn pictures<A: Side>(
     folder: &Path,
     cell: &BoardCell,
@@ -72,7 +72,7 @@ fn pictures<A: Side>(
         let Some(joints) = axes(arm, &shot.base_from_flange) else { continue };
         let (drawn, seen) = (*shot.base_from_flange.isometry(), *shot.camera_from_board.isometry());
         let real = *base_from_flange(arm.geometry(), &joints, errors).isometry();
-        // The board's place as the shot has it, and what the camera sees of it from where the arm truly stands.
+        // The board's place according to the shot, and the camera's view of it from the arm's true pose.
         let real_seen = match is_on_flange {
             true => (real * truth).inverse() * (drawn * truth * seen),
             false => truth.inverse() * real * (drawn.inverse() * truth * seen),
@@ -92,7 +92,7 @@ fn pictures<A: Side>(
     std::fs::write(folder.join(format!("{name}.toml")), Intrinsics::of(camera).to_toml()).expect("written");
 }
 
-/// Touches of corners of the board that stands still, the tool turned differently, by the arm as it is.
+/// Touches of corners of the fixed board, with the tool turned differently, by the real arm.
 fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> String {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let tip = Point::<Flange>::at(TIP_MM[0], TIP_MM[1], TIP_MM[2]);
@@ -171,7 +171,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     assert!(corrected < 0.6 * plain, "{plain} mm without, {corrected} mm with the correction");
 }
 
-/// A corner that the board does not have, and one of a camera that is not calibrated, are told with the file.
+/// A corner that the board does not have, and one of a camera that is not calibrated, are reported with the file.
 #[test]
 fn a_touch_of_what_is_not_there_is_told() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };

@@ -12,7 +12,7 @@ fn verify(folder: &Path, cell: &str) -> Value {
     told
 }
 
-/// A page without the sentence that says when it was made.
+/// A page without the sentence that states when it was made.
 fn page(folder: &Path, cell: &str, cycle: i64) -> String {
     let (exit, told) = json(folder, &format!("page {cycle} --cell {cell} --out page.html"));
     assert_eq!(exit, 0, "{told}");
@@ -66,7 +66,8 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, checked) = json(folder, "check --for cycle other/cell.toml other/recipe.toml");
     assert_eq!(exit, 0, "{checked}");
     assert!(!checked.to_string().contains("is not there"), "its calibrations came with it: {checked}");
-    // What the cell did since the backup is not in it: a person looks first, and numbers go on above the last known.
+    // The backup does not contain the cell's later actions: a person looks first, and numbers continue above the
+    // last known.
     let cycle = "cycle --cell other/cell.toml --recipe other/recipe.toml --scene clean --seed 3";
     let (exit, told) = json(folder, cycle);
     assert!(exit == 2 && told["reasons"].to_string().contains("panelprep clear"), "{told}");
@@ -75,7 +76,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     let (exit, told) = json(folder, cycle);
     assert!(exit == 0 && told["cycle_id"].as_i64().is_some_and(|id| id >= 3), "{told}");
 
-    // The one of the running cycle is a store whose cycle was cut short, and says so.
+    // The backup made during the running cycle is a store with a cycle that was cut short, and reports this.
     let (exit, told) = json(folder, in_place);
     assert_eq!(exit, 0, "{told}");
     assert!(told["kept"].to_string().contains("cell/store.before-restore-1"), "{told}");
@@ -103,7 +104,7 @@ fn a_damaged_backup_is_told_and_changes_nothing() {
     assert!(exit == 1 && told["found"].to_string().contains("is no backup"), "{told}");
 }
 
-/// Other programs open it, too, where they are there.
+/// Other programs can also open it, if they are installed.
 #[test]
 fn an_archive_is_a_tar_file() {
     let folder = super::commands::rendered("clean");

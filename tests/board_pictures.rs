@@ -1,7 +1,7 @@
-//! Boards as poor pictures show them: out of focus, noisy, pale, with glare, tilted, small, in the dark, among clutter; for
+//! Boards in poor pictures: out of focus, noisy, pale, with glare, tilted, small, in the dark, among clutter; for
 //! the tests and for `make bench-calib`.
 //!
-//! A renderer of its own, which shares nothing but the camera's model with the simulator's: a pixel is the mean of 36 rays
+//! A separate renderer, which shares only the camera's model with the simulator's: a pixel is the mean of 36 rays
 //! where ink changes, then come lamp, glare, blur and noise, in this order.
 #![allow(dead_code)] // Each of the two uses its part.
 
@@ -27,7 +27,7 @@ pub struct Hard {
     pub tilt_deg: f64,
     /// Nothing but the board is lit.
     pub dark: bool,
-    /// The board by the picture's width, where it faces the camera.
+    /// The board's share of the picture's width, if it faces the camera.
     pub width_share: f64,
 }
 
@@ -41,11 +41,11 @@ impl Hard {
 pub struct Rendered {
     /// The picture.
     pub picture: GrayPicture,
-    /// Where each corner is, and whether the glare leaves it to be seen.
+    /// The position of each corner, and whether it is visible despite the glare.
     pub truth: Vec<(Point<BoardFrame>, Pixel, bool)>,
 }
 
-/// A camera of so many pixels across, with a lens that bends.
+/// A camera with this number of pixels across, and a lens with distortion.
 pub fn camera(width_px: usize) -> PinholeCamera {
     let width = width_px as f64;
     PinholeCamera {
@@ -132,7 +132,7 @@ fn normal(random: &mut Pcg64) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// A place where the whole board is in the picture.
+/// A place at which the whole board is in the picture.
 fn place(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64) -> Isometry3<f64> {
     let (low, high) = print.size();
     let wide = high[0] - low[0];
@@ -322,7 +322,7 @@ pub fn no_board(camera: &PinholeCamera, seed: u64) -> GrayPicture {
     GrayPicture { width, height, gray: gray.collect() }
 }
 
-/// How what was found stands to the truth.
+/// The comparison of a detection with the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Judged {
     /// Every corner that is to be seen, and none in a wrong place: their rms error, px.

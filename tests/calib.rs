@@ -67,7 +67,7 @@ fn three_touched_points_place_the_panel() {
     }
 }
 
-/// Pictures that a real camera took, where Debian's opencv-doc is installed or `make bench-calib` fetched it.
+/// Pictures from a real camera, if Debian's opencv-doc is installed or `make bench-calib` has fetched it.
 #[test]
 fn real_pictures_give_opencv_s_own_camera() {
     let Some(folder) = opencv_doc() else {
@@ -98,8 +98,9 @@ fn real_pictures_give_opencv_s_own_camera() {
         "ok     opencv-doc, own corners: fx {:.3} ± {:.3}, cx {:.3} ± {:.3}, {:.3} px rms, {aside} pictures set aside",
         chosen.camera.fx_px, chosen.deviations[0], chosen.camera.cx_px, chosen.deviations[2], chosen.rms_px
     );
-    // OpenCV states 1.358 px for fx; its divisor counts 702 corners where there are 1404 coordinates, and 87 unknowns. The
-    // pictures that were left out are farther off than those that were used, and the lens is stated as they show it.
+    // OpenCV states 1.358 px for fx. Its divisor counts 702 corners instead of 1404 coordinates, each less 87
+    // unknowns. The pictures that were left out deviate more than the pictures that were used, and the stated
+    // deviation of the lens includes them.
     let inside = 1.358 * (615.0_f64 / 1317.0).sqrt();
     assert!((inside..1.6 * inside).contains(&found.deviations[0]), "{inside}, {}", found.deviations[0]);
     assert!(found.left_out_rms_px > found.rms_px && found.left_out_rms_px < 1.5 * found.rms_px);

@@ -1,7 +1,7 @@
-//! The commands as a user runs them: the program itself, on files, with exit codes and JSON.
+//! Tests the commands as a user runs them: the program itself, on files, with exit codes and JSON.
 //!
-//! `plans`, `clips` and `cycles` look closer at what these commands do, `refused` at what they do not take; `taught` are the command
-//! lines after which a rendered cell may run.
+//! `plans`, `clips` and `cycles` test in more detail what these commands do. `refused` tests what they do not
+//! accept. `taught` contains the command lines after which a rendered cell may run.
 
 mod clips;
 mod cycles;
@@ -159,7 +159,7 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/pcl").join(name)
 }
 
-/// Scans that PCL's tools wrote, with a calibration and recipe as a user would write them. The truth stands in
+/// Scans that PCL's tools wrote, with a calibration and recipe as a user would write them. The truth is in
 /// `fixtures/README.md`: moved by (5, −3, 6) mm and turned by 3° about the camera's x and z axes at (0, 0, 400).
 #[test]
 fn scans_written_by_pcl_are_taught_located_and_planned() {

@@ -83,7 +83,8 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
             assert_eq!((exit, errors(&answer)), (1, vec![key.clone()]), "{wrong:?} {answer}");
             let (exit, answer) = cycle();
             assert!(exit == Some(2) && answer.contains(&key), "{answer}");
-            // Before the calibrations are made, a cell's file may be right; one that is there and wrong never is.
+            // Before the calibrations are made, a cell's file may be right without them. A calibration that exists
+            // and is wrong is never accepted.
             let (exit, answer) = json(folder, "check cell/cell.toml");
             assert_eq!(exit, i32::from(wrong.is_some()), "{answer}");
             assert_eq!(answer["files"][0]["warnings"].as_array().map(Vec::len), Some(usize::from(wrong.is_none())));

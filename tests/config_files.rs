@@ -87,8 +87,9 @@ fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     );
 }
 
-/// The unit lets through what the program itself calls beyond its groups (nice, for the link and for computing), and is
-/// hardened as far as it says: 1.2 at most where systemd is here to judge it.
+/// The unit permits the calls that the program itself makes beyond its groups (nice, for the link and for
+/// computing). It is hardened as far as it states: an exposure of 1.2 at most, if systemd is available here to
+/// judge it.
 #[test]
 fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
     let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/panelprep.service");
@@ -99,7 +100,8 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
     at("LimitNICE=-10");
     // Without it no GigE Vision camera is found: the search lists the network's interfaces by it.
     at("RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK");
-    // Who asks at the socket is known by the kernel's word, which in a user namespace of its own is nobody.
+    // The kernel reports the user who sends a request on the socket. In a user namespace of its own this user would
+    // be `nobody`.
     assert!(!text.lines().any(|line| line.starts_with("PrivateUsers=")));
     // It reaches the cell's networks by the file beside it, and the robot's with the sample as it ships.
     at("IPAddressDeny=any");
@@ -127,8 +129,9 @@ fn the_camera_settings_that_ship_are_right() {
     }
 }
 
-/// The unit for a cell with a Zivid: it names the graphics processor's devices as today's drivers do, and systemd, where it is
-/// here, takes every line of both files. Without it nothing of that was looked at, which is said.
+/// The unit for a cell with a Zivid names the graphics processor's devices as today's drivers do. If systemd is
+/// installed here, it accepts every line of both files. Without systemd none of this is checked, and the test
+/// states that.
 #[test]
 fn the_unit_for_a_zivid_is_one_that_systemd_takes() {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");

@@ -41,7 +41,7 @@ fn one_wrong(folder: &Path, arguments: &str, words: [&str; 3]) {
     assert!(only.iter().zip(words).all(|(text, word)| text.contains(word)), "{words:?}: {only:?}");
 }
 
-/// Plants a trouble in a file, looks, and takes it back.
+/// Plants a fault in a file, runs the check, and restores the file.
 fn planted(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]) {
     let file = folder.join(file);
     let text = fs::read_to_string(&file).expect("there");
@@ -162,12 +162,12 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
             );
         });
     }
-    // A mock controller is named as one: what it says proves nothing of the real one.
+    // A mock controller is reported as a mock: its answers prove nothing about the real controller.
     let _mock = Mock::start(folder, PORTS);
     one_wrong(folder, &with_files, ["robot", "MOCK", "rehearsal"]);
     let names: Vec<String> = wrong(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
     assert_eq!(names, ["controller files", "robot"]);
-    // In encodings of pendants: GBK, by whose table the comment is the word for commands.
+    // Text in the encodings of pendants: in GBK, this comment is the word for commands.
     let channel = fs::read(folder.join("CELLCMD.xml")).expect("there");
     let comment = b"<!-- \xC3\xFC\xC1\xEE -->";
     fs::write(folder.join("CELLCMD.xml"), [&channel[..], comment].concat()).expect("written");

@@ -6,8 +6,8 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-/// `--wait` ends with the cycle, by its exit code; meanwhile `watch` tells what changes, an object a line. The part is on
-/// the page, and a new disc is confirmed.
+/// `--wait` ends with the cycle and returns its exit code. Meanwhile `watch` prints each change, one object per
+/// line. The page shows the part, and a new disc is confirmed.
 #[test]
 fn a_cycle_is_followed_to_its_end() {
     let folder = taught("good");
@@ -48,7 +48,7 @@ fn a_cycle_is_followed_to_its_end() {
     let (exit, refused) = service.ctl(&format!("{START} --part SN\u{1}7"));
     assert!(exit == 2 && refused["reasons"].to_string().contains("control characters"), "{refused}");
 
-    // Held, it tells where it goes on; whoever waits, waits on, and hears of the stop.
+    // A held cell reports where it will continue. A client that waits continues to wait, and is told of the stop.
     let mut waits = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("ctl {START} --wait --cell cell/cell.toml").split_whitespace())
         .current_dir(folder)
@@ -89,7 +89,7 @@ fn a_cell_without_a_service_is_cleared() {
     assert!(ran["cycle_id"].as_i64().is_some(), "{ran}");
 }
 
-/// What `--out` wrote is what the next command takes.
+/// The next command accepts the file that `--out` wrote.
 #[test]
 fn places_go_from_file_to_file() {
     let folder = rendered("clean");

@@ -49,7 +49,7 @@ impl Gates {
         }
     }
 
-    /// Whether the whole path may be moved, from where the arm stands.
+    /// Returns whether the arm may move along the whole path from its present pose.
     fn pass(&self, path: &Path) -> Result<(), String> {
         let waypoints: Vec<Rigid<Base, Tool>> = path.legs.iter().map(|leg| leg.base_from_tool).collect();
         let stands = self.arm.base_from_flange(&path.from).expect("numbers") * self.flange_from_tool;
@@ -72,8 +72,8 @@ struct Path {
     arm: Option<Kinematics>,
 }
 
-/// A path like one over an upright panel: rows of 10 mm steps, the tool along X, leaning a little; `None` where the arm
-/// cannot follow it in any configuration.
+/// Returns a path like one over an upright panel: rows of 10 mm steps, with the tool along X and leaning a little.
+/// `None` if the arm cannot follow it in any configuration.
 fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
     let mut share = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let (x, y, z) = (share(480.0, 560.0), share(-60.0, 60.0), share(300.0, 440.0));
@@ -93,7 +93,7 @@ fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
             legs.push(Leg { base_from_tool: pose.to_rigid(), feed_mm_s: share(20.0, 80.0), blend_mm: 2.0 });
         }
     }
-    // The arm stands 15 mm before the first point.
+    // The arm starts 15 mm before the first point.
     let before = KukaPose { x_mm: x - 15.0, ..KukaPose::from_rigid(&legs[0].base_from_tool) };
     let start = Leg { base_from_tool: before.to_rigid(), feed_mm_s: 50.0, blend_mm: 0.0 };
     let whole: Vec<Leg> = std::iter::once(start).chain(legs.iter().copied()).collect();
@@ -177,7 +177,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis beyond its limits"
         }
         _ => {
-            // The wrist's centre stands 210 mm behind the tip: at most 350 mm from axis 1, along X.
+            // The wrist's centre is 210 mm behind the tip: at most 350 mm from axis 1, along X.
             path.arm = Some(arm("[arm]\noverhead_margin_mm = 450\n"));
             "a wrist too near axis 1"
         }
@@ -190,7 +190,7 @@ fn leant(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
     KukaPose { a_deg: if kuka.a_deg > 0.0 { kuka.a_deg + deg } else { kuka.a_deg - deg }, ..kuka }.to_rigid()
 }
 
-/// So many good paths, and each of them once more with a defect.
+/// Runs this many good paths, and each of them once more with a defect.
 pub fn run(paths: usize) -> Outcome {
     let gates = Gates::new();
     let mut random = Pcg64Mcg::seed_from_u64(11);

@@ -53,7 +53,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     assert!(error_mm > 0.02 && error_mm < 0.5 && told["limit_mm"] == 0.8, "the mount is 0.1 mm, 0.01° off: {told}");
     refused(folder, &["not_verified"]);
 
-    // The taught corner, at the place where it was taught, verifies the flange camera as well.
+    // The taught corner, seen at the place where it was taught, also verifies the flange camera.
     let corner = "calibrate verify --cell cell/cell.toml --camera flange-camera --recipe cell/recipe.toml \
                   --image cell/taught_corner.png --flange cell/taught_flange.json";
     let (exit, told) = json(folder, corner);
@@ -94,14 +94,15 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     refused(folder, &["verification_old"]);
 }
 
-/// A board that is not where its file says, by more than a bump: refused, and nothing is kept. One that was kept is struck
-/// out, and stays with who and why; no older look takes its place.
+/// A board that is farther from its stated place than a bump could move it is refused, and nothing is kept. A
+/// verification that was kept can be struck out. It stays in the store with the person and the reason, and no older
+/// verification replaces it.
 #[test]
 fn a_look_that_says_nothing_is_refused_or_struck_out() {
     let folder = rendered("good");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
-    // The file says which board it is: the command need not.
+    // The file states which board it is, so the command does not have to.
     let look = VERIFY[0].replace("--board 5x4 --square-mm 40", "");
     let (exit, told) = json(folder, &look);
     assert_eq!((exit, told["number"].as_i64()), (0, Some(1)), "{told}");
@@ -138,7 +139,7 @@ fn a_look_that_says_nothing_is_refused_or_struck_out() {
     assert_eq!(json(folder, &strike.replace("strike 1", "strike 9")).0, 2);
 }
 
-/// What cannot be verified is an error, and the store keeps nothing of it.
+/// An input that cannot be verified is an error, and the store keeps nothing from it.
 #[test]
 fn a_look_without_its_target_is_refused() {
     let folder = rendered("good");

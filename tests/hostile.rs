@@ -1,5 +1,5 @@
-//! Clients of the service that are slow, silent, endless or wrong on purpose: a stop comes through, and nothing of theirs
-//! is written where only the service writes.
+//! Clients of the service that are slow, silent, endless or wrong on purpose. A stop still gets through, and these
+//! clients write nothing in places where only the service writes.
 
 mod clients;
 
@@ -10,7 +10,8 @@ use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Forty of them, and two hundred connections that say nothing; each stop and each abort is taken at its first try.
+/// Runs forty hostile clients and two hundred silent connections. Each stop and each abort is accepted at its first
+/// attempt.
 #[test]
 fn a_stop_comes_through_hostile_clients() {
     let folder = taught("clean");
@@ -30,7 +31,7 @@ fn a_stop_comes_through_hostile_clients() {
             stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
             let mut answer = String::new();
             let heard = stream.write_all(line).and_then(|()| stream.read_to_string(&mut answer));
-            // The last one meets a cell that is aborted already: the loop has heard it, and says so.
+            // The last request reaches a cell that is already aborted: the loop has received it and reports this.
             if heard.is_err() || !(answer.contains("\"answer\":\"done\"") || answer.contains("not_now")) {
                 failed.push(format!("{}{heard:?} {answer}", String::from_utf8_lossy(line)));
             }

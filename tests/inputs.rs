@@ -21,7 +21,7 @@ fn begin(folder: &Path, arguments: &str) -> Child {
         .expect("the program starts")
 }
 
-/// Each file that each command reads, as a pipe that nobody writes to.
+/// Each file that each command reads is replaced by a pipe to which no process writes.
 #[test]
 fn no_reader_waits_for_a_pipe() {
     let folder = rendered("clean");
@@ -67,7 +67,7 @@ fn no_reader_waits_for_a_pipe() {
     }
 }
 
-/// Where a picture says where something stands, it must be one in which damage is found; and the message says what to do.
+/// A picture that determines a position must be one in which damage is detected. The message states what to do.
 #[test]
 fn jpeg_measures_no_place() {
     let folder = rendered("clean");

@@ -1,4 +1,5 @@
-//! Programs of other people: what `check` says of each, what hostile ones cost, and a corpus of real ones if there is one.
+//! Programs of other people: what `check` reports for each, what hostile programs cost, and a corpus of real
+//! programs if one exists.
 
 use super::commands::panelprep;
 use super::fuzz::hostile_programs;
@@ -38,8 +39,8 @@ fn analysed(files: &[PathBuf]) -> Analysis {
     analyse(&read, None)
 }
 
-/// Each file of `fixtures/krl` begins with what is right to say of it: `ok`, or each error and warning with line, key and words.
-/// The files of a folder in it are one program; every other file is one.
+/// Each file of `fixtures/krl` begins with its expected result: `ok`, or each error and warning with line, key and
+/// words. The files of a folder in it are one program; every other file is one program.
 #[test]
 fn each_fixture_is_judged_as_its_first_lines_say() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/krl");
@@ -71,7 +72,8 @@ fn each_fixture_is_judged_as_its_first_lines_say() {
     }
 }
 
-/// As they are, through the program, which may take a gigabyte of addresses: an answer in time, and no abort.
+/// Hostile programs are checked unchanged, by the program itself, which may use a gigabyte of address space. It
+/// answers in time and does not abort.
 #[test]
 fn hostile_programs_are_answered() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -89,7 +91,7 @@ fn hostile_programs_are_answered() {
     }
 }
 
-/// What a message says without the names and numbers in it: the mechanism.
+/// Returns the mechanism: a message without its names and numbers.
 fn mechanism(message: &str) -> String {
     let of_name = |sign: char| "_$'\"[".contains(sign) || sign.is_ascii_digit();
     let word = |word: &str| match word.chars().any(of_name) {
@@ -117,8 +119,9 @@ fn print(title: &str, rows: BTreeMap<String, Row>) {
     }
 }
 
-/// Real programs, each file by itself: `KRL_CORPUS=FOLDER cargo test --test all krl_corpus -- --nocapture`; a folder in it is a
-/// project. A table by what is said. Whether an error is a true one, people find out: the table gives the place of one of each.
+/// Checks real programs, each file separately: `KRL_CORPUS=FOLDER cargo test --test all krl_corpus -- --nocapture`;
+/// a folder in it is a project. Prints a table by message. People decide whether an error is real; the table gives
+/// the place of one example of each.
 #[test]
 fn krl_corpus() {
     let Some(root) = std::env::var_os("KRL_CORPUS").map(PathBuf::from) else {

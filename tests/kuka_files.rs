@@ -80,7 +80,7 @@ const EKI: [&str; 11] = [
     "EKI_SEND",
     "EKI_CLOSE",
 ];
-/// Every system variable that the programs touch; the installation page asks to prove those that matter.
+/// Every system variable that the programs use; the installation page asks the user to prove the important ones.
 const SYSTEM: [&str; 36] = [
     "$ACC",
     "$ACC_AXIS",
@@ -202,7 +202,7 @@ fn what_opens_is_closed_in_its_order() {
                 assert_eq!(open.pop(), Some(*opens), "{at}");
             }
             if first == "SWITCH" {
-                // KRL takes neither a blank nor a comment there.
+                // KRL accepts neither a blank line nor a comment here.
                 let next = &routine.body[index + 1];
                 assert!(next.line == statement.line + 1 && next.first_word() == "CASE", "{at}");
             }

@@ -12,7 +12,7 @@ const CELL: &str = "--cell cell/cell.toml --recipe cell/recipe.toml";
 /// Half of the label's rectangle, px: 16 × 12 pixels.
 const HALF: [f64; 2] = [8.0, 6.0];
 
-/// A small rendered cell whose panel was taught and located.
+/// Returns a small rendered cell with a panel that was taught and located.
 fn located() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
@@ -29,7 +29,7 @@ fn body(answer: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {answer}"))
 }
 
-/// Ends the page; the command's object and what it told.
+/// Ends the page; returns the command's object and its printed text.
 fn ended(
     mut page: (std::process::Child, std::io::BufReader<std::process::ChildStderr>, String),
 ) -> (Value, String) {
@@ -87,7 +87,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     assert_eq!(clip["grids"].as_array().map(Vec::len), Some(24));
     assert_eq!(clip["now"]["said"], value!({"author": "", "clean": false, "breaks": []}));
 
-    // The place where the renderer's film broke first: not used but to lay the label over a part of it.
+    // The place where the renderer's film broke first. It is used only to lay the label over a part of it.
     let truth = times(&folder.join("cell/truth/times.png"));
     let first = (0..truth.rgb.len()).filter(|&index| truth.rgb[index][2] == 255);
     let first = first.min_by_key(|&index| truth.rgb[index]).expect("something broke");
@@ -111,7 +111,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     assert!(problems.contains("break 2") && problems.contains("it has 2 corners, needed are 3"), "{problems}");
     assert!(!clip_folder.join("labels.json").exists());
 
-    // What is drawn and not saved is there again after a reload.
+    // A drawing that is not saved is shown again after a reload.
     let both = said(&[on_break, elsewhere]);
     assert!(ask(&page.2, "POST", "draft", &both.to_string()).starts_with("HTTP/1.1 200"));
     match browsed(&format!("{}#{}", page.2, shots.len() / 2), "class=\"area open") {
@@ -145,7 +145,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     changed(folder);
 }
 
-/// The commands that take a truth take the labelled clip.
+/// The commands that accept a truth accept the labelled clip.
 fn scored(folder: &Path, labelled: &Mask) {
     let inspect = format!("inspect {CELL} --located located.json");
     let (exit, told) = json(folder, &format!("{inspect} --clip cell/clip --truth cell/clip --pictures pictures"));
@@ -179,7 +179,7 @@ fn scored(folder: &Path, labelled: &Mask) {
     );
 }
 
-/// Labels hold for the pictures for which they were made, and the page says so.
+/// Labels are valid for the pictures for which they were made, and the page states this.
 fn changed(folder: &Path) {
     let [one, other] = ["cell/clip/00030.jpg", "cell/clip/00031.jpg"].map(|name| folder.join(name));
     std::fs::copy(&other, &one).expect("copied");
@@ -187,7 +187,7 @@ fn changed(folder: &Path) {
     let (exit, told) = json(folder, &inspect);
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && message.contains("made for other pictures"), "{told}");
-    // Without a recipe no cell is needed; what is there is shown, and nothing is saved.
+    // Without a recipe no cell is needed. The existing labels are shown, and nothing is saved.
     let page = opened(folder, "label --clip cell/clip --cell nowhere.toml");
     let clip = body(&ask(&page.2, "GET", "clip.json", ""));
     assert_eq!(clip["now"]["said"]["breaks"].as_array().map(Vec::len), Some(2));

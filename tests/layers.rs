@@ -1,10 +1,11 @@
-//! The layer test: `src/lib.rs` says which module may name which, and the code is held to it.
+//! The layer test: `src/lib.rs` states which module may name which, and the test checks the code against it.
 //!
-//! Paragraphs of `pub mod` lines are layers, top to bottom; a module may name only modules of earlier paragraphs. There are
-//! at most nine. Only the modules of `EDGE` name disk, sockets, processes, clocks or the database, and only they name each other. The code is parsed, so that grouped
-//! imports, aliases and `super` chains are seen; the insides of macros are read as tokens.
+//! Paragraphs of `pub mod` lines are layers, from top to bottom; a module may name only modules of earlier
+//! paragraphs. There are at most nine layers. Only the modules of `EDGE` name disk, sockets, processes, clocks or
+//! the database, and only they name each other. The code is parsed, so that grouped imports, aliases and `super`
+//! chains are found; the contents of macros are read as tokens.
 //!
-//! Inside of each room no file names, directly or through others, a file that names it (`circles`).
+//! Within each top-level module, no file names a file that names it, directly or through others (`circles`).
 
 mod circles;
 

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Licences that ask for no more than to be named with their text, so that the package may carry them. The MPL also asks to say where
-/// the unchanged sources are: the package's licence file names each crate's repository.
+/// Licences that require only their name and text, so that the package may contain the crates. The MPL also
+/// requires the place of the unchanged sources: the package's licence file names each crate's repository.
 const ALLOWED: [&str; 14] = [
     "0BSD",
     "Apache-2.0",
@@ -36,11 +36,11 @@ const BESIDE: [(&str, &str); 1] = [("dejavu", "assets/dejavu-fonts-ttf-2.37/LICE
 pub struct Linked {
     /// Name and version.
     pub name: String,
-    /// Its licence, as SPDX writes it; empty where it states none.
+    /// The crate's licence, as SPDX writes it; empty if the crate states none.
     pub licence: String,
-    /// Who wrote it, and where it is.
+    /// The authors, as the crate states them.
     pub authors: Vec<String>,
-    /// Its repository, where it states one.
+    /// The crate's repository, if it states one.
     pub repository: String,
     /// The texts of its licences: file name and text.
     pub texts: Vec<(String, String)>,
@@ -137,7 +137,7 @@ fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
         linked.iter().filter(|it| it.texts.is_empty()).count() < linked.len() / 10,
         "sources without their texts"
     );
-    // The fonts may be embedded where their own notice comes along.
+    // The fonts may be embedded if their own notice is included.
     let has_notice =
         |it: &&Linked| it.texts.iter().any(|(_, text)| text.contains("Bitstream Vera Fonts Copyright"));
     let fonts: Vec<&str> = linked.iter().filter(has_notice).map(|it| it.name.as_str()).collect();

@@ -1,4 +1,5 @@
-//! Whole cycles that a line asks for: a simulated line beside the simulated cell, which knows the controller's signals alone.
+//! Whole cycles on request of a line: a simulated line beside the simulated cell, which knows only the controller's
+//! signals.
 
 use super::commands::json;
 use super::commands::taught::{LINE_INPUTS, LINE_OUTPUTS};
@@ -22,8 +23,8 @@ fn with_line(folder: &Path) {
     std::fs::write(file, text + LINE_OUTPUTS + LINE).expect("written");
 }
 
-/// After one reset by a person the line has two parts prepared, each greasy when it comes; nobody does anything. A third start, while
-/// the recipe is gone, is refused, told, and not asked for again.
+/// After one reset by a person the line has two parts prepared, each greasy on arrival; no person does anything. A
+/// third start, while the recipe is missing, is refused and reported, and the line does not request it again.
 #[test]
 fn a_line_has_its_parts_prepared() {
     let folder = taught("good");
@@ -42,7 +43,7 @@ fn a_line_has_its_parts_prepared() {
         .wait("a third start is refused", |service| service.log().contains("asks for a start, which is refused"));
     service.reach("idle");
     std::fs::rename(folder.join("gone.toml"), &recipe).expect("back");
-    // Longer than a line that asks again would wait.
+    // This is longer than the wait of a line that requests again.
     std::thread::sleep(std::time::Duration::from_secs(4));
     assert_eq!(service.state(), "idle");
 

@@ -1,11 +1,12 @@
-//! Calibrations that take their pictures themselves, as somebody at the terminal uses them.
+//! Calibrations that take their own pictures, as a person at the terminal uses them.
 
 use super::commands::{json, started};
 use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
 
-/// Runs a command that is answered these lines; its exit code, its JSON and what it told meanwhile.
+/// Runs a command that receives these lines as answers; returns its exit code, its JSON and the text that it
+/// printed meanwhile.
 fn answered(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
     let mut child = started(folder, command);
     child.stdin.take().expect("its input").write_all(lines.as_bytes()).expect("it listens");
@@ -40,7 +41,7 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     assert_eq!(found["images"].as_array().map(Vec::len), Some(10), "{found}");
     assert!(folder.join("lens.toml").is_file());
 
-    // What does not belong together is refused, and what was never taken is told.
+    // Options that do not belong together are refused, and a picture that was never taken is reported.
     let hand_eye = "calibrate hand-eye --live none --mount eye-in-hand --board 9x6 --square-mm 25 --cell cell/cell.toml \
                     --intrinsics cell/flange_camera.toml --out m.toml";
     let (exit, _, told) = answered(folder, &format!("{hand_eye} --camera scanner"), "");

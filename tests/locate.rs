@@ -1,4 +1,4 @@
-//! Localization on the simulated cell, where the truth is known.
+//! Localization on the simulated cell, whose truth is known.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
@@ -103,7 +103,7 @@ impl Bench {
         refine::refine(located, self.cell.flange_camera(), &views).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// How far a corner stands from its true place in the plane of the camera that sees it, mm.
+    /// Distance of a corner from its true place, in the plane of the camera that sees it, mm.
     fn error_in_plane_mm(&self, found: Rigid<Base, Panel>, corners: &Corners, index: usize) -> f64 {
         let truth = self.cell.truth();
         let camera_from_base = corners.seen[index].0.inverse();
@@ -120,7 +120,7 @@ fn verdict(bench: &Bench, scan: &OrganizedCloud<Camera>) -> Judgement {
     }
 }
 
-/// The displaced panel stands 13.3 mm and 4.6° from its nominal place.
+/// The displaced panel is 13.3 mm and 4.6° from its nominal place.
 #[test]
 fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
     let bench = Bench::new(1, Scene::Good, 2);
@@ -262,8 +262,9 @@ fn drawn(trial: &Trial) -> (TaughtPanel, Recipe) {
     learnt_with(trial, &format!(", outline_px = {corners:?}"))
 }
 
-/// A flat plate is held sideways by its outline alone. A holder in its own plane, which was not there at teaching, makes no step of
-/// depth: where the recipe names the place, the plate is found within what is stated; where it does not, it is not accepted.
+/// Only its outline holds a flat plate sideways. A holder in the plate's own plane, which was absent at teaching,
+/// makes no step in depth. If the recipe names the place, the plate is found within the stated error; otherwise it
+/// is not accepted.
 #[test]
 fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
     for seed in [1, 6] {
@@ -303,8 +304,9 @@ fn a_drawn_outline_stands_in_for_missing_points() {
     assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");
 }
 
-/// Half of the points are missing, in patches as wide as a grid: the edges of the grids lie where the whole scan has them, to a millimetre. A few points in
-/// a row beside a hole once put them hundreds of millimetres off.
+/// Half of the points are missing, in patches as wide as a grid. The edges of the grids are still within a
+/// millimetre of the edges from the whole scan. A few points in a row beside a hole once moved them by hundreds of
+/// millimetres.
 #[test]
 fn a_hole_at_a_grids_edge_is_bridged() {
     for seed in [3, 9] {
@@ -345,8 +347,9 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     assert_eq!(pictures(&mirrored, &judgement, fit.as_ref()), judgement.reasons.len());
 }
 
-/// By hand: 0.05 % of 700 mm is 0.35 mm along the view, which no residual shows. Where the camera was measured to do that from scan to scan, it
-/// is in the stated error, and what the error would be without it is told apart from what it would be at the taught place.
+/// By hand: 0.05 % of 700 mm is 0.35 mm along the view, which no residual shows. If the camera was measured to vary
+/// by this from scan to scan, the stated error includes it. The error without this part is reported separately from
+/// the error at the taught place.
 #[test]
 fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
     let trial = Trial::good(3, 4).with_scale([0.0, 0.0005]);
@@ -387,8 +390,8 @@ fn a_camera_that_moved_is_found_by_the_fixture() {
     assert!(moved.same < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
 }
 
-/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture. A panel whose warp has grown by
-/// less than the recipe's 2 mm is the panel, where its outline lies on its edges.
+/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture. A
+/// panel whose warp has grown by less than the recipe's 2 mm is still accepted if its outline lies on its edges.
 #[test]
 fn bad_scenes_are_never_accepted() {
     for &wrong in Wrong::ALL {

@@ -12,7 +12,7 @@ fn what_is_left_out_is_there() {
     let known = String::from_utf8(known).expect("text");
     let known: Vec<&str> = known.lines().filter_map(|line| line.strip_suffix(": test")).collect();
     for name in list.lines().filter(|line| !line.is_empty() && !line.starts_with('#')) {
-        // A name is looked for within all names, so that it must stand within its own one alone.
+        // A name is searched within all names, so it may occur in its own name only.
         let found: Vec<&&str> = known.iter().filter(|test| test.contains(name)).collect();
         assert_eq!(found, [&name], "tests/long.txt");
     }

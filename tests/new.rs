@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 const CELL: &str = "new cell --yes --no-search";
 
-/// What a file says of itself, and whether it would do for a cycle.
+/// Returns what `check` reports of a file, and whether the file would do for a cycle.
 fn check(folder: &Path, files: &str) -> (i32, String) {
     let (exit, told) = json(folder, &format!("check {files}"));
     (exit, told.to_string())
@@ -152,7 +152,7 @@ fn a_recipe_has_the_answers_and_the_samples_comments() {
     assert_eq!(exit, 0, "{told}");
 }
 
-/// A recipe for a cell whose tool presses by itself states its force, and no other does.
+/// A recipe states a force if the cell's tool presses by itself, and only then.
 #[test]
 fn a_recipe_for_a_compliant_tool_has_its_force() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -187,7 +187,7 @@ fn a_recipe_for_a_compliant_tool_has_its_force() {
     }
 }
 
-/// What `new cell` asks, and says, of a person who answers this.
+/// Returns the questions and messages that `new cell` prints to a person who gives these answers.
 fn answered(folder: &Path, options: &str, answers: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args("new cell --no-search --out cell.toml".split(' ').chain(options.split_whitespace()))
@@ -204,7 +204,8 @@ fn answered(folder: &Path, options: &str, answers: &str) -> String {
     asked
 }
 
-/// What the cell cannot have is refused as it is answered and asked again, alone; the other answers stay.
+/// An answer that the cell cannot have is refused immediately, and only this question is asked again; the other
+/// answers stay.
 #[test]
 fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -232,7 +233,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0));
     assert_eq!(cell["limits"]["box_min_mm"].to_string(), "[250.0, -450.0, 50.0]", "as proposed");
     assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[800.0, 400.0, 900.0]");
-    // The poses that the next pages of the manual use stand ready to be filled in.
+    // The poses that the next pages of the manual use are prepared, to be filled in.
     assert!(text.contains("# [poses.ready]") && text.contains("# [poses.verify]"), "{text}");
     // By options the same is refused with the option's name.
     let real = "--robot eki --host 172.31.1.147 --scanner zivid --flange-camera-serial 1";
@@ -252,7 +253,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     assert_eq!(exit, 0, "{told}");
 }
 
-/// On the terminal: an empty line takes the proposal, a wrong answer is asked again.
+/// On the terminal, an empty line accepts the proposal, and a wrong answer is asked again.
 #[test]
 fn answers_are_read_from_the_terminal() {
     let folder = tempfile::tempdir().expect("a folder");

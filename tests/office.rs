@@ -44,7 +44,7 @@ fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there
     let carried = plant.folder.path().join("cell-1.json");
     fs::write(&carried, list.to_string()).expect("written");
     assert_eq!(plant.check(&format!("cell-1={}", carried.display())).0, 0);
-    // A picture that somebody changes at the office is named.
+    // A picture that a person changed at the office is named.
     let files: Vec<PathBuf> = walk(&plant.folder.path().join("files"));
     fs::write(&files[0], b"another picture").expect("spoilt");
     let (exit, found) = plant.check("");
@@ -61,7 +61,8 @@ fn walk(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A robot does the same without an office, with one whose broker never answers, and with one that takes everything.
+/// A robot does the same without an office, with one whose broker never answers, and with one that accepts
+/// everything.
 #[test]
 fn the_office_changes_nothing_of_what_the_robot_does() {
     let Some(plant) = Plant::start() else { return };
@@ -73,7 +74,7 @@ fn the_office_changes_nothing_of_what_the_robot_does() {
         one_cycle(&Service::start(folder.path()));
         trace(folder.path())
     };
-    // It takes connections and says nothing.
+    // It accepts connections and sends nothing.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let without = with(None);
     assert!(without.iter().any(|line| line.contains("Contact")), "it abrades: {without:#?}");

@@ -1,6 +1,7 @@
-//! The OPC UA server as clients of others meet it: `asyncua` in a Python of its own below `target/`, and bytes that are no OPC UA.
+//! The OPC UA server as third-party clients see it: `asyncua` in its own Python below `target/`, and bytes that are
+//! not OPC UA.
 //!
-//! `make test` installs `asyncua` where it can be had; the product needs neither it nor Python.
+//! `make test` installs `asyncua` if it is available; the product needs neither it nor Python.
 
 use super::operator_page::add_account;
 use super::service::{Service, taught};
@@ -17,7 +18,7 @@ use std::process::Command;
 use std::time::Duration;
 use strum::VariantArray;
 
-/// The Python that has `asyncua`; else it says that nobody looked at the server.
+/// Returns the Python that has `asyncua`; without it, prints that the server was not tested.
 fn python() -> Option<PathBuf> {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/opcua/bin/python");
     let has = Command::new(&python).args(["-c", "import asyncua"]).output().is_ok_and(|told| told.status.success());
@@ -30,7 +31,7 @@ fn python() -> Option<PathBuf> {
     None
 }
 
-/// Adds to the cell's file that it is served; where.
+/// Adds the OPC UA server to the cell's file; returns its address.
 fn with_opcua(folder: &Path, more: &str) -> String {
     let address = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");
     let file = folder.join("cell/cell.toml");
@@ -62,7 +63,7 @@ fn serves(address: &str, service: &Service) {
     service.wait("the OPC UA server listens", |_| std::net::TcpStream::connect(address).is_ok());
 }
 
-/// A client does what this script says, to its end.
+/// Runs a client that does what this script states, to its end.
 fn client(python: &Path, script: &str, (address, folder): (&str, &Path), service: &Service) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/opcua");
     serves(address, service);
@@ -172,7 +173,7 @@ fn message(kind: &[u8; 4], body: &[u8]) -> Vec<u8> {
     [kind.as_slice(), &size.to_le_bytes(), body].concat()
 }
 
-/// A channel without security, as a client opens one to ask for the endpoints.
+/// Returns the message by which a client opens a channel without security, to request the endpoints.
 fn open_channel() -> Vec<u8> {
     let mut body = 0_u32.to_le_bytes().to_vec();
     let policy = b"http://opcfoundation.org/UA/SecurityPolicy#None";
@@ -222,7 +223,8 @@ fn nearly(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
     bytes
 }
 
-/// Two thousand connections with nonsense, a hundred that say nothing, and one that never ends, while a cycle runs to its end.
+/// Two thousand connections with nonsense, a hundred silent ones, and one that never ends, while a cycle runs to
+/// its end.
 #[test]
 fn nonsense_on_the_port_changes_nothing() {
     let folder = taught("clean");
@@ -239,7 +241,7 @@ fn nonsense_on_the_port_changes_nothing() {
                 for _ in 0..500 {
                     let bytes = nearly(&mut random, address);
                     let Ok(mut stream) = TcpStream::connect(address) else { continue };
-                    // Whoever is hung up on does not mind.
+                    // It does not matter if the server closes the connection.
                     let _ = stream.write_all(&bytes);
                     let _ = stream.set_read_timeout(Some(Duration::from_millis(5)));
                     let _ = stream.read(&mut [0; 512]);

@@ -26,7 +26,7 @@ pub fn add_account(folder: &Path, role: &str) {
     assert!(child.wait().expect("it ends").success());
 }
 
-/// Adds to the cell's file that its page is served; where.
+/// Adds the operator's page to the cell's file; returns its address.
 pub fn with_page(folder: &Path, more: &str) -> String {
     let address = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");
     let file = folder.join("cell/cell.toml");
@@ -35,7 +35,8 @@ pub fn with_page(folder: &Path, more: &str) -> String {
     format!("http://{address}")
 }
 
-/// The folder of the browser's modules, where they and a browser are there; else it says that nobody looked at the page.
+/// Returns the folder of the browser's modules if they and a browser are installed. Otherwise prints that the page
+/// was not tested.
 pub fn modules() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/browser");
     let is_there =
@@ -51,7 +52,7 @@ pub fn modules() -> Option<PathBuf> {
     None
 }
 
-/// People with a browser who do what this script says.
+/// Starts a browser in which people do what this script states.
 pub fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let pictures = here.join("target/page");
@@ -65,7 +66,7 @@ pub fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
         .expect("node starts")
 }
 
-/// They come to the end of it.
+/// Waits until the script has reached its end without errors.
 fn looked_through(browser: Child, service: &Service) {
     let browser = browser.wait_with_output().expect("it ends");
     let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
@@ -92,7 +93,7 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     assert!(held.entry.subject.as_ref().is_some_and(|subject| subject.contains("a hair on the lens")), "{held:?}");
 }
 
-/// Two passes or one: what the robot executed of each is drawn, and told.
+/// With one pass or two, the page draws and reports what the robot executed in each.
 #[test]
 fn scan_and_path_are_seen_in_three_dimensions() {
     let Some(modules) = modules() else { return };
@@ -136,7 +137,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     assert_eq!(told.last().map(String::as_str), Some("whole"), "{told:#?}\n{problems}");
     drop(service);
 
-    // What people did is in the store: signed, verified, and in nobody else's name.
+    // The actions of people are in the store: signed, verified, and under the right names.
     let (exit, verified) = json(folder, "store verify --cell cell/cell.toml");
     assert_eq!((exit, &verified["ok"]), (0, &serde_json::json!(true)), "{verified}");
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
@@ -154,7 +155,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         ("change recipe", "engineer", true),
         ("change recipe", "engineer", false),
     ] {
-        // The change over somebody else's one was attempted; a recipe that is wrong was only checked.
+        // The change that would overwrite another person's change was attempted; a wrong recipe was only checked.
         assert!(has(what, who, refused), "{what} by {who}: {audit:#?}");
     }
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;

@@ -1,5 +1,6 @@
-//! Every pattern over many sets of grids of the demo's own panels: planned, finite, its lines no farther apart than the recipe
-//! says, everything reached, and how even. `make test` plans a few sets, `make bench-surface` all of them.
+//! Plans every pattern over many sets of grids of the demo's own panels. Each plan is finite, its lines are no
+//! farther apart than the recipe states, and it reaches everything; its evenness is measured. `make test` plans a
+//! few sets, `make bench-surface` all of them.
 
 use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::path::{self, Plan};
@@ -25,7 +26,7 @@ pub struct Row {
     pub dwell_ratios: Vec<f64>,
     /// What is wrong, with pattern, disc, seed and grids.
     pub faults: Vec<String>,
-    /// Plans that a person is asked about.
+    /// Plans that a person must decide about.
     pub reviews: usize,
 }
 

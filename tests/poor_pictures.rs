@@ -43,7 +43,8 @@ fn chessboards_in_poor_pictures_are_found() {
     );
 }
 
-/// So blurred and noisy that hardly one marker is read: the lattice of the squares tells where the corners are.
+/// Pictures so blurred and noisy that hardly one marker is read: the lattice of the squares shows where the corners
+/// are.
 #[test]
 fn charuco_boards_whose_markers_nobody_reads_are_found() {
     let hard = Hard { blur_px: 1.3, noise: 6.0, contrast: 60.0, width_share: 0.4, ..Hard::EASY };
@@ -65,8 +66,8 @@ fn circles_beside_a_glare_are_found() {
     }
 }
 
-/// Of the sweep's mixtures, in full size: where the light falls off at a glare, corners were up to 1.3 px off, or the whole
-/// board was lost.
+/// Some of the sweep's mixtures, in full size. Where the light falls off at a glare, corners were up to 1.3 px off,
+/// or the whole board was lost.
 #[test]
 fn the_rim_of_a_glare_moves_no_corner() {
     for (text, square_mm, seeds) in [("9x6", Some(25.0), [20, 44]), ("acircles:4x11:20", None, [2, 39])] {

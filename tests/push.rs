@@ -1,4 +1,5 @@
-//! Signed records on their way to a quality system: a server of the test's own takes them, with all that goes wrong on the way.
+//! Signed records on their way to a quality system: a server of the test receives them, with all possible failures
+//! on the way.
 
 use super::commands::json;
 use super::service::{Service, taught};
@@ -28,7 +29,7 @@ enum Does {
     Cuts,
     /// It has the file, and its answer is lost.
     LosesAnswer,
-    /// It takes the file and closes the connection without a word about it.
+    /// It accepts the file and closes the connection without an answer.
     Closes,
     Answers(&'static str),
 }
@@ -36,12 +37,12 @@ enum Does {
 #[derive(Default)]
 struct Taken {
     files: BTreeMap<String, Vec<u8>>,
-    /// The names in the order in which they were asked for.
+    /// The names in the order of the requests.
     asked: Vec<String>,
     authorizations: Vec<Option<String>>,
 }
 
-/// A server whose Nth request is treated as `does` says.
+/// A server that treats its Nth request as `does` states.
 struct Server {
     port: u16,
     taken: Arc<Mutex<Taken>>,
@@ -90,7 +91,7 @@ impl Server {
     }
 }
 
-/// Takes requests until the connection ends.
+/// Serves requests until the connection ends.
 fn serve(stream: impl Read + Write, taken: &Mutex<Taken>, does: &dyn Fn(usize) -> Does) {
     let mut stream = BufReader::new(stream);
     loop {
@@ -139,8 +140,9 @@ fn serve(stream: impl Read + Write, taken: &Mutex<Taken>, does: &dyn Fn(usize) -
     }
 }
 
-/// A cycle's record with its page, pictures and recipe, and later a person's signature, come to a server that cuts, loses answers, closes and
-/// refuses in turn; the service is killed meanwhile and begins where it was. What the server holds verifies.
+/// A cycle's record with its page, pictures and recipe, and later a person's signature, reach the server. The
+/// server cuts, loses answers, closes and refuses in turn. The service is killed meanwhile and continues from where
+/// it was. The server's contents verify.
 #[test]
 fn the_service_puts_each_signed_record() {
     let server = Server::start(None, |number| match number % 7 {
@@ -221,8 +223,9 @@ fn signed_cycle(store: &mut Store) {
     store.sign_cycle(&CellKey::of_random(&[7; 32]), id).expect("signed");
 }
 
-/// A server with TLS that asks for a token: one that is not trusted, a wrong token and an address that leads elsewhere are told, and nothing is
-/// lost by them. A store that went back is put anew, and another address gets everything.
+/// A server with TLS that requires a token. An untrusted server, a wrong token and an address that leads elsewhere
+/// are reported, and they lose nothing. A store that went back is sent again, and another address receives
+/// everything.
 #[test]
 fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,11 +1,12 @@
-//! What a command prints where nobody reads, and what it prints twice.
+//! What a command prints if its output is not read, and what it prints twice.
 
 use super::commands::{json, taught_and_verified};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Runs a command whose standard output, and error where `both`, has no reader: its exit code, and what it still said.
+/// Runs a command whose standard output, and also standard error if `both`, has no reader. Returns its exit code
+/// and what it still printed.
 fn unread(folder: &Path, arguments: &str, both: bool) -> (Option<i32>, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
     command.args(arguments.split_whitespace()).current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -66,7 +67,7 @@ fn a_mock_on_other_ports_than_its_cell_is_refused() {
     assert!(said.contains("54600 and 54601") && said.contains("54607 and 54601"), "{said}");
 }
 
-/// A cell whose calibrations were not made yet: the message names the command that makes them.
+/// A cell without calibrations: the message names the command that makes them.
 #[test]
 fn the_cell_that_ships_says_what_makes_it_ready() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -88,7 +89,8 @@ fn the_cell_that_ships_says_what_makes_it_ready() {
     assert_eq!((exit, warnings.len()), (0, 1), "one sentence for all of them: {told}");
     let keys = warnings[0]["key"].as_str().expect("keys");
     assert!(warnings[0]["line"].as_u64() > Some(1) && keys.starts_with("calibration.scanner, "), "{told}");
-    // Asked whether a cycle could begin, each of them is a problem, and what makes them is said once.
+    // If the check is for a cycle, each missing calibration is a problem, and the command that makes them is named
+    // once.
     let (exit, told) = json(folder, "check --for cycle config/cell.toml");
     let errors = told["files"][0]["errors"].as_array().expect("errors");
     assert_eq!((exit, errors.len()), (1, keys.split(", ").count()), "{told}");

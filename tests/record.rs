@@ -1,4 +1,4 @@
-//! The record after an end that nobody planned: what it does not know it says, and no page is missing.
+//! The record after an unplanned end: it states what it does not know, and no page is missing.
 
 use super::commands::json;
 use super::service::{START, Service, taught};
@@ -21,7 +21,7 @@ fn page_file(folder: &Path, cycle: i64) -> PathBuf {
     folder.join(format!("cell/store/reports/cycle-{cycle:06}.html"))
 }
 
-/// A page without the line that says when it was made.
+/// Returns a page without the line that states when it was made.
 fn page(folder: &Path, cycle: i64) -> String {
     let text = std::fs::read_to_string(page_file(folder, cycle)).expect("its page");
     assert!(text.ends_with("</html>\n"), "it is whole");
@@ -29,7 +29,7 @@ fn page(folder: &Path, cycle: i64) -> String {
     text.lines().filter(|line| !line.contains("This page was made on ")).collect::<Vec<_>>().join("\n")
 }
 
-/// The phase, asked without a process of its own: that would take longer than a contact.
+/// Returns the phase, requested without a separate process, which would take longer than a contact.
 fn phase(folder: &Path) -> String {
     let ask = || -> std::io::Result<String> {
         let mut socket = UnixStream::connect(folder.join("cell/store/panelprep.sock"))?;
@@ -63,8 +63,9 @@ fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
     record(folder, cycle).motions.pop().expect("it moved")
 }
 
-/// What is on the panel after a kill in contact is not known: the page names the grids that may have been touched, says
-/// how far the path came at least and at most, and later cycles of the panel count them until nothing more is allowed.
+/// After a kill in contact it is not known what happened on the panel. The page names the grids that may have been
+/// touched, and states the least and greatest distance along the path. Later cycles of the panel count these grids
+/// until no more abrasion is allowed.
 #[test]
 fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
     let folder = taught("good");
@@ -89,7 +90,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
             continue;
         }
         if motion.end_is_known() {
-            // Killed right after the robot had told the path's end.
+            // Killed immediately after the robot had reported the end of the path.
             let done = format!("{} of {} waypoints", motion.done, motion.motion.waypoints);
             assert!(page.contains(&done), "no {done} in\n{page}");
             hits.push(cycle);
@@ -149,8 +150,8 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
     }
 }
 
-/// Verdict and page are two writings: where the program ends between them, the next one makes the page, and it is the one
-/// that the first would have written. `panelprep page` makes the same.
+/// Verdict and page are two writes. If the program ends between them, the next start makes the page, and it is the
+/// one that the first program would have written. `panelprep page` makes the same page.
 #[test]
 fn a_page_that_was_not_written_is_made_at_the_next_start() {
     let folder = taught("clean");
@@ -170,7 +171,7 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     {
         assert!(written.contains(&part), "no {part} in\n{written}");
     }
-    // The disk takes no page, and the process ends: a verdict without a page.
+    // The disk does not accept the page, and the process ends: a verdict without a page.
     let reports = folder.join("cell/store/reports");
     std::fs::remove_dir_all(&reports).expect("removed");
     std::fs::write(&reports, "no folder").expect("in its place");

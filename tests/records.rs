@@ -179,7 +179,7 @@ fn every_change_of_a_folder_is_refused(at: &Path) {
             let text = fs::read_to_string(folder.join("cycle-1.json")).expect("a record");
             let at_abrasion = text.find("\"kind\":\"abrade\"").expect("it was abraded");
             let accepted = "\"verdict\":\"accept\"";
-            // Canonical: the judgement stands before the kind.
+            // In canonical order the judgement precedes the kind.
             let at_verdict = text[..at_abrasion].rfind("\"judgement\"").expect("judged");
             let changed = text[at_verdict..].replacen(accepted, "\"verdict\":\"reject\"", 1);
             signed_by_the_cell(at, &folder.join("cycle-1"), format!("{}{changed}", &text[..at_verdict]).as_bytes());
@@ -209,7 +209,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     assert_eq!((exit, told["number"].as_i64()), (0, Some(2)), "{told}");
     let (exit, told) = json(at, &format!("record export 1 {CELL} --out records"));
     assert_eq!(exit, 0, "{told}");
-    // Nothing is written where one of several is not there.
+    // If one of several records does not exist, nothing is written.
     let (exit, told) = json(at, &format!("record export 1 99 {CELL} --out half"));
     assert!(exit == 2 && told.to_string().contains("has no cycle 99") && !at.join("half").exists(), "{told}");
 
@@ -265,7 +265,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (_, told) = json(at, &start.replace("SN-17", "SN-18"));
     assert_eq!(told["cycle_id"].as_i64(), Some(2), "another part begins: {told}");
 
-    // The record of one cycle, where that of another was signed before the last signature of it.
+    // The record of one cycle, if the record of another was signed before its last signature.
     let (exit, told) = json(at, &format!("record sign 1 {CELL} --name Ada --meaning reviewed"));
     assert_eq!((exit, told["number"].as_i64()), (0, Some(4)), "{told}");
     fs::remove_dir_all(&records).expect("removed");

@@ -54,7 +54,7 @@ fn a_recorded_cycle_replays_twice_without_a_difference() {
     }
 }
 
-/// What passes is the replay: the cycle of another panel was rejected, and that is what is told of it.
+/// The replay passes. The cycle of another panel was rejected, and the reported verdict is that of the cycle.
 #[test]
 fn the_verdict_of_a_replayed_cycle_is_told_as_the_cycles() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
@@ -71,7 +71,7 @@ fn a_recording_written_again_is_the_same_cycle() {
     assert_eq!((exit, &told["same"], &told["cycle_verdict"]), (0, &true.into(), &"reject".into()), "{told}");
 }
 
-/// Each point of the scan a hundredth of a millimetre farther: what is found of it is something else, and so said.
+/// Each point of the scan is a hundredth of a millimetre farther: the findings differ, and the replay reports this.
 #[test]
 fn another_scan_is_seen_in_what_is_found() {
     let (_folder, file) = changed(REJECTED, |entry| {
@@ -90,7 +90,7 @@ fn another_scan_is_seen_in_what_is_found() {
     assert!(differences(&told).iter().any(|what| what.starts_with("/cycle/finding")), "{told}");
 }
 
-/// The robot told to stand elsewhere when it was recorded: exactly that number differs.
+/// The recorded command sends the robot to another position: exactly that number differs.
 #[test]
 fn another_command_is_named_with_both_numbers() {
     let mut done = false;
@@ -106,7 +106,7 @@ fn another_command_is_named_with_both_numbers() {
     assert_eq!(told["to_the_end"], true);
 }
 
-/// A person asks for something else: the two go different ways, and the replay says where they part.
+/// A person's request is changed: recording and replay diverge, and the replay reports where they part.
 #[test]
 fn another_request_parts_them() {
     let (_folder, file) = changed(REJECTED, |entry| {

@@ -15,7 +15,7 @@ fn cell(folder: &Path, robot: &str) {
     std::fs::write(folder.join("cell.toml"), format!("store = \"store\"\n{robot}{NAMES}")).expect("written");
 }
 
-/// `panelprep robot …`: its exit code, its JSON object, and what it said on standard error.
+/// Runs `panelprep robot …`; returns its exit code, its JSON object, and its text on standard error.
 fn robot(folder: &Path, arguments: &str) -> (i32, Value, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("robot {arguments} --cell cell.toml --json").split_whitespace())
@@ -156,7 +156,7 @@ fn mock(folder: &Path, arguments: &str) -> (Running, String, impl Iterator<Item 
     (running, first, lines)
 }
 
-/// Two commands, two connections, one controller: what the first did stands when the second asks.
+/// Two commands, two connections, one controller: the second command reads the state that the first one left.
 #[test]
 fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -165,7 +165,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     cell(folder, &eki);
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
-    // Where the service answers, it has the controller.
+    // If the service answers, the service has the controller.
     std::fs::create_dir(folder.join("store")).expect("a folder");
     let service = std::os::unix::net::UnixListener::bind(folder.join("store/panelprep.sock")).expect("a socket");
     let (exit, told, _) = robot(folder, "state");
@@ -181,7 +181,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert_eq!(exit, 0, "{told}");
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, &told["state"]["joints"]["a1_deg"]), (0, &Value::from(5.0)), "{told}");
-    // The fault that was asked for, once.
+    // The requested fault, once.
     let (exit, told, _) = robot(folder, "call 0");
     assert_eq!((exit, codes(&told)), (3, vec!["robot"]), "{told}");
     let (exit, told, _) = robot(folder, "call 0");
@@ -190,7 +190,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
 }
 
-/// What a client can try is tried, the rest is asked for, and the page holds both.
+/// The program tries what a client can try and asks a person for the rest. The page contains both.
 #[test]
 fn what_is_to_be_proven_is_gone_through() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -202,7 +202,7 @@ fn what_is_to_be_proven_is_gone_through() {
     cell(folder, &eki);
     let (_mock, _, lines) = mock(folder, "");
     std::thread::spawn(move || lines.for_each(drop));
-    // Nothing is asked where the answers cannot be kept, or would replace others.
+    // No question is asked if the answers cannot be saved or would replace other answers.
     std::fs::write(folder.join("old.html"), "old").expect("written");
     for (options, words) in [
         ("--out old.html --by Ada", "is not written over"),
@@ -243,7 +243,7 @@ fn what_is_to_be_proven_is_gone_through() {
     let page = std::fs::read_to_string(folder.join("proven.html")).expect("the page");
     assert!(page.contains("trace 1") && page.contains("old entries came") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
-    // It was a mock controller, which proves nothing: the page says so, and cannot be signed.
+    // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
     assert!(page.contains("proves nothing of a real one") && !page.contains("signature"), "{page}");
     assert!(told["mock"] == true && told["reasons"][0]["code"] == "mock_controller", "{told}");
 }

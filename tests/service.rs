@@ -74,7 +74,8 @@ impl Service {
         service
     }
 
-    /// Asks the service. A decision is upon the step that is shown just before, if the test names none.
+    /// Sends a request to the service. A decision refers to the step that is shown immediately before, unless the
+    /// test names one.
     pub fn ctl(&self, ask: &str) -> (i32, Value) {
         let is_decision = ["accept", "unhold", "clear"].contains(&ask.split(' ').next().unwrap_or_default());
         if is_decision && !ask.contains("--step") {
@@ -104,14 +105,14 @@ impl Service {
         self.wait(state, |service| service.state() == state);
     }
 
-    /// Asks, and it is done.
+    /// Sends a request that must be done.
     pub fn done(&self, ask: &str) -> Value {
         let (exit, answer) = self.ctl(ask);
         assert_eq!(exit, 0, "{ask}: {answer}\n{}", self.log());
         answer
     }
 
-    /// Asks, and it is refused with these words.
+    /// Sends a request that must be refused with these words.
     pub fn refused(&self, ask: &str, exit: i32, words: &str) {
         let (found, answer) = self.ctl(ask);
         let message = answer["reasons"][0]["message"].as_str().unwrap_or_default();
@@ -167,7 +168,7 @@ pub fn socket(folder: &Path) -> PathBuf {
     folder.join("cell/store/panelprep.sock")
 }
 
-/// The cameras are the service's while it runs: it takes the pictures, and none while a cycle is under way.
+/// The service owns the cameras while it runs: it takes the pictures, but none during a cycle.
 #[test]
 fn shots_are_taken_by_the_service_while_the_cell_rests() {
     let folder = taught("good");
@@ -280,7 +281,8 @@ fn a_signal_stops_the_cycle_and_ends_in_stopped() {
     assert_eq!((state.at, state.intent), (At::Stopped, None));
 }
 
-/// One service for each store; what is not the protocol is refused in words and keeps nobody waiting.
+/// Each store has one service. Input that does not follow the protocol is refused in words and does not delay other
+/// clients.
 #[test]
 fn strangers_at_the_socket_do_no_harm() {
     let folder = taught("clean");

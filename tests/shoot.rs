@@ -1,4 +1,4 @@
-//! `panelprep shoot` as somebody uses it who has the cameras on the bench and nothing else.
+//! `panelprep shoot` as a person uses it who has only the cameras on the bench.
 
 use super::commands::json;
 use serde_json::Value;
@@ -52,7 +52,7 @@ fn cameras_without_a_calibration_take_pictures() {
 
     let (exit, told) = shoot("film --seconds 1 --wet-from-s 3 --out other");
     assert!(exit == 2 && told["reasons"].to_string().contains("allowed is 0 to 1"), "{told}");
-    // Dry pictures are never marked as wet: with a spray it is said when that is over.
+    // Dry pictures are never marked as wet: with a spray, the command must state when the spray is over.
     for (phases, words) in [
         ("--spray-from-s 0.4", "give --wet-from-s"),
         ("--spray-from-s 0.6 --wet-from-s 0.3", "the wet pictures after it"),

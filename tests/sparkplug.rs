@@ -25,7 +25,8 @@ fn audit(folder: &Path) -> Vec<NumberedEntry> {
     Store::open(&folder.join("cell/store")).expect("a store").audit(None, 10_000).expect("read")
 }
 
-/// What a host knows of the cell after these messages, metric by metric; each message is held against the rules of a session.
+/// The cell as a host knows it after these messages, metric by metric. Each message is checked against the rules of
+/// a session.
 #[derive(Default)]
 struct Known {
     values: BTreeMap<String, Value>,
@@ -145,7 +146,8 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let birth = host.until("another birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["State/word"]["value"], "complete");
 
-    // A cycle is held by a host; what the cell's table does not take is refused as it is for everybody.
+    // A host holds a cycle. A command that the cell's table does not accept is refused for a host as for everyone
+    // else.
     host.does("write Node Control/Hold");
     service.wait("a refusal", |_| audit(folder).iter().any(|line| line.entry.what == "hold"));
     let refused = audit(folder)[0].entry.refused.clone();
@@ -181,7 +183,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["bdSeq"]["value"], 1);
 
-    // The broker goes, and is there again.
+    // The broker stops and starts again.
     broker.restart(Duration::from_secs(1));
     host.until("it is connected again", |message| message["kind"] == "connected");
     host.does("state {\"online\": true, \"timestamp\": 3000}");
@@ -191,7 +193,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     service.signal(rustix::process::Signal::TERM);
     host.until("the death", |message| message["kind"] == "NDEATH");
     assert_eq!(service.ended().code(), Some(0));
-    // What no program can catch the broker tells, by the will.
+    // No program can report a kill itself. The broker reports it by the will.
     let service = Service::start(folder);
     let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["bdSeq"]["value"], 0);
@@ -200,7 +202,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     assert_eq!(Known::of(&host.heard).deaths.len(), 3);
 }
 
-/// A host that knows no aliases is told names; its commands are taken as well.
+/// A host that knows no aliases receives names; its commands are accepted as well.
 #[test]
 fn a_second_host_decodes_every_message() {
     if !are_there(&["wrapper"]) {
@@ -246,8 +248,8 @@ fn a_second_host_decodes_every_message() {
     }
 }
 
-/// Without a role no host may ask for anything but a rebirth; a kept command and a flood of others do nothing but lines of the
-/// audit trail, which are bounded, and the service goes on answering.
+/// Without a role no host may request anything but a rebirth. A retained command and a flood of others cause only
+/// lines of the audit trail, which are bounded, and the service continues to answer.
 #[test]
 fn a_flood_of_commands_does_nothing() {
     if !are_there(&["pysparkplug"]) {
@@ -290,7 +292,7 @@ fn a_flood_of_commands_does_nothing() {
     assert!(has("nobody knows how old it is") && has("is not allowed here") && has("found the metric \"Start\""));
 }
 
-/// Nobody is there: the cell runs all the same, and says so in its log.
+/// There is no broker: the cell runs anyway, and reports this in its log.
 #[test]
 fn without_a_broker_the_cell_runs() {
     let folder = taught("clean");

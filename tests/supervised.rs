@@ -7,7 +7,7 @@ use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// The file that tells a debug build which of its threads is to fail.
+/// The file that states which of its threads a debug build must let fail.
 const INJECT: &str = "inject";
 
 fn service(folder: &Path) -> Service {
@@ -19,8 +19,8 @@ fn inject(folder: &Path, failure: &str) {
     std::fs::write(folder.join(INJECT), failure).expect("written");
 }
 
-/// Each thread in both ways, at work. The end names the thread, and the next service rests as the journal says: in
-/// Aborted where a motion was open.
+/// Each thread fails in both ways, at work. The end names the thread, and the next service rests as the journal
+/// states: in Aborted if a motion was open.
 #[test]
 fn a_thread_that_fails_ends_the_service() {
     let folder = taught("good");
@@ -60,8 +60,8 @@ fn a_thread_that_fails_ends_the_service() {
     }
 }
 
-/// systemd hears from a loop that works, and no more from one that hangs: so it ends the process, whose robot's
-/// controller has stopped by itself meanwhile.
+/// systemd hears from a loop that works and no longer from one that hangs. It therefore ends the process, whose
+/// robot controller has stopped by itself meanwhile.
 #[test]
 fn the_watchdog_is_not_fed_by_a_loop_that_hangs() {
     let folder = taught("clean");

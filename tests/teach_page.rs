@@ -6,7 +6,7 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command};
 
-/// The program, and the address of its page as it tells it.
+/// Returns the running program and the address of its page, as the program prints it.
 pub fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
     let mut child = started(folder, command);
     let mut told = BufReader::new(child.stderr.take().expect("its words"));
@@ -19,7 +19,7 @@ pub fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::C
     (child, told, url)
 }
 
-/// Asks a page for something: the whole answer, its head and its body.
+/// Sends a request to a page; returns the whole answer, its head and its body.
 pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     let (host, key) =
         url.trim_start_matches("http://").trim_end_matches('/').split_once('/').expect("host and key");
@@ -35,8 +35,9 @@ pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     String::from_utf8_lossy(&answer).into_owned()
 }
 
-/// The page as Chromium shows it once it contains `awaited`; `None` where there is no Chromium on this computer. On a busy computer
-/// a browser may end before the page has drawn, so up to five browsers are started, each with a profile of its own.
+/// Returns the page as Chromium shows it once it contains `awaited`; `None` if this computer has no Chromium. On a
+/// busy computer a browser may end before the page has drawn, so up to five browsers are started, each with its own
+/// profile.
 pub fn browsed(url: &str, awaited: &str) -> Option<String> {
     let mut shown = String::new();
     for _ in 0..5 {
@@ -112,7 +113,8 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
         assert!(folder.join("shots").join(file).is_file(), "{file}");
     }
 
-    // On files that are there, a place where something holds the panel is drawn at its upper edge, and an outline that goes again.
+    // On existing files, the test draws a place at the panel's upper edge where the panel is held, and an outline
+    // that is removed again.
     let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
     let corners: Vec<Vec<f64>> = serde_json::from_value(drawn["corners_px"].clone()).expect("four corners");
     let at = |across: f64, down: f64| -> Vec<f64> {

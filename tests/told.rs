@@ -1,4 +1,4 @@
-//! What somebody mistyped is told with what is allowed, and nothing is made or done by it.
+//! A mistyped value is reported with the allowed values, and nothing is created or executed.
 
 use super::commands::{json, panelprep};
 use std::fs;
@@ -22,7 +22,7 @@ fn refused(folder: &Path, arguments: &str, words: &[&str]) {
     );
 }
 
-/// A number that is not allowed is told with its range, a negative one too.
+/// A number that is not allowed is reported with its range, also if it is negative.
 #[test]
 fn a_number_out_of_range_is_told_with_what_is_allowed() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -53,7 +53,7 @@ fn a_number_out_of_range_is_told_with_what_is_allowed() {
     }
 }
 
-/// What is no text, or not there, is told as such, and XML is spoken of at XML alone.
+/// A file that is not text or does not exist is reported as such, and XML is mentioned only for XML files.
 #[test]
 fn a_file_that_cannot_be_read_is_told_by_its_line() {
     let folder = tempfile::tempdir().expect("a folder");

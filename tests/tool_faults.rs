@@ -1,6 +1,6 @@
-//! The compliant tool of the simulated cell fails in contact, through the program as a user runs it: the sander is off in time, the
-//! cycle ends held by the tool's own reason, and the page says what was touched. `make bench-tool-faults` has every fault along
-//! the whole path.
+//! The compliant tool of the simulated cell fails in contact, through the program as a user runs it. The sander is
+//! off in time, the cycle ends held for the tool's own reason, and the page states what was touched. `make
+//! bench-tool-faults` runs every fault along the whole path.
 
 use super::commands::json;
 use serde_json::Value;
@@ -41,7 +41,7 @@ fn a_tool_that_fails_in_contact_is_off_in_time_and_named() {
     }
 }
 
-/// A fault beyond the path changes nothing, and a wrong name says what is allowed.
+/// A fault beyond the path changes nothing, and the message for a wrong name states what is allowed.
 #[test]
 fn a_fault_needs_a_name_and_a_simulated_tool() {
     let folder = tempfile::tempdir().expect("a folder");

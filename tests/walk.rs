@@ -131,7 +131,7 @@ impl Walk {
         output
     }
 
-    /// Something that serves until it is told to end.
+    /// Starts a command that serves until it is told to end.
     fn serves(&self, line: &str) -> Served {
         let line = smaller(line);
         let mut command = self.command(&format!("exec {line}"));
@@ -143,7 +143,7 @@ impl Walk {
 struct Served(Child);
 
 impl Served {
-    /// Waits for a line that says this.
+    /// Waits for a line that contains these words.
     fn says(&mut self, words: &str) -> String {
         let mut lines = BufReader::new(self.0.stderr.take().expect("piped")).lines().map_while(Result::ok);
         let found = lines.by_ref().find(|line| line.contains(words));
@@ -211,7 +211,7 @@ pub fn fit_for_people(line: &str, text: &str) {
     assert_eq!(zero, None, "{line}: {text}");
 }
 
-/// Where the walk's order has a command; others at the star.
+/// Returns a command's place in the walk's order; other commands are at the star.
 fn place(name: &str) -> usize {
     let of = |wanted: &str| ORDER.iter().position(|known| *known == wanted);
     of(name).or(of("*")).expect("a star")
@@ -229,7 +229,7 @@ fn every_command_of_readme_and_help_does_what_it_says() {
             let began = Instant::now();
             match name.as_str() {
                 "render" => {
-                    // What other examples ask of it beside its own: a labelled set.
+                    // Other examples need more than this example makes: a labelled set.
                     let wants = texts.contains("render --clips 6") && line.contains("--boards");
                     let clips = if wants { " --clips 6" } else { "" };
                     walk.run(&format!("{line}{clips}"));
@@ -301,7 +301,7 @@ fn readme(walk: &Walk) {
         let line = line.split(" #").next().unwrap_or_default().trim();
         if let Some(target) = line.strip_prefix("make ") {
             let makefile = env!("CARGO_MANIFEST_DIR");
-            // Where cargo builds into another folder, make would name the program there.
+            // If cargo builds into another folder, make would name the program there.
             let mut make = Command::new("make");
             let output =
                 make.args(["-n", "-C", makefile, target]).env_remove("CARGO_TARGET_DIR").output().expect("make");

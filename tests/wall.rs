@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 /// Of the sixteen that a controller's firewall leaves open; no other test has them.
 const PORTS: [u16; 2] = [54_614, 54_615];
 
-/// A stand-alone controller and what it has told; killed when the test ends.
+/// A stand-alone controller and the lines that it printed; killed when the test ends.
 pub struct Mock {
     child: Child,
     told: Arc<Mutex<Vec<String>>>,
@@ -49,7 +49,7 @@ impl Mock {
     }
 }
 
-/// A taught cell whose robot is at the other end of two sockets and whose cameras play a folder.
+/// Changes a taught cell: its robot is at the other end of two sockets, and its cameras play a folder.
 pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     for (file, shipped) in [
         ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml")),
@@ -82,8 +82,8 @@ pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     std::fs::write(cell.join("cell.toml"), text).expect("written");
 }
 
-/// A stop on the way, a controller that goes away on the way, and the way back from there; each ends where it must, and
-/// nothing moves that was not asked for.
+/// A stop during motion, a controller that disappears during motion, and the recovery from that. Each ends in the
+/// required state, and nothing moves without a request.
 #[test]
 fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     let folder = taught("clean");
@@ -102,7 +102,7 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
 
     service.reset();
     service.done(&format!("{START} --record wall.mcap"));
-    // The scan was computed beside the loop while the robot told on.
+    // The scan was computed beside the loop while the robot continued to report.
     service.wait("the way to the corner", |service| service.done("state")["phase"] == "refine");
     drop(mock);
     service.reach("aborted");

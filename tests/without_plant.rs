@@ -1,9 +1,10 @@
-//! A cell whose plant is not there, or whose files for it are wrong, works: the log says what is wrong, and doctor too.
+//! A cell works without its plant, and with wrong files for it: the log and doctor state what is wrong.
 
 use super::commands::{json, rendered};
 use super::service::Service;
 
-/// Each connection is told by its file or address, none keeps the service from starting, and it ends at once.
+/// Each connection is reported by its file or address. None prevents the service from starting, and the service
+/// ends at once.
 #[test]
 fn wrong_files_of_the_plant_stop_no_cell() {
     let folder = rendered("clean");

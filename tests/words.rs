@@ -1,5 +1,5 @@
-//! What the program says to people, held in its source: no form for programmers in a text, and no measured number beside
-//! its limit that rounding could make equal to it.
+//! Checks in the source what the program prints for people. No text contains a programmer's form, and no measured
+//! number beside its limit is rounded so that it could look equal to it.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -43,7 +43,7 @@ const FOR_MACHINES: [(&str, &str); 30] = [
     ("devices/zivid/scanner.rs", "?found"),
 ];
 
-/// The texts of a file that people read, as they stand in its code.
+/// The texts of a file that people read, as they are written in its code.
 #[derive(Default)]
 struct Texts {
     found: Vec<String>,
@@ -158,7 +158,8 @@ fn has_debug_form(text: &str) -> bool {
         || text.replace("{{", "").split('{').skip(1).any(inside)
 }
 
-/// A number that is rounded, in a text that says what is allowed. A place in a picture is no measured number.
+/// Returns whether a number is rounded in a text that states what is allowed. A place in a picture is not a
+/// measured number.
 fn rounds_beside_a_limit(text: &str) -> bool {
     let says = ["allowed", "needed", "wanted"];
     let words: Vec<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();

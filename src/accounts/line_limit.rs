@@ -45,7 +45,7 @@ impl LineLimit {
         now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
     }
 
-    /// At the end of a minute: how many lines were left out of it, if any. Another minute begins.
+    /// At the end of a minute, returns how many lines were left out of the minute, if any. Another minute begins.
     pub fn minute_over(&mut self, now_ms: u64) -> Option<u64> {
         if !self.is_over(now_ms) {
             return None;

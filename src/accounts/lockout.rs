@@ -8,8 +8,8 @@ pub const TRIES: u32 = 5;
 /// How long an account pauses after them, s; twice as long after each further row of them, up to an hour.
 pub const PAUSE_S: f64 = 60.0;
 const LONGEST_S: f64 = 3_600.0;
-/// Names without an account are not remembered: all of them share a fixed number of counts, by a hash of the name. So made-up names pause as
-/// accounts do, take no room, and end no account's pause.
+/// Names without an account are not remembered: all of them share a fixed number of counts, selected by a hash of
+/// the name. Therefore made-up names pause as accounts do, need no memory, and end no account's pause.
 const BUCKETS: u64 = 256;
 
 /// Who tried wrong passwords lately. Times are seconds of any clock that does not jump.
@@ -36,17 +36,18 @@ impl Who {
 #[derive(Debug, Clone, Copy)]
 struct Tried {
     wrong: u32,
-    /// The account pauses until then, where a row was full.
+    /// The account pauses until then, if a row of tries was full.
     until_s: Option<f64>,
 }
 
-/// How long an account pauses after so many full rows, s.
+/// Returns how long an account pauses after this many full rows, s.
 fn pause_s(rows: u32) -> f64 {
     (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(LONGEST_S)
 }
 
 impl Lockout {
-    /// How long this name still pauses, s; `None` where its password may be tried. `is_account` says whether there is such an account.
+    /// Returns how long this name still pauses, s; `None` if its password may be tried. `is_account` states whether
+    /// such an account exists.
     pub fn pauses_s(&self, (name, is_account): (&str, bool), now_s: f64) -> Option<f64> {
         let left_s = self.0.get(&Who::new(name, is_account))?.until_s? - now_s;
         (left_s > 0.0).then_some(left_s)
@@ -95,7 +96,7 @@ mod tests {
         assert!(!lockout.wrong(ANNA, now_s), "counted from the beginning");
     }
 
-    /// One more attempt that was under way when the row was full takes nothing from the pause, and adds nothing to it.
+    /// One more attempt that was in progress when the row became full neither shortens the pause nor lengthens it.
     #[test]
     fn a_wrong_password_during_the_pause_does_not_lift_it() {
         let mut lockout = Lockout::default();
@@ -111,7 +112,8 @@ mod tests {
         assert!(!lockout.wrong(ANNA, 60.0), "the first of the next row");
     }
 
-    /// An account's pause grows from row to row, however many made-up names are tried meanwhile, and these take no room.
+    /// An account's pause grows from row to row, independent of the number of made-up names that are tried
+    /// meanwhile, and these need no memory.
     #[test]
     fn made_up_names_end_no_pause_and_take_no_room() {
         let mut lockout = Lockout::default();

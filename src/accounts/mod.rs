@@ -1,8 +1,9 @@
-//! People at the operator's page: their roles, what each role may do, their passwords, and the pause after wrong ones.
+//! People at the operator's page: their roles, the permissions of each role, their passwords, and the pause after
+//! wrong ones.
 //!
-//! Plain data and decisions. The store keeps accounts (`store::people`), the page asks (`daemon::web`). Stop and abort need no
-//! account: authentication must not stand in the way of an emergency action (IEC 62443-4-2, CR 1.1 with its note on essential
-//! functions).
+//! Plain data and decisions. The store keeps accounts (`store::people`), the page uses the decisions
+//! (`daemon::web`). Stop and abort need no account: authentication must not hinder an emergency action (IEC
+//! 62443-4-2, CR 1.1 with its note on essential functions).
 
 mod line_limit;
 mod lockout;
@@ -57,8 +58,8 @@ impl Account {
         Ok(Account { name, printed_name, role, password_hash, is_enabled })
     }
 
-    /// The account in a line of the audit trail. Its password is not told; that it is a new one shows by the beginning of its
-    /// salt.
+    /// Returns the account as a line of the audit trail. The password is not shown; the beginning of its salt shows
+    /// that it is a new one.
     pub fn summary(&self) -> String {
         let Account { printed_name, role, password_hash, is_enabled, .. } = self;
         let enabled = if *is_enabled { "enabled" } else { "disabled" };
@@ -67,17 +68,17 @@ impl Account {
     }
 }
 
-/// A line of the audit trail: who did what, when and from where. Refused attempts stand there too.
+/// A line of the audit trail: who did what, when and from which address. Refused attempts are recorded too.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AuditEntry {
     /// When, ms since 1970.
     pub unix_ms: i64,
-    /// The account's name; `None` for somebody who was not logged in.
+    /// The account's name; `None` for a person who was not logged in.
     pub who: Option<String>,
     /// The role at that time.
     pub role: Option<Role>,
-    /// From where: an IP address, or `terminal`.
+    /// The origin of the request: an IP address, or `terminal`.
     pub from: String,
     /// What was done or attempted, such as `log in` or `change account`.
     pub what: String,
@@ -87,7 +88,7 @@ pub struct AuditEntry {
     pub before: Option<String>,
     /// The value after.
     pub after: Option<String>,
-    /// Why it was refused; `None` where it was done.
+    /// Why it was refused; `None` if it was done.
     pub refused: Option<String>,
 }
 

@@ -17,10 +17,10 @@ pub struct NameError {
     pub found: String,
 }
 
-/// Takes a name as it stands.
+/// Checks a name and returns it unchanged.
 ///
 /// # Errors
-/// Where it has other characters, or is empty or too long.
+/// If it contains characters that are not allowed, or is empty or too long.
 pub fn checked_name(name: &str) -> Result<&str, NameError> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '-' | '_');
     let begins = name.starts_with(|c: char| c.is_ascii_lowercase());

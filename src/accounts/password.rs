@@ -1,12 +1,13 @@
-//! Passwords: kept as argon2id hashes, as OWASP's cheat sheet asks (19 MiB, two passes, one lane).
+//! Passwords: kept as argon2id hashes, as OWASP's cheat sheet requires (19 MiB, two passes, one lane).
 
 use argon2::password_hash::phc::PasswordHash;
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
 use argon2::{Algorithm, Argon2, Params, Version};
 
-/// The fewest characters of a password (NIST SP 800-63B asks for eight where it is the only factor; here it also signs).
+/// The minimum length of a password (NIST SP 800-63B requires eight characters if it is the only factor; here it
+/// also signs).
 pub const LEAST_CHARACTERS: usize = 10;
-/// The most, so that nobody keeps the computer busy by one.
+/// The maximum length, so that no one can keep the computer busy with one password.
 const MOST_CHARACTERS: usize = 200;
 /// Memory, KiB, and passes.
 const MEMORY_KIB: u32 = 19 * 1_024;
@@ -31,10 +32,10 @@ pub enum PasswordError {
     Hash(String),
 }
 
-/// The hash of a new password, with this salt.
+/// Returns the hash of a new password, with this salt.
 ///
 /// # Errors
-/// Where the password is too short, too long or obvious.
+/// If the password is too short, too long or obvious.
 pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
     let found = password.chars().count();
     if !(LEAST_CHARACTERS..=MOST_CHARACTERS).contains(&found) {
@@ -51,7 +52,7 @@ pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, Pass
     hash.map(|hash: PasswordHash| hash.to_string()).map_err(|error| PasswordError::Hash(error.to_string()))
 }
 
-/// Whether this is the password. It takes a fraction of a second, the same for a hash that is no hash.
+/// Returns whether this is the password. The check needs a fraction of a second, the same for an invalid hash.
 pub fn is_right(password: &str, hash: &str) -> bool {
     let Ok(hasher) = hasher() else { return false };
     let is_short = password.chars().count() <= MOST_CHARACTERS;

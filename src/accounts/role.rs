@@ -39,7 +39,7 @@ pub enum Role {
 pub enum Permission {
     /// To see states, records and trends.
     View,
-    /// To start, hold, go on, clear and reset, and to say that a new disc is mounted.
+    /// To start, hold, continue, clear and reset, and to state that a new disc is mounted.
     Operate,
     /// To accept a result that waits for a person.
     Accept,

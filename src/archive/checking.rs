@@ -1,5 +1,6 @@
-//! Proves that the archive holds what the cells sent: every name without a gap, every content with its hash, every signature by its
-//! key, every statement after the one before it, every file whole, and the same as in the cells whose lists are given.
+//! Proves that the archive contains what the cells sent. Every name is there without a gap, every content matches
+//! its hash and every signature its key. Every statement follows the one before it, every file is whole. The
+//! archive also agrees with the cells that gave a list.
 
 use super::database;
 use super::error::ArchiveError;
@@ -16,7 +17,7 @@ const AT_ONCE: i64 = 500;
 /// Messages of one cell; the rest is counted.
 const MOST: usize = 200;
 
-/// What a cell says that it has.
+/// A cell's list of its records.
 #[derive(Debug, Clone)]
 pub struct CellList {
     /// The cell.
@@ -30,7 +31,7 @@ pub struct CellList {
 pub struct CheckedCell {
     /// The cell.
     pub cell: String,
-    /// Records of it.
+    /// Its records.
     pub records: u64,
     /// Signatures among them that hold.
     pub signatures: u64,
@@ -38,7 +39,7 @@ pub struct CheckedCell {
     pub files: u64,
     /// Files that the cell no longer had.
     pub gone: u64,
-    /// Records that the cell has too, with the same hash; `None` where no list of it was given.
+    /// Records that the cell has too, with the same hash; `None` if no list of the cell was given.
     pub same: Option<u64>,
     /// The keys by which its statements are signed.
     pub keys: Vec<String>,
@@ -49,7 +50,7 @@ pub struct CheckedCell {
 /// Checks every cell of the archive, and those with a list.
 ///
 /// # Errors
-/// Where the database or the folder cannot be read.
+/// If the database or the folder cannot be read.
 pub async fn check(settings: &ArchiveSettings, lists: &[CellList]) -> Result<Vec<CheckedCell>, ArchiveError> {
     let client = database::open(&settings.database).await?;
     let files = Files::at(&settings.files);
@@ -118,7 +119,7 @@ fn position(row: &Row) -> Position {
 /// A statement's hash, and the one that it names before it.
 type Link = (String, String);
 
-/// Holds a row to what it says of itself, as the message that it was.
+/// Checks a row against what it states of itself, read again as the message that it was.
 fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTreeMap<u64, Vec<Link>>) -> Listed {
     let position = position(row);
     let word: String = row.get(2);
@@ -182,7 +183,7 @@ fn gap(before: &Position, here: &Position, found: &mut Vec<String>) {
     found.push(format!("{numbers} of epoch {} never came", here.epoch));
 }
 
-/// Statements that are missing, that do not follow from the one before, or that stand twice under one number.
+/// Finds statements that are missing, that do not follow from the one before, or that occur twice under one number.
 fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<(u64, &str)> = None;

@@ -13,15 +13,15 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Connected, and seen to the tables.
 const OPENS_WITHIN: Duration = Duration::from_secs(10);
 
-/// Where a database is, for people.
+/// Describes the address of a database for people.
 fn place(Database { host, port, name, user, .. }: &Database) -> String {
     format!("{name} of {user} at {host}:{port}")
 }
 
-/// What a database has not done in time was not done.
+/// Runs an operation within a time limit; what a database has not done in time was not done.
 ///
 /// # Errors
-/// Where it is silent, and as what is done.
+/// If the database is silent, and the errors of the operation.
 pub(super) async fn within<T>(
     limit: Duration,
     doing: impl Future<Output = Result<T, ArchiveError>>,

@@ -13,7 +13,7 @@ pub enum ArchiveError {
     Connect {
         /// User, host, port and name.
         place: String,
-        /// What the connection says.
+        /// The connection's message.
         problem: String,
     },
     /// The database refused something.
@@ -21,10 +21,10 @@ pub enum ArchiveError {
     Database {
         /// What was tried.
         doing: &'static str,
-        /// What PostgreSQL says.
+        /// PostgreSQL's message.
         problem: String,
     },
-    /// The database takes what it is sent and says nothing.
+    /// The database accepts what it is sent and does not answer.
     #[error("the database has not answered for {seconds} s")]
     Silent {
         /// So long.
@@ -43,7 +43,7 @@ pub enum ArchiveError {
     Newer {
         /// Their version.
         found: i32,
-        /// The newest that this program knows.
+        /// The newest version that this program knows.
         known: i32,
     },
     /// The broker.
@@ -59,7 +59,7 @@ pub enum ArchiveError {
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's message.
         source: std::io::Error,
     },
     /// A certificate or a password cannot be used.
@@ -70,7 +70,7 @@ pub enum ArchiveError {
 impl ArchiveError {
     pub(super) fn database(doing: &'static str) -> impl Fn(tokio_postgres::Error) -> ArchiveError {
         move |error| {
-            // What the server says is below the library's own words.
+            // The server's message is below the library's own words.
             let problem = error.as_db_error().map_or(error.to_string(), ToString::to_string);
             ArchiveError::Database { doing, problem }
         }

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone)]
 pub(super) struct Files(PathBuf);
 
-/// How a file stands.
+/// The state of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Held {
     Whole,
@@ -37,7 +37,8 @@ impl Files {
         Blobs::in_folder(self.0.join(hash.get(..2).unwrap_or("")))
     }
 
-    /// Keeps these bytes under the hash that they have. One that is there already is not written again; a damaged one is replaced.
+    /// Keeps these bytes under their hash. A file that exists already is not written again; a damaged one is
+    /// replaced.
     pub fn put(&self, hash: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
         let near = self.near(hash);
         near.make()?;
@@ -62,7 +63,7 @@ impl Files {
         files.iter().filter(|file| file.gone.is_none()).all(|file| self.near(&file.hash).has(&file.hash))
     }
 
-    /// How the file with this hash stands.
+    /// Returns the state of the file with this hash.
     pub fn held(&self, hash: &str) -> Result<Held, ArchiveError> {
         match self.near(hash).get(hash) {
             Ok(_) => Ok(Held::Whole),

@@ -19,7 +19,7 @@ pub(super) struct Kept {
     pub known: u64,
     /// Names under which another content was there, in words.
     pub contradictions: Vec<String>,
-    /// Up to which number each epoch is complete now, where that changed or something came again.
+    /// The number up to which each epoch is complete now, for epochs that changed or received something again.
     pub archived: BTreeMap<(CellName, String), u64>,
 }
 
@@ -85,7 +85,7 @@ async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
     Ok(count == 1)
 }
 
-/// What stands under this name, where it is another content; the new one is kept beside it.
+/// Reports if other content is stored under this name; the new content is kept beside it.
 async fn contradiction(
     transaction: &Transaction<'_>,
     (message, hash): (&Message, &str),
@@ -226,7 +226,7 @@ async fn signature(
     transaction.execute(sql, &values).await.map(drop).map_err(&failed)
 }
 
-/// Up to which number an epoch has no gap, written where it is further than before.
+/// Returns the number up to which an epoch has no gap, and writes it if it is higher than before.
 async fn complete(transaction: &Transaction<'_>, cell: &CellName, epoch: &str) -> Result<u64, ArchiveError> {
     let failed = ArchiveError::database("count records");
     let cell = cell.as_str();

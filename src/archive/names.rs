@@ -1,15 +1,15 @@
-//! Whether two cells use one name: their stores have other epochs, and tell of them in turn.
+//! Detects two cells that use one name: their stores have different epochs and report these in turn.
 
 use crate::office::CellState;
 use std::collections::BTreeMap;
 
-/// What cells told last, by their names.
+/// The cells' last reports, by the cells' names.
 #[derive(Debug, Default)]
 pub(super) struct Names(BTreeMap<String, Heard>);
 
 #[derive(Debug, Default)]
 struct Heard {
-    /// The epochs that were told last, and others before them.
+    /// The epochs that were reported last, and the different ones before them.
     last: Vec<String>,
     before: Vec<String>,
     is_told: bool,

@@ -6,10 +6,10 @@ use crate::broker::OfficeLink;
 use crate::office::{ArchiveSettings, RecipeOffer};
 use tokio_postgres::Client;
 
-/// Keeps the offer in the place of an earlier one of its panel, and tells the cells.
+/// Keeps the offer in place of an earlier one for its panel, and sends it to the cells.
 ///
 /// # Errors
-/// Where the database or the broker does not take it.
+/// If the database or the broker does not accept it.
 pub async fn offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> Result<(), ArchiveError> {
     let client = database::open(&settings.database).await?;
     let link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
@@ -22,7 +22,7 @@ pub async fn offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> Result<()
     Ok(())
 }
 
-/// Tells the cells every offer once more: the broker may have lost them.
+/// Sends every offer to the cells once more: the broker may have lost them.
 pub(super) async fn offer_again(client: &Client, link: &OfficeLink) -> Result<(), ArchiveError> {
     let rows =
         client.query("SELECT offer FROM offers", &[]).await.map_err(ArchiveError::database("read offers"))?;

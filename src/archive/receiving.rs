@@ -18,17 +18,17 @@ const AT_ONCE: usize = 500;
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
-/// So many records that wait for their files are told at a time.
+/// At most this many records that wait for their files are reported at a time.
 const MOST_TOLD: usize = 5;
-/// A failure that stays the same is told again after this time.
+/// A failure that stays the same is reported again after this time.
 const TOLD_AGAIN: Duration = Duration::from_secs(3_600);
 /// A database that does not answer within this time is lost: what was not acknowledged comes again.
 const KEEPS_WITHIN: Duration = Duration::from_secs(60);
 
-/// Works until `ended` comes. What fails and may pass is tried again, with a connection of its own.
+/// Works until `ended` completes. A failure that may pass is retried, with a new connection.
 ///
 /// # Errors
-/// Where the database has tables of a newer program, or a file of the settings cannot be used.
+/// If the database has tables of a newer program, or a file of the settings cannot be used.
 pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) -> Result<(), ArchiveError> {
     tokio::select! {
         failed = again_and_again(settings) => Err(failed),
@@ -95,7 +95,7 @@ async fn receive(
     }
 }
 
-/// What cells tell of their state; what is missed comes again in two seconds.
+/// Receives the states that cells report; a state that is missed comes again in two seconds.
 async fn listen(client: &Client, mut states: States) -> Result<std::convert::Infallible, ArchiveError> {
     let mut names = Names::default();
     loop {
@@ -107,7 +107,8 @@ async fn listen(client: &Client, mut states: States) -> Result<std::convert::Inf
 struct Receiver {
     files: Files,
     assembly: Assembly<Receipt>,
-    /// Records of which a file is not here yet. A cell is told that the office has a record only where its files are here too.
+    /// Records with a file that is not here yet. A cell is informed that the office has a record only when its
+    /// files are here too.
     waiting: Vec<(Message, Vec<Receipt>)>,
 }
 
@@ -190,7 +191,7 @@ fn message_of(whole: &Assembled<Receipt>, position: &Position) -> Result<Message
     }
 }
 
-/// A cell may send under its own name alone: the broker says who may send there.
+/// Checks the sender: a cell may send only under its own name. The broker decides who may send there.
 fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
     match subject == subject::records(&chunk.cell) {
         true => Ok(chunk),
@@ -209,7 +210,7 @@ async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) 
     Ok(())
 }
 
-/// The newest state of each cell, for pages. One that cannot be read is told and dropped.
+/// Keeps the newest state of each cell, for pages. A state that cannot be read is reported and dropped.
 async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
     let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,

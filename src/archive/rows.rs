@@ -22,7 +22,7 @@ pub(super) struct SignatureRows {
     pub unix_ms: i64,
     /// Who signed and what it means, in words; `None` for the cell itself.
     pub person: Option<(String, &'static str)>,
-    /// The numbers of the cycle, where the cell's own statement tells them and this program reads its record.
+    /// The numbers of the cycle, if the cell's own statement contains them and this program can read its record.
     pub quantities: Option<Quantities>,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct Quantities {
 }
 
 impl Rows {
-    /// Of a message, whose content was read once before.
+    /// Reads the rows of a message; its content was read once before.
     pub fn of(message: &Message) -> Result<Self, String> {
         let wrong = |error: serde_json::Error| error.to_string();
         match &message.envelope.body {

@@ -52,7 +52,7 @@ impl Entry {
         }
     }
 
-    /// The entry with this name; `None` where the name is of no known form.
+    /// Returns the entry with this name; `None` if the name has no known form.
     pub fn parse(name: &str) -> Option<Self> {
         if name == CELL {
             return Some(Entry::Cell);

@@ -13,7 +13,7 @@ pub enum BackupError {
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's message.
         source: std::io::Error,
     },
     /// The store refused.
@@ -52,19 +52,19 @@ pub enum BackupError {
         /// The schema of this program.
         known: i64,
     },
-    /// Something is where the archive would go.
+    /// A file exists already at the archive's path.
     #[error("{} is there already and is not written over; name another file, or move it away", path.display())]
     IsThere {
         /// The file.
         path: PathBuf,
     },
-    /// Something is where a part of the backup would go.
+    /// A file exists already at the path of a part of the backup.
     #[error(
         "{} {} there already and nothing was said about replacing: add --replace {option} to put the backup in place; what is \
          replaced is kept beside it", list(paths), if paths.len() == 1 { "is" } else { "are" }
     )]
     NotReplaced {
-        /// What is there.
+        /// The paths that exist already.
         paths: Vec<PathBuf>,
         /// The word that allows it.
         option: &'static str,
@@ -104,7 +104,7 @@ pub enum BackupError {
          another folder", path.display()
     )]
     NoRoom {
-        /// Where it would go.
+        /// The path that would be written.
         path: PathBuf,
         /// Free.
         free_mb: u64,

@@ -38,10 +38,10 @@ pub struct Listed {
 }
 
 impl Manifest {
-    /// The entries by what they are, where all names are of known forms and none stands twice.
+    /// Returns the entries by their meaning, if all names have known forms and none occurs twice.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// States in words what is wrong.
     pub fn parsed(&self) -> Result<Vec<Entry>, String> {
         let mut seen = BTreeSet::new();
         let parse = |listed: &Listed| {
@@ -61,12 +61,12 @@ impl Manifest {
         self.entries.iter().map(parse).collect()
     }
 
-    /// Is there a store in it?
+    /// Returns whether the backup contains a store.
     pub fn has_store(&self) -> bool {
         self.links.is_some()
     }
 
-    /// Is there a configuration in it?
+    /// Returns whether the backup contains a configuration.
     pub fn has_configuration(&self) -> bool {
         self.entries.iter().any(|listed| listed.name == Entry::Cell.name())
     }

@@ -15,7 +15,7 @@ enum Step {
     Folder(PathBuf),
     /// A file or folder was made beside its place.
     Staged(PathBuf),
-    /// It came to a place where nothing was.
+    /// It was moved to a place that was empty.
     Placed { staged: PathBuf, at: PathBuf },
     /// It changed places with what was there.
     Swapped { staged: PathBuf, at: PathBuf },
@@ -30,7 +30,7 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    /// Makes a folder and those above it, where they are not there.
+    /// Makes a folder and its parents, if they do not exist.
     pub fn make_folder(&mut self, folder: &Path) -> Result<(), BackupError> {
         let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
         let missing: Vec<&Path> = folder.ancestors().take_while(|folder| !is_there(folder)).collect();
@@ -41,13 +41,13 @@ impl Placing {
         Ok(())
     }
 
-    /// Something was made beside its place; it is removed where it does not get there.
+    /// Notes that something was made beside its place, so that it is removed if it does not get there.
     pub fn staged(&mut self, path: &Path) {
         self.steps.push(Step::Staged(path.to_owned()));
     }
 
-    /// Brings it to its place. What is there is kept beside it as `NAME.before-restore-N`, where `may_replace`; an empty folder
-    /// is not kept.
+    /// Moves it to its place. If `may_replace`, the present file or folder is kept beside it as
+    /// `NAME.before-restore-N`; an empty folder is not kept.
     pub fn put(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
         let rename = |from: &Path, to: &Path, flags: RenameFlags| {
             let renamed = renameat_with(CWD, from, CWD, to, flags);
@@ -153,7 +153,7 @@ fn flush_folder_of(path: &Path) -> Result<(), BackupError> {
 mod tests {
     use super::*;
 
-    /// A file that is there keeps its place, and the three steps before it are taken back.
+    /// A file that exists already keeps its place, and the three steps before are undone.
     #[test]
     fn a_step_that_fails_undoes_those_before() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Take};
 use std::path::{Path, PathBuf};
 
-/// An archive whose seal holds and whose manifest names only files of a backup.
+/// An archive with a valid seal and a manifest that names only files of a backup.
 #[derive(Debug)]
 pub struct Archive {
     path: PathBuf,
@@ -31,10 +31,10 @@ struct AnyFormat {
 }
 
 impl Archive {
-    /// Opens an archive and holds it against its seal, which reads all of it.
+    /// Opens an archive and checks it against its seal, which reads all of the archive.
     ///
     /// # Errors
-    /// Where it is no backup, is damaged, was cut short, or is that of a newer program.
+    /// If it is no backup, is damaged, was cut short, or is that of a newer program.
     pub fn open(path: &Path) -> Result<Self, BackupError> {
         let mut file = crate::disk::open(path).map_err(BackupError::file("read", path))?;
         let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
@@ -56,10 +56,10 @@ impl Archive {
         Ok(archive)
     }
 
-    /// Hands over each entry with its content, which is held against the manifest afterwards.
+    /// Passes on each entry with its content, which is compared with the manifest afterwards.
     ///
     /// # Errors
-    /// Where the archive is not what its manifest says, or `take` refuses.
+    /// If the archive is not what its manifest states, or `take` refuses.
     pub fn each<E: From<BackupError>>(
         &self,
         mut take: impl FnMut(&Entry, &mut dyn Read) -> Result<(), E>,

@@ -15,7 +15,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::os::unix::net::UnixStream;
 use std::path::{Component, Path, PathBuf};
 
-/// What is to be restored of it.
+/// The parts that are to be restored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wanted {
     /// The store.
@@ -27,11 +27,11 @@ pub struct Wanted {
 /// What a person has allowed by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Permission {
-    /// A store that is there may be replaced.
+    /// An existing store may be replaced.
     pub replace_store: bool,
     /// Files of a configuration that are there may be replaced.
     pub replace_configuration: bool,
-    /// Files may be written where the cell's file names places outside of its folder.
+    /// Files may be written to places outside of the folder of the cell's file, if that file names them.
     pub outside: bool,
 }
 
@@ -40,9 +40,9 @@ pub struct Permission {
 pub struct Plan<'p> {
     /// The archive.
     pub archive: &'p Path,
-    /// Where the cell's file is, or goes.
+    /// The path of the cell's file, present or to be restored.
     pub cell: &'p Path,
-    /// Where the store goes; without it, where the cell's file says.
+    /// The place for the store; without it, the place that the cell's file states.
     pub store: Option<&'p Path>,
     /// The parts.
     pub wanted: Wanted,
@@ -53,7 +53,8 @@ pub struct Plan<'p> {
 /// What was done.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Restored {
-    /// What in the archive's store is not what was written there, in words; where something is, nothing was restored.
+    /// Everything in the archive's store that differs from what was written there, in words; if there is any,
+    /// nothing was restored.
     pub found: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,
@@ -67,12 +68,12 @@ pub struct Restored {
     pub files: u64,
 }
 
-/// Restores what is wanted. Nothing that is there is replaced without permission, and where anything is wrong all stays as
-/// it was.
+/// Restores the requested parts. Nothing that exists is replaced without permission, and if anything is wrong all
+/// stays as it was.
 ///
 /// # Errors
-/// Where the archive is damaged, something is there already, a service or another program uses the store, the disk has no room or
-/// refuses.
+/// If the archive is damaged, something exists already, a service or another program uses the store, or the disk
+/// has no room or refuses.
 pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
     let archive = Archive::open(plan.archive)?;
     let not_in_it = |wanted| BackupError::NotInIt { path: plan.archive.to_owned(), wanted };
@@ -119,7 +120,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
     Ok(Restored { kept, ..restored })
 }
 
-/// The store in the archive is not what was written: nothing stays of it.
+/// Undoes everything, since the store in the archive is not what was written.
 fn undone(placing: Placing, restored: Restored) -> Result<Restored, BackupError> {
     let told = restored.found.join("; ");
     let cause = BackupError::Damaged { path: PathBuf::new(), problem: told };
@@ -162,7 +163,7 @@ fn placed(
     Ok(restored)
 }
 
-/// The last cycle of the store that is replaced; none where it cannot be read.
+/// Returns the last cycle of the store that is replaced; `None` if it cannot be read.
 fn last_cycle(folder: &Path) -> Option<CycleId> {
     Store::open(folder).ok()?.last_cycle().ok()?
 }
@@ -187,7 +188,7 @@ fn checked_cell(archive: &Archive, file: &Path, bytes: &[u8]) -> Result<Cell, Ba
     checked.map_err(|problems| archive.damaged(&format!("this program does not take its cell's file:\n{problems}")))
 }
 
-/// The files of the configuration by where they go, the cell's file among them.
+/// Returns the files of the configuration by their target paths, the cell's file among them.
 fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf, Vec<u8>>, BackupError> {
     let mut texts: BTreeMap<Entry, Vec<u8>> = BTreeMap::new();
     archive.each(|entry, reader| -> Result<(), BackupError> {

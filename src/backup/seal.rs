@@ -49,7 +49,7 @@ fn frame(hash: [u8; 32]) -> Vec<u8> {
     [&MAGIC[..], &PAYLOAD.to_le_bytes(), MARK, &hash].concat()
 }
 
-/// What the seal says.
+/// The result of checking the seal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sealed {
     /// The file is what was written: the number of bytes before the seal.
@@ -60,7 +60,7 @@ pub enum Sealed {
     Broken,
 }
 
-/// Reads the whole file and holds it against its seal; the file then stands at its beginning.
+/// Reads the whole file and checks it against its seal; the file is then positioned at its beginning.
 pub fn check(file: &mut File) -> Result<Sealed, Error> {
     let length = file.metadata()?.len();
     let Some(before) = length.checked_sub(BYTES) else { return Ok(Sealed::Missing) };

@@ -26,7 +26,8 @@ pub struct Configuration {
 /// What came of a backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
-    /// What in the store is not what was written there, in words; where something is, there is no archive.
+    /// Everything in the store that differs from what was written there, in words; if there is any, there is no
+    /// archive.
     pub found: Vec<String>,
     /// What the archive holds.
     pub manifest: Manifest,
@@ -41,7 +42,7 @@ const LEVEL: i32 = 3;
 /// The service may remove old clips between the copy of the rows and that of a file; then it is begun again.
 const TRIES: usize = 3;
 
-/// Where an entry's bytes are.
+/// The source of an entry's bytes.
 enum Source {
     Bytes(Vec<u8>),
     File(PathBuf),
@@ -68,11 +69,11 @@ impl From<BackupError> for Unpacked {
     }
 }
 
-/// Writes the archive, which must not be there; `store` and `configuration` are what goes into it. A service may write to the
-/// store meanwhile. The archive is read back before it gets its name.
+/// Writes the archive, which must not exist; `store` and `configuration` are its contents. A service may write to
+/// the store meanwhile. The archive is read back before it gets its name.
 ///
 /// # Errors
-/// Where the store or a file cannot be read, or the archive cannot be written; nothing is left then.
+/// If the store or a file cannot be read, or the archive cannot be written; nothing is left then.
 pub fn write(
     archive: &Path,
     store: Option<&Path>,
@@ -145,7 +146,8 @@ impl Load {
         self.sources.push(source);
     }
 
-    /// Takes a store in, its rows as a copy in this folder; what was found in it, where something was.
+    /// Adds a store, its rows as a copy in this folder. Returns the differences found in the store, if there are
+    /// any.
     fn store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
         let copied = Store::copy_rows(store, rows)?;
         if !copied.found.is_empty() {
@@ -201,7 +203,7 @@ fn small(file: &Path) -> Result<Vec<u8>, BackupError> {
     }
 }
 
-/// Packs all of it into this file, flushed and sealed.
+/// Packs everything into this file, flushed and sealed.
 fn pack(part: &Path, manifest: &Manifest, sources: &[Source]) -> Result<(), Unpacked> {
     let failed = BackupError::file("write", part);
     // Only its owner may read it: it holds everything.
@@ -297,7 +299,7 @@ pub(super) enum Poured {
     Written(std::io::Error),
 }
 
-/// Copies all of it; its size and SHA-256.
+/// Copies everything; returns the size and SHA-256.
 pub(super) fn poured(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, String), Poured> {
     let (mut hasher, mut count, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
     loop {

@@ -1,4 +1,4 @@
-//! What a cell asks of the broker.
+//! A cell's requests to the broker.
 
 use super::error::BrokerError;
 use super::link::{Link, Refused, with_refusal};
@@ -16,7 +16,7 @@ pub struct CellLink {
     cell: CellName,
 }
 
-/// A message that was sent, until the broker says that it has it on its disk.
+/// A message that was sent, until the broker confirms that it is on its disk.
 pub struct Sending {
     ack: PublishAckFuture,
     address: String,
@@ -24,10 +24,10 @@ pub struct Sending {
 }
 
 impl Sending {
-    /// Waits for the broker's word.
+    /// Waits for the broker's acknowledgement.
     ///
     /// # Errors
-    /// Where it refuses the message, another stream took it, or nothing comes in time.
+    /// If the broker refuses the message, another stream accepted it, or nothing comes in time.
     pub async fn taken(self) -> Result<(), BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.address.clone(), problem };
         let ack = self.ack.await.map_err(|error| refused(with_refusal(error, &self.refused)))?;
@@ -42,17 +42,17 @@ impl CellLink {
     /// Connects.
     ///
     /// # Errors
-    /// Where the broker cannot be reached, or refuses.
+    /// If the broker cannot be reached, or refuses.
     pub async fn connect(broker: &Broker, cell: &CellName) -> Result<Self, BrokerError> {
         let link = Link::connect(broker, &format!("panelprep {cell}")).await?;
         Ok(CellLink { link, cell: cell.clone() })
     }
 
-    /// Which stream takes records under which cell's name: both names, and when the stream was made. Another one has nothing of what the one before it
-    /// took.
+    /// Returns which stream accepts records under which cell's name: both names, and the creation time of the
+    /// stream. Another stream has nothing that the one before it accepted.
     ///
     /// # Errors
-    /// Where there is none.
+    /// If there is none.
     pub async fn stream(&self) -> Result<String, BrokerError> {
         let stream = self.link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| match error.kind() {
@@ -66,10 +66,11 @@ impl CellLink {
         Ok(format!("{} {} {}", self.cell, info.config.name, info.created.unix_timestamp_nanos()))
     }
 
-    /// Up to which number the office has everything of this epoch; `None` where it never said so.
+    /// Returns the number up to which the office has everything of this epoch; `None` if the office never reported
+    /// one.
     ///
     /// # Errors
-    /// Where the broker cannot tell.
+    /// If the broker cannot report it.
     pub async fn archived(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
         let context = &self.link.context;
         let stream = context.get_stream_no_info(subject::ARCHIVED_STREAM).await;
@@ -85,10 +86,10 @@ impl CellLink {
         number.map(Some).ok_or_else(wrong)
     }
 
-    /// The recipe that the office offers for this panel; `None` where it offers none.
+    /// Returns the recipe that the office offers for this panel; `None` if it offers none.
     ///
     /// # Errors
-    /// Where the broker cannot tell, or what it tells is no offer of this panel.
+    /// If the broker cannot report it, or its answer is no offer for this panel.
     pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
         let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
         let failed = |problem: String| self.link.failed("ask for recipes that are offered", problem);
@@ -106,10 +107,11 @@ impl CellLink {
         }
     }
 
-    /// Sends a part, for the `again`th time since the office did not have it; the broker's word comes later.
+    /// Sends a part, for the `again`th time because the office did not have it; the broker's acknowledgement comes
+    /// later.
     ///
     /// # Errors
-    /// Where it cannot be sent.
+    /// If it cannot be sent.
     pub async fn send(&self, chunk: &Chunk, again: u64) -> Result<Sending, BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.link.address.clone(), problem };
         let bytes = chunk.bytes().map_err(|error| refused(error.to_string()))?;
@@ -119,10 +121,10 @@ impl CellLink {
         Ok(Sending { ack, address: self.link.address.clone(), refused: self.link.refused() })
     }
 
-    /// Tells the cell's state to whoever listens now; it may be lost.
+    /// Publishes the cell's state to the clients that listen now; it may be lost.
     ///
     /// # Errors
-    /// Where it cannot be sent.
+    /// If it cannot be sent.
     pub async fn tell_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
         let told = self.link.client.publish(subject::state(&self.cell), state.into()).await;
         told.map_err(|error| self.link.failed("tell the cell's state", error))

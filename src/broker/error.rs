@@ -1,4 +1,4 @@
-//! Why the broker did not do what was asked.
+//! Why the broker did not do what was requested.
 
 use crate::trust::TrustError;
 
@@ -13,7 +13,7 @@ pub enum BrokerError {
     Connect {
         /// Its address.
         address: String,
-        /// What the connection says.
+        /// The connection's message.
         problem: String,
     },
     /// It has no stream of ours.
@@ -24,12 +24,12 @@ pub enum BrokerError {
         /// The stream.
         stream: &'static str,
     },
-    /// It did not take a message, or did not say that it did.
+    /// It did not accept a message, or did not confirm that it did.
     #[error("the broker {address} did not take a message: {problem}")]
     Refused {
         /// Its address.
         address: String,
-        /// What the broker says.
+        /// The broker's message.
         problem: String,
     },
     /// Something else.
@@ -39,7 +39,7 @@ pub enum BrokerError {
         address: String,
         /// What was tried.
         doing: &'static str,
-        /// What the broker says.
+        /// The broker's message.
         problem: String,
     },
 }

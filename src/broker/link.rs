@@ -8,7 +8,7 @@ use async_nats::{Client, ConnectOptions, Event};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// An answer that takes longer is none.
+/// The time limit for an answer; a later one does not count.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Messages on their way without an acknowledgement.
 const IN_FLIGHT: usize = 1_024;
@@ -33,7 +33,8 @@ pub(super) fn with_refusal(problem: impl ToString, refused: &Refused) -> String 
 }
 
 impl Link {
-    /// Connects once. Whoever loses the connection makes a new one, so that nothing of an old one is taken for an answer.
+    /// Connects once. A caller that loses the connection makes a new one, so that nothing from the old one is
+    /// mistaken for an answer.
     pub async fn connect(broker: &Broker, name: &str) -> Result<Self, BrokerError> {
         let options = ConnectOptions::new()
             .name(name)
@@ -43,7 +44,7 @@ impl Link {
             .max_reconnects(1);
         let options = match &broker.ca {
             Some(file) => {
-                // The library names no file, and takes one without a certificate.
+                // The library does not name the file, and accepts one without a certificate.
                 trust::client_config(file, None)?;
                 options.add_root_certificates(file.clone())
             }

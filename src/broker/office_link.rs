@@ -1,4 +1,4 @@
-//! What the archive asks of the broker.
+//! The archive's requests to the broker.
 
 use super::error::BrokerError;
 use super::link::Link;
@@ -15,13 +15,14 @@ use std::time::{Duration, Instant};
 const CONSUMER: &str = "archive";
 /// What was delivered and not acknowledged for so long is delivered again.
 const ACK_WAIT: Duration = Duration::from_secs(60);
-/// The first message that is not acknowledged comes again within [`ACK_WAIT`]; where it stays the first for so long, it does not.
+/// The first message that is not acknowledged comes again within [`ACK_WAIT`]. If it stays the first for this time,
+/// it does not come.
 const STUCK: Duration = Duration::from_secs(150);
-/// That is looked at so often.
+/// The interval of that check.
 const LOOK_EVERY: Duration = Duration::from_secs(15);
 /// Messages that are delivered and not acknowledged: the parts of what is not whole yet among them.
 const PENDING: i64 = 20_000;
-/// The broker knows a message again for so long; afterwards the archive does.
+/// How long the broker recognises a message that comes again; afterwards the archive does.
 const KNOWN: Duration = Duration::from_secs(3_600);
 /// A batch waits for its first message so long.
 const EXPIRES: Duration = Duration::from_secs(1);
@@ -56,13 +57,13 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
 pub struct Delivery {
     /// Its bytes.
     pub bytes: Vec<u8>,
-    /// Where it came: which cell may send there is the broker's business.
+    /// The subject by which it came; the broker decides which cell may send there.
     pub subject: String,
     /// Acknowledgement handle.
     pub receipt: Receipt,
 }
 
-/// The broker keeps a message until it is told by its receipt what came of it.
+/// The broker keeps a message until its receipt reports the result.
 #[derive(Debug)]
 pub struct Receipt {
     message: Message,
@@ -70,18 +71,18 @@ pub struct Receipt {
 }
 
 impl Receipt {
-    /// It is kept: the broker may forget it.
+    /// Reports that the message is kept: the broker may delete it.
     ///
     /// # Errors
-    /// Where that cannot be told; it is delivered again.
+    /// If that cannot be reported; the message is delivered again.
     pub async fn acknowledge(&self) -> Result<(), BrokerError> {
         self.tell(AckKind::Ack).await
     }
 
-    /// It is nothing that could ever be kept.
+    /// Reports that the message can never be kept.
     ///
     /// # Errors
-    /// Where that cannot be told; it is delivered again.
+    /// If that cannot be reported; the message is delivered again.
     pub async fn refuse(&self) -> Result<(), BrokerError> {
         self.tell(AckKind::Term).await
     }
@@ -96,7 +97,7 @@ impl Receipt {
     }
 }
 
-/// What the broker says, and what to do about a disk that is too small.
+/// Returns the broker's message, with advice if its disk is too small.
 fn with_advice(problem: &str) -> String {
     match problem.contains("insufficient storage") {
         true => format!(
@@ -107,10 +108,10 @@ fn with_advice(problem: &str) -> String {
 }
 
 impl OfficeLink {
-    /// Connects, and makes the streams where they are not there; at most so many bytes wait in the broker.
+    /// Connects, and makes the streams if they do not exist; at most this many bytes wait in the broker.
     ///
     /// # Errors
-    /// Where the broker cannot be reached, refuses, or has no JetStream.
+    /// If the broker cannot be reached, refuses, or has no JetStream.
     pub async fn connect(broker: &Broker, most_bytes: i64) -> Result<Self, BrokerError> {
         let link = Link::connect(broker, "panelprep archive").await?;
         let records = Config {
@@ -146,12 +147,13 @@ impl OfficeLink {
         Ok(OfficeLink { link, consumer, floor: (0, now), looked: now })
     }
 
-    /// Begins anew where the broker keeps a message back: after it was killed it may hold messages for delivered and never deliver them again
-    /// (seen with nats-server 2.9 under a thousand kills). The archive's place in the stream is made anew then, and the broker delivers
-    /// again what it still has; what the archive knows, it knows again by its names. Whether it was so: receipts of before are void.
+    /// Begins anew if the broker keeps a message back. After it was killed it may regard messages as delivered and
+    /// never deliver them again (seen with nats-server 2.9 under a thousand kills). Then the archive's place in the
+    /// stream is made anew, and the broker delivers again what it still has. The archive recognises by their names
+    /// the messages that it has already. Returns whether this was done: earlier receipts are then void.
     ///
     /// # Errors
-    /// Where the broker does not answer.
+    /// If the broker does not answer.
     pub async fn begin_anew_where_stuck(&mut self) -> Result<bool, BrokerError> {
         if self.looked.elapsed() < LOOK_EVERY {
             return Ok(false);
@@ -180,10 +182,10 @@ impl OfficeLink {
         Ok(true)
     }
 
-    /// The next messages, at most so many; none where none come within a second.
+    /// Returns the next messages, at most this many; none if none come within a second.
     ///
     /// # Errors
-    /// Where the broker does not answer.
+    /// If the broker does not answer.
     pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
         let failed = |problem: String| self.link.failed("deliver messages", problem);
         let batch = self.consumer.batch().max_messages(most).expires(EXPIRES).messages().await;
@@ -199,10 +201,11 @@ impl OfficeLink {
         Ok(all)
     }
 
-    /// Says up to which number the office has everything of an epoch of a cell; waits until the broker has it on its disk.
+    /// Reports up to which number the office has everything of an epoch of a cell; waits until the broker has this
+    /// on its disk.
     ///
     /// # Errors
-    /// Where the broker does not take it.
+    /// If the broker does not accept it.
     pub async fn say_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
         let said = self.link.context.publish(subject::archived(cell, epoch), number.to_string().into()).await;
         let failed = |problem: String| self.link.failed("say what is archived", problem);
@@ -210,10 +213,11 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
-    /// Offers a recipe to all cells, in the place of an earlier one of its panel; waits until the broker has it on its disk.
+    /// Offers a recipe to all cells, in place of an earlier one for its panel; waits until the broker has it on its
+    /// disk.
     ///
     /// # Errors
-    /// Where the broker does not take it.
+    /// If the broker does not accept it.
     pub async fn offer(&self, offer: &RecipeOffer) -> Result<(), BrokerError> {
         let failed = |problem: String| self.link.failed("offer a recipe", problem);
         let bytes = offer.bytes().map_err(|error| failed(error.to_string()))?;
@@ -222,10 +226,10 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
-    /// What all cells say of their state from now on.
+    /// Returns the states that all cells report from now on.
     ///
     /// # Errors
-    /// Where the broker does not let us listen.
+    /// If the broker does not allow listening.
     pub async fn states(&self) -> Result<States, BrokerError> {
         let heard = self.link.client.subscribe(subject::ALL_STATES).await;
         let heard = heard.map_err(|error| self.link.failed("listen to the cells", error))?;
@@ -233,17 +237,17 @@ impl OfficeLink {
     }
 }
 
-/// What cells say of their state.
+/// The states that cells report.
 pub struct States {
     heard: Subscriber,
     link: Link,
 }
 
 impl States {
-    /// The next one: by which subject it came, and its bytes.
+    /// Returns the next state: the subject by which it came, and its bytes.
     ///
     /// # Errors
-    /// Where the connection is lost.
+    /// If the connection is lost.
     pub async fn next(&mut self) -> Result<(String, Vec<u8>), BrokerError> {
         match self.heard.next().await {
             Some(state) => Ok((state.subject.to_string(), state.payload.into())),

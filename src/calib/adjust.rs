@@ -2,15 +2,16 @@
 //!
 //! A corner q of the board is seen by station i at
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · q,   X = to_from_camera, Y = holder_from_board, Mᵢ = to_from_holder,              (1)
-//! where the flange stood at `base_from_flange · exp(eᵢ)`: what the robot reports is off by an unknown small twist
-//! eᵢ = (ω, v), the same for all corners of a picture. Minimised over X, Y and every eᵢ is
+//! where the flange was at `base_from_flange · exp(eᵢ)`: the pose that the robot reports is off by an unknown small
+//! twist eᵢ = (ω, v), the same for all corners of a picture. The sum minimised over X, Y and every eᵢ is
 //!     Σᵢ Σⱼ |pixelᵢⱼ − π(pᵢⱼ)|² / σ²  +  Σᵢ |ωᵢ|² / σω² + |vᵢ|² / σv².                                        (2)
-//! By Gauss–Newton on right perturbations, the eᵢ eliminated picture by picture (Schur complement). Without eᵢ, the
-//! corners of a picture would count as independent and the stated uncertainty would be many times too small.
+//! The method is Gauss–Newton on right perturbations, with the eᵢ eliminated picture by picture (Schur complement).
+//! Without eᵢ, the corners of a picture would count as independent and the stated uncertainty would be many times
+//! too small.
 //!
-//! σ, σω and σv are estimated, each as Σ v² / redundancy (Förstner's variance components); none is assumed. Where the
-//! 3D camera measured the corners, its points stand in place of pixels and σ is in mm. The intrinsics are taken as
-//! they are; what their own error does to the mount is told by `influence`.
+//! σ, σω and σv are estimated, each as Σ v² / redundancy (Förstner's variance components); none is assumed. If the
+//! 3D camera measured the corners, its points replace the pixels and σ is in mm. The intrinsics are used as they
+//! are; `influence` states the effect of their own error on the mount.
 
 use super::arrangement::{Arrangement, Twist, exp, log};
 use super::chain::{Both, Chain, Gram, Station};
@@ -33,7 +34,7 @@ pub struct Noise {
 const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
-/// The number of steps after which the noise estimate may still change slowly where camera and board are stationary.
+/// The number of steps after which the noise estimate may still change slowly if camera and board no longer move.
 const ENOUGH_STEPS: usize = 60;
 /// The steps end when camera and board move by less than this, mm and mrad.
 const SETTLED: f64 = 1e-7;
@@ -43,18 +44,19 @@ const SETTLED: f64 = 1e-7;
 pub struct Adjusted<A: Arrangement> {
     /// The camera's mount, which is looked for.
     pub to_from_camera: Rigid<A::To, A::From>,
-    /// Where the board is held.
+    /// The board's pose on its holder.
     pub holder_from_board: Rigid<A::Holder, Board>,
     /// The noise found.
     pub noise: Noise,
-    /// Residuals beyond those that the unknowns can take up: how well the noise is known.
+    /// Number of residuals beyond those that the unknowns can absorb: how well the noise is known.
     pub redundancy: f64,
     /// Covariance of (mount, board), twists on the right, rad and mm.
     pub(super) covariance: Both,
 }
 
 impl<A: Arrangement> Adjusted<A> {
-    /// Covariance of a point that stands still before the camera, seen from what the camera is mounted on, mm².
+    /// Returns the covariance of a point that is fixed before the camera, in the frame that the camera is mounted
+    /// on, mm².
     pub fn covariance_at(&self, point: Point<A::From>) -> Matrix3<f64> {
         covariance_at(&self.to_from_camera, &self.covariance, point)
     }
@@ -97,10 +99,10 @@ pub(super) fn prior(noise: &Noise) -> Matrix6<f64> {
 
 const WHAT: &str = "camera mount and board";
 
-/// Adjusts from a start; with `noise` given, it is kept.
+/// Adjusts from a start; if a noise is given, it is kept.
 ///
 /// # Errors
-/// Where the unknowns are not determined, or the steps do not settle.
+/// If the unknowns are not determined, or the steps do not settle.
 pub(super) fn adjust<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],
@@ -127,7 +129,8 @@ pub(super) fn adjust<A: Arrangement>(
         let is_steady = steady(noise.corner, estimated.corner)
             && steady(noise.turn_rad, estimated.turn_rad)
             && steady(noise.shift_mm, estimated.shift_mm);
-        // Few poses hardly tell a small noise of the robot: it creeps on while camera and board stand.
+        // A few poses hardly determine a small noise of the robot: it still changes slowly while camera and board
+        // no longer move.
         let settled = moved < SETTLED && (is_steady || index >= ENOUGH_STEPS);
         noise = estimated;
         if settled {
@@ -186,7 +189,7 @@ impl Step {
         })
     }
 
-    /// Moves the state and says how far camera and board went, mm and mrad.
+    /// Moves the state and returns how far camera and board moved, mm and mrad.
     fn apply(&self, grams: &[Gram], state: &mut State) -> f64 {
         let [mount, board] = [0, 6].map(|row| Twist::from(self.both.fixed_rows::<6>(row)));
         state.mount *= exp(&mount);
@@ -228,7 +231,8 @@ impl Step {
         let rows: usize = grams.iter().map(|gram| gram.rows).sum();
         let corners = (rows as f64 - 12.0 - turn - shift).max(1.0);
         let square: f64 = grams.iter().map(|gram| gram.square).sum();
-        // A step is bounded, so that one far start does not throw a component to where it cannot come back from.
+        // A step is limited, so that one bad start does not move a component to a value from which it cannot
+        // return.
         let bounded = |new: f64, old: f64, floor: f64| new.sqrt().clamp(0.2 * old, 5.0 * old).max(floor);
         Noise {
             corner: bounded(square / corners, noise.corner, NOISE_FLOOR.corner),
@@ -238,7 +242,7 @@ impl Step {
     }
 }
 
-/// Inverse of a normal matrix whose unknowns have unlike units, scaled to ones on its diagonal first.
+/// Returns the inverse of a normal matrix of unknowns with different units, scaled to ones on its diagonal first.
 pub(super) fn scaled_inverse<D: Dim>(normal: &OMatrix<f64, D, D>) -> Option<OMatrix<f64, D, D>>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,

@@ -1,10 +1,10 @@
 //! The kinematics of an arm whose links differ slightly from the drawing.
 //!
-//! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer, Hofbaur 2014),
-//! with a small motion Eᵢ of six numbers after each of the first five axes: the axis zero, its two twists, and three
-//! lengths. These numbers describe every geometric error of six axes, except what the frames at both ends absorb (an error before
-//! axis 1 belongs to the base, one after axis 6 to the tool). Under its weight the arm sags about axes 2 and 3 by an
-//! angle that is proportional to the lever of the load.
+//! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer,
+//! Hofbaur 2014). A small motion Eᵢ of six numbers follows each of the first five axes: the axis zero, its two
+//! twists, and three lengths. These numbers describe every geometric error of six axes, except the part that the
+//! frames at both ends absorb: an error before axis 1 belongs to the base, one after axis 6 to the tool. Under its
+//! weight the arm sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
 
 use super::arrangement::{Twist, exp};
 use crate::cell::ArmGeometry;
@@ -53,7 +53,7 @@ fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     })
 }
 
-/// Where the flange of such an arm is.
+/// Returns the flange's pose of such an arm.
 pub fn base_from_flange(
     geometry: &ArmGeometry,
     joints: &Joints,
@@ -111,7 +111,7 @@ impl AxisFault {
         exchanged.chain((1..=6).map(AxisFault::Sign)).collect()
     }
 
-    /// The axes as they are where the file has this fault.
+    /// Returns the true axis angles if the file has this fault.
     pub fn mended(self, joints: &Joints) -> Joints {
         let mut all = joints.degrees();
         match self {

@@ -1,8 +1,8 @@
-//! The two arrangements of camera and board (thesis Fig. 3.8): camera in the cell and board on the flange, or the other
-//! way round.
+//! The two arrangements of camera and board (thesis Fig. 3.8): camera in the cell and board on the flange, or the
+//! reverse.
 //!
-//! In both, `camera_from_board = to_from_camera⁻¹ · to_from_holder · holder_from_board` (Eq. 3.18, 3.19), where only
-//! the middle moves: `base_from_flange` for a fixed camera, `flange_from_base` for one on the flange.
+//! In both, `camera_from_board = to_from_camera⁻¹ · to_from_holder · holder_from_board` (Eq. 3.18, 3.19). Only the
+//! middle factor moves: `base_from_flange` for a fixed camera, `flange_from_base` for one on the flange.
 
 use crate::cell::{FlangeCameraMount, Mount, ScannerMount};
 use crate::geometry::{Base, Flange, Frame, Rigid};

@@ -1,8 +1,8 @@
-//! Filled ellipses in a picture: what may be a circle of a board, darker or lighter than what is around it.
+//! Filled ellipses in a picture: candidates for the circles of a board, darker or lighter than their surroundings.
 //!
-//! A pixel counts that differs from the mean of its surroundings. Pixels that touch are a piece; a piece of area A with the
-//! covariance C of its pixels is an ellipse where A = 4π √det C, which neither letters nor wood grain are. The work grows with
-//! the number of pixels alone.
+//! A pixel counts if it differs from the mean of its surroundings. Pixels that touch form a piece. A piece of area
+//! A with the covariance C of its pixels is an ellipse if A = 4π √det C, which neither letters nor wood grain
+//! fulfil. The work grows only with the number of pixels.
 
 use crate::geometry::{GrayPicture, Mask, Pixel};
 use crate::imaging::{self, ImagingError};
@@ -32,10 +32,11 @@ const RIM_PARTS: usize = 40;
 /// More than all grey levels of a picture together.
 const COUNT: u64 = 1 << 36;
 
-/// The blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the picture's.
+/// Finds the blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the
+/// picture's.
 ///
 /// # Errors
-/// Where OpenCV refuses the picture, such as an empty one.
+/// If OpenCV refuses the picture, for example an empty one.
 pub(super) fn blobs(
     picture: &GrayPicture,
     sums: &Sums,

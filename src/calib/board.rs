@@ -1,11 +1,11 @@
-//! The board that is looked at: chessboard, ChArUco or a grid of circles, its corners (of circles, their centres) as points of
-//! frame `Board`.
+//! The board in the pictures: chessboard, ChArUco or a grid of circles, with its corners (for circles, their
+//! centres) as points of frame `Board`.
 //!
 //! Corner (column, row) lies at (column · square, row · square, 0) mm; x runs along a row, y down, z away from the
-//! viewer. A chessboard is named by its inner corners, ChArUco by its squares, as OpenCV does. A chessboard with one odd
-//! and one even side has a unique first corner, the one whose outer square is black; others look the same upside down.
-//! Circles stand in COLUMNS×ROWS; in an asymmetric grid each second row is shifted by the distance of rows, and circles of a
-//! row are twice that distance apart, as OpenCV counts them.
+//! viewer. A chessboard is named by its inner corners, ChArUco by its squares, as in OpenCV. A chessboard with one
+//! odd and one even side has a unique first corner, the one with a black outer square; others look the same upside
+//! down. Circles are arranged in COLUMNS×ROWS. In an asymmetric grid every second row is shifted by the distance of
+//! rows, and circles of a row are twice that distance apart, as OpenCV counts them.
 
 use super::error::CalibError;
 use crate::geometry::{Board as BoardFrame, Pixel, Point};
@@ -47,11 +47,12 @@ pub struct Board {
 const INNER: std::ops::RangeInclusive<usize> = 3..=60;
 
 impl Board {
-    /// The board that `--board` and `--square-mm` name: `9x6`, `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`, or
-    /// `circles:COLUMNSxROWS:MM` and `acircles:COLUMNSxROWS:MM`, which need no `--square-mm`.
+    /// Parses the board that `--board` and `--square-mm` name: `9x6`,
+    /// `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`, or `circles:COLUMNSxROWS:MM` and
+    /// `acircles:COLUMNSxROWS:MM`, which need no `--square-mm`.
     ///
     /// # Errors
-    /// Where the text names no board, a number is out of range, or a marker is as large as its square.
+    /// If the text names no board, a number is out of range, or a marker is as large as its square.
     pub fn parse(text: &str, square_mm: impl Into<Option<f64>>) -> Result<Self, CalibError> {
         let wrong = |message: String| CalibError::Board { text: text.to_owned(), message };
         let parts: Vec<&str> = text.split(':').collect();
@@ -180,7 +181,7 @@ impl Board {
         }
     }
 
-    /// The inner corner in this column and row, from 0; `None` where the board has none.
+    /// Returns the inner corner in this column and row, from 0; `None` if the board has none there.
     pub fn corner(&self, column: usize, row: usize) -> Option<Point<BoardFrame>> {
         let across = match self.pattern {
             Pattern::Circles { asymmetric: true } => 2 * column + row % 2,
@@ -221,8 +222,8 @@ impl Board {
         [first, second, third, all.filter(breaks).min_by_key(|&corner| away(corner)).unwrap_or(fourth)]
     }
 
-    /// Do these corners come to lie on each other where the board is turned or mirrored? Touched from its other end, they then
-    /// have the same distances.
+    /// Returns whether these corners coincide with each other if the board is rotated or mirrored. Touched from its
+    /// other end, they then have the same distances.
     pub fn looks_alike(&self, corners: &[(usize, usize)]) -> bool {
         let (right, low) = (self.columns - 1, self.rows - 1);
         let mut ways: Vec<fn(usize, usize, usize, usize) -> (usize, usize)> =

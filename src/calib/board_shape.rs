@@ -1,11 +1,12 @@
-//! Is the board flat, and are its squares alike?
+//! Tests whether the board is flat and its squares are equal.
 //!
-//! A bent board, or one with unequal squares, leaves residuals that are the same at each of its corners in all pictures, which no lens and
-//! no pose takes up. Each corner's place on the board gets an offset δⱼ of its own, as OpenCV's `calibrateCameraRO` has it; lens and poses,
-//! and the offsets, are adjusted in turn. For lens and poses fixed each offset is
+//! A bent board, or one with unequal squares, leaves residuals that are the same at each of its corners in all
+//! pictures, which no lens and no pose absorbs. Each corner's place on the board gets its own offset δⱼ, as in
+//! OpenCV's `calibrateCameraRO`. Lens and poses are adjusted in turn with the offsets. For fixed lens and poses
+//! each offset is
 //!     δⱼ = (Σᵢ JᵢⱼᵀJᵢⱼ)⁻¹ Σᵢ Jᵢⱼᵀ rᵢⱼ,                                                                           (1)
-//! with J the slope of the pixel by the corner's place. What offsets have in common with a motion or another scale of the whole board is
-//! the poses' and is taken out of what is stated.
+//! with J the derivative of the pixel by the corner's place. The part of the offsets that is a motion or another
+//! scale of the whole board belongs to the poses, and is removed from the stated offsets.
 
 use super::detect::Corners;
 use super::lens_fit::{self, LensFit};
@@ -16,7 +17,7 @@ use std::collections::BTreeMap;
 
 /// Rounds of the adjustment in turn.
 const ROUNDS: usize = 6;
-/// Fewer pictures tell no shape from noise.
+/// With fewer pictures a shape cannot be distinguished from noise.
 const LEAST_VIEWS: usize = 6;
 /// A corner's place is an unknown if at least this many pictures show it.
 const LEAST_SEEN: usize = 4;
@@ -43,7 +44,8 @@ fn key(q: &Point<Board>) -> [i64; 2] {
     [q.mm.x, q.mm.y].map(|mm| (mm * 1e3).round() as i64)
 }
 
-/// The board's shape where it explains the residuals; `None` for a flat board, or where the pictures do not tell.
+/// Returns the board's shape if it explains the residuals; `None` for a flat board, or if the pictures do not
+/// determine it.
 pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<BoardShape> {
     let rms = |square: f64, free: f64| (2.0 * square / free).sqrt();
     let own = model.count() as f64 + 6.0 * corners.len() as f64;

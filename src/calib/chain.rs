@@ -155,7 +155,7 @@ impl Chain {
         let seen = (camera_from_board * q.mm).coords;
         let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
         let in_holder = self.holder_from_board * q.mm;
-        // exp(e) stands right before the point in the flange's frame; for a camera on the flange its inverse does.
+        // exp(e) acts directly on the point in the flange's frame; for a camera on the flange its inverse does.
         let (in_flange, flange_turn) = if self.eye_in_hand {
             let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
             ((self.flange_from_base * in_holder).coords, turn)
@@ -170,7 +170,7 @@ impl Chain {
         (seen, corner)
     }
 
-    /// `None` where a corner would stand behind the camera.
+    /// Returns this station's part; `None` if a corner would be behind the camera.
     pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<Gram> {
         let (mut gram, camera_from_holder) = (Gram::empty(), self.camera_from_holder());
         match seen {
@@ -191,8 +191,9 @@ impl Chain {
         Some(gram)
     }
 
-    /// The part of the normal equations that a factor 1 + s has beside mount, board and flange: on the size of the board's squares, so that
-    /// every corner lies at (1 + s) · q, or on the focal lengths, which points of a 3D camera do not ask.
+    /// Returns the part of the normal equations for a factor 1 + s beside mount, board and flange. It scales the
+    /// board's squares, so that every corner lies at (1 + s) · q. Or it scales the focal lengths, on which points
+    /// of a 3D camera do not depend.
     pub fn factor_gram<C: Frame>(
         &self,
         camera: &PinholeCamera,

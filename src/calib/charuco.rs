@@ -1,9 +1,10 @@
-//! ChArUco boards: their markers identify the corners, also where a part of the board is covered.
+//! ChArUco boards: their markers identify the corners, even if a part of the board is covered.
 //!
-//! OpenCV's aruco module finds the markers. The corners of the squares are predicted from the corners of the markers and located by
-//! the print around them (`print`); each located corner predicts the next ones, so that a few markers are enough. Where that finds
-//! too few corners, the lattice of a chessboard (`charuco_lattice`) is used, which needs no readable marker.
-//! The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
+//! OpenCV's aruco module finds the markers. The corners of the squares are predicted from the corners of the
+//! markers and located by the print around them (`print`). Each located corner predicts the next ones, so a few
+//! markers are enough. If that finds too few corners, the lattice of a chessboard (`charuco_lattice`) is used,
+//! which needs no readable marker. The layout is defined in this program, so that any version reads boards printed
+//! by OpenCV before 4.6 (`legacy`) and since.
 
 use super::board::{Board, Charuco, Corners};
 use super::charuco_grow::{Grown, Search};
@@ -23,12 +24,12 @@ use std::collections::BTreeMap;
 const MIN_CORNERS: usize = 8;
 /// How far a marker's corner may lie from the common plane of all, as a share of its side: a lens bends far less.
 const BENT_WHOLE: f64 = 0.6;
-/// Where the markers lead to this share of the corners, the others are hidden.
+/// If the markers lead to this share of the corners, the others are hidden.
 const ENOUGH: f64 = 0.6;
 /// Lattices of one look that are compared with the board.
 const MOST_LATTICES: usize = 6;
 
-/// Finds the board, or says which other one the picture shows.
+/// Finds the board, or reports which other board the picture shows.
 pub(super) fn detect(
     name: &str,
     picture: &GrayPicture,
@@ -159,7 +160,7 @@ fn found(
     if found.corners.len() < MIN_CORNERS { Err(none()) } else { Ok(found) }
 }
 
-/// The markers that lie where one plane has all of them: without those of something else, or wrongly read.
+/// Returns the markers that fit one common plane, without those of other objects or wrongly read ones.
 fn of_one_plane(mut markers: Vec<Near>, board: &Board, charuco: &Charuco) -> Vec<Near> {
     while markers.len() >= 3 {
         let (places, pixels) = placed(board, charuco, &markers);
@@ -179,7 +180,7 @@ fn of_one_plane(mut markers: Vec<Near>, board: &Board, charuco: &Charuco) -> Vec
     markers
 }
 
-/// The places of markers' corners on the board, mm, and where they are seen.
+/// Returns the places of the markers' corners on the board, mm, and their pixels.
 fn placed(board: &Board, charuco: &Charuco, markers: &[Near]) -> (Vec<[f64; 2]>, Vec<Pixel>) {
     let (square, inset) = (board.square_mm(), (board.square_mm() - charuco.marker_mm) / 2.0);
     let side = charuco.marker_mm;
@@ -241,10 +242,11 @@ fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
     Ok(best)
 }
 
-/// The cells of a board's markers with their rims, in the order of [`Board::marker_squares`]: for printing it.
+/// Returns the cells of a board's markers with their rims, in the order of [`Board::marker_squares`]: for printing
+/// the board.
 ///
 /// # Errors
-/// Where the dictionary is unknown or holds too few markers.
+/// If the dictionary is unknown or has too few markers.
 pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     let Some(charuco) = board.markers() else { return Ok(Vec::new()) };
     let unknown = || CalibError::Board {

@@ -12,16 +12,16 @@ use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
-/// So many places at most, within so many squares of a corner, tell where it is.
+/// A corner is predicted from the known places within `NEAR_SQUARES` squares, at most `NEAREST` of them.
 const NEAR_SQUARES: f64 = 2.6;
 const NEAREST: usize = 20;
-/// From so many corners on the others are looked for, in so many rounds at most, and a corner that is known to so much, px,
-/// not farther from where it is foretold than this share of a square's side, is one.
+/// Limits of the search: its rounds, the standard deviation of a corner, px, and the distance of a corner from its
+/// prediction, as a share of a square's side.
 const MOST_ROUNDS: usize = 12;
 const KNOWN_PX: f64 = 0.6;
 const MOVED: f64 = 0.2;
 
-/// Places of the board, mm, and where they are seen.
+/// Places on the board, mm, and their pixels.
 pub(super) type Known = Vec<([f64; 2], Pixel)>;
 /// Corners by column and row.
 pub(super) type Grown = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
@@ -70,7 +70,7 @@ impl Search<'_> {
         all
     }
 
-    /// Where the corners that were not found would be, from those that were.
+    /// Predicts the corners that were not found from those that were found.
     pub fn foretold(&self, all: &Grown) -> Corners {
         let known = known(all);
         let places =
@@ -84,8 +84,9 @@ impl Search<'_> {
         foretold.collect()
     }
 
-    /// Whether the picture shows the markers where the corners have them, in the odd rows of squares and in the even ones: of a
-    /// board's other pattern (`legacy`) every second row has the same markers in the same places.
+    /// Returns whether the picture shows the markers at the places that the corners give, in the odd rows of
+    /// squares and in the even ones. In a board's other pattern (`legacy`) every second row has the same markers in
+    /// the same places.
     pub fn shows_markers(&self, all: &Grown, cells: &Cells) -> bool {
         let Some(markers) = self.board.markers() else { return false };
         let (known, side) = (known(all), self.board.square_mm());

@@ -1,9 +1,10 @@
-//! Assigns the corners of a lattice to those of a ChArUco board by the cells of its markers, none of which needs to be readable.
+//! Assigns the corners of a lattice to those of a ChArUco board by the cells of its markers; no marker needs to be
+//! readable.
 //!
-//! The squares of a ChArUco board meet in corners as those of a chessboard do, and `chessboard` joins them to a lattice also where
-//! blur, noise or a glare hides the markers' codes. The lattice can lie on the board in four rotations and at several
-//! positions. For each of these the grey levels at the centres of all cells are compared with the print, square by
-//! square, and one assignment must be clearly the best.
+//! The squares of a ChArUco board meet in corners as those of a chessboard do. `chessboard` joins them to a lattice
+//! even if blur, noise or a glare hides the markers' codes. The lattice can lie on the board in four rotations and
+//! at several positions. For each of these the grey levels at the centres of all cells are compared with the print,
+//! square by square. One assignment must be clearly the best.
 
 use super::board::Board;
 use super::chessboard::Grid;
@@ -24,7 +25,7 @@ pub(super) type LatticeCorners = Vec<((i32, i32), Pixel)>;
 /// The cells of a board's markers, each square's by column and row.
 pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
 
-/// The seen corners of a lattice as those of the board; `None` where no place is clearly the right one.
+/// Assigns the seen corners of a lattice to those of the board; `None` if no position is clearly the right one.
 pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Cells) -> Option<LatticeCorners> {
     let share = board.markers()?.marker_mm / board.square_mm();
     let mut seen: LatticeCorners = Vec::new();
@@ -87,8 +88,8 @@ fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64
     (all.len() >= LEAST_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
 }
 
-/// The correlation of the grey levels with a square's print, without so many cells at its rim: the outermost ones are black in
-/// every marker.
+/// Returns the correlation of the grey levels with a square's print, without a number of cells at its rim: the
+/// outermost ones are black in every marker.
 pub(super) fn correlation(
     smooth: &Smooth,
     plane: &Matrix3<f64>,

@@ -1,11 +1,12 @@
-//! Where a picture shows a chessboard, to about a pixel, by work that does not depend on what the picture holds.
+//! Finds a chessboard in a picture to about a pixel, by work that does not depend on the picture's content.
 //!
-//! The picture is looked at several times, at a small size first: a large board is found there, and the last look sees at
-//! most [`MOST_PX`] pixels. Each look joins crossings of edges to lattices (`crossings`, `lattice`). A lattice with the board's
-//! columns and rows is the board, also where a glare hides some of its corners; no outer line may be followed by another one,
-//! since a part of a larger board is no board. Neither a white rim nor light around the board is needed.
-//! (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for minutes. `findChessboardCornersSB`
-//! misses boards in the dark, and with a glare; it has the last look, at a small size.)
+//! The picture is examined several times, at a small size first: a large board is found there, and the last pass
+//! sees at most [`MOST_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`, `lattice`). A
+//! lattice with the board's columns and rows is the board, even if a glare hides some of its corners. No outer line
+//! may be followed by another one, since a part of a larger board is no board. Neither a white rim nor light around
+//! the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for
+//! minutes. `findChessboardCornersSB` misses boards in the dark, and with a glare; it makes the last pass, at a
+//! small size.)
 
 use super::board::Board;
 use super::crossings::{Crossing, Smooth, crossings, noise};
@@ -27,7 +28,7 @@ const SECTOR_BASED_PX: usize = 850_000;
 const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// The smallest chessboard that is called one, inner corners.
 const SMALLEST: usize = 3;
-/// So many of the board's corners must be seen.
+/// The share of the board's corners that must be seen.
 const SEEN_SHARE: f64 = 0.5;
 /// … and of another board, before it is called one.
 const OTHER_SHARE: f64 = 0.8;
@@ -41,7 +42,7 @@ const WINDOW_SHARE: f64 = 0.3;
 /// A corner of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Node {
-    /// Where it is.
+    /// The corner's position.
     pub pixel: Pixel,
     /// Was it detected, or is it predicted from its neighbours?
     pub is_seen: bool,
@@ -147,7 +148,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// A lattice with the corners that it lacks; `None` where it determines no plane.
+    /// Completes a lattice with its missing corners; `None` if it determines no plane.
     fn of(lattice: &Lattice, crossings: &[Crossing]) -> Option<Self> {
         let [(left, right), (low, high)] = extent(lattice);
         let (columns, rows) = ((right - left + 1) as usize, (high - low + 1) as usize);
@@ -201,7 +202,7 @@ impl Grid {
         [self.columns.max(self.rows), self.columns.min(self.rows)]
     }
 
-    /// The same corners with so many columns and rows; `None` where it has others.
+    /// Returns the same corners with this number of columns and rows; `None` if the grid has other numbers.
     fn turned_to(&self, columns: usize, rows: usize) -> Option<Grid> {
         if (self.columns, self.rows) == (columns, rows) {
             return Some(self.clone());
@@ -212,7 +213,7 @@ impl Grid {
     }
 }
 
-/// Where a plane has a place, moved as the corners nearest to it are: a lens bends them.
+/// Predicts the pixel of a place by a plane, shifted as the nearest corners are: a lens bends them.
 fn foretold(plane: &Matrix3<f64>, place: [f64; 2], (places, pixels): (&[[f64; 2]], &[Pixel])) -> Option<Pixel> {
     let at = |[x, y]: [f64; 2]| {
         let p = plane * Vector3::new(x, y, 1.0);
@@ -260,7 +261,7 @@ fn goes_on(picture: &GrayPicture, grid: &Grid) -> bool {
         let fit = |at: Vector2<f64>| {
             saddle::refine(picture, Pixel::at(at.x, at.y), edges, window.clamp(3.0, 11.0) as usize, noise)
         };
-        // Where one black square ends alone there is half of a corner's contrast.
+        // If only one black square ends there, the contrast is half that of a corner.
         match (fit(outer), fit(beyond)) {
             (Some(own), Some(next)) => next.contrast * own.contrast < -HALF_CONTRAST * own.contrast.powi(2),
             _ => false,
@@ -273,8 +274,8 @@ fn goes_on(picture: &GrayPicture, grid: &Grid) -> bool {
     })
 }
 
-/// The corners in the board's own order: never mirrored; a board with a unique first corner begins where the outer square
-/// is black, a square one in the upper left, another one with its upper end.
+/// Returns the corners in the board's own order, never mirrored. A board with a unique first corner begins with the
+/// black outer square, a square board in the upper left, any other board with its upper end.
 fn oriented(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
     let (columns, rows, mut corners) = (grid.columns, grid.rows, grid.nodes);
     let [first, right, below] = [0, columns - 1, (rows - 1) * columns].map(|index| corners[index].pixel);
@@ -295,7 +296,8 @@ fn oriented(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
     corners
 }
 
-/// Of the four turns of a square grid the one whose first corner is nearest the picture's upper left.
+/// Returns the one of the four rotations of a square grid with its first corner nearest to the picture's upper
+/// left.
 fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
     let turned = |corners: &Vec<Node>| -> Vec<Node> {
         let at = |index: usize| corners[(side - 1 - index % side) * side + index / side];
@@ -307,7 +309,7 @@ fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
     all.into_iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default()
 }
 
-/// Is the outer square at the first corner white? All squares between corners that were seen say so.
+/// Returns whether the outer square at the first corner is white, by all squares between corners that were seen.
 fn begins_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
     // Sum and count of the squares of the outer square's colour, and of the others.
     let mut sums = [(0.0, 0.0); 2];
@@ -363,7 +365,7 @@ mod tests {
         assert_eq!(turned.turned_to(4, 3).map(|grid| grid.nodes), Some(right.clone()));
         assert_eq!(turned.turned_to(5, 3), None);
         let picture = GrayPicture::filled(8, 8, 0);
-        // Both sides even: the upper end comes first, whichever way the corners were found.
+        // Both sides even: the upper end comes first, independent of the order in which the corners were found.
         let board = Board::parse("6x4", 1.0).expect("a board");
         let upright: Vec<(usize, usize)> = (0..24).map(|i| (i % 6, i / 6)).collect();
         let expected: Vec<Node> = upright.iter().copied().map(node).collect();

@@ -18,13 +18,13 @@ const AREAS: f64 = 5.5;
 const FIRST: usize = 6;
 const PAIRS: usize = 4;
 const SEEDS: usize = 25;
-/// So many of the board's circles must be seen.
+/// The share of the board's circles that must be seen.
 const SEEN_SHARE: f64 = 0.5;
 
 /// Circles by their place in the board's list.
 pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
-/// The board among the blobs, of which the likeliest come first; `None` where it is not there.
+/// Finds the board among the blobs, which are sorted with the likeliest first; `None` if it is not there.
 pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
     let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut used: BTreeSet<usize> = BTreeSet::new();
@@ -116,7 +116,7 @@ fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)
     lattice
 }
 
-/// The lattice in the board's own places, first the upper one where there are several ways.
+/// Assigns the lattice to the board's own places; if several ways fit, the first circle is the upper one.
 fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board) -> Option<LatticePositions> {
     let is_asymmetric = board.circles()?;
     let places: BTreeMap<(i32, i32), usize> = (0..board.count())
@@ -151,7 +151,7 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
     ways.into_iter().filter(|way| way.len() == most).min_by(|a, b| upper(a).total_cmp(&upper(b)))
 }
 
-/// Where the board's first column and row are among coordinates, of the places that would hold most of them.
+/// Finds the coordinates of the board's first column and row, at the place that would contain most of the blobs.
 fn corner_of(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
     let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
         let (low, top) =

@@ -21,13 +21,13 @@ pub(super) struct ByPrint<'a> {
     /// The factor by which the picture is reduced for the search.
     pub times: usize,
     pub reach_mm: f64,
-    /// The contrast's sign: 1 where the print is darker than the ground.
+    /// The contrast's sign: 1 if the print is darker than the background.
     pub sign: f64,
 }
 
 impl ByPrint<'_> {
-    /// The circles of a board, from where some of them are about and their radius; `None` where there are too few to compare,
-    /// or hardly one is there.
+    /// Finds the circles of a board, from the approximate places of some of them and their radius. `None` if there
+    /// are too few to compare, or hardly any is there.
     pub fn circles(&self, board: &Board, rough: &Corners, radius_mm: f64) -> Option<Corners> {
         let small = if self.times == 1 { None } else { Some(foreign::reduced(self.picture, self.times).ok()?) };
         let small = small.as_ref().unwrap_or(self.picture);

@@ -1,10 +1,11 @@
-//! Grids of circles: found as ellipses, ordered as a grid, each centre placed by its grey levels.
+//! Grids of circles: found as ellipses, ordered as a grid, each centre located by its grey levels.
 //!
-//! Candidates are ordered by `circle_lattice`; it is given at most [`MOST_CANDIDATES`]. A centre is the middle of what differs
-//! from the plane of grey levels around the circle, so that blur and falling light do not move it. The centre of the ellipse
-//! that a tilted circle shows is not where its centre is seen (Heikkilä, IEEE T-PAMI 22, 2000): with the board's homography and
-//! the circles' size that difference is taken off. Where one of the outer four circles is larger than all others, it is the
-//! first: it tells how a board is turned that looks alike from several sides.
+//! Candidates are ordered by `circle_lattice`, which receives at most [`MOST_CANDIDATES`]. A centre is the middle
+//! of the pixels that differ from the plane of grey levels around the circle, so that blur and falling light do not
+//! move it. The centre of the ellipse that a tilted circle shows is not the image of the circle's centre (Heikkilä,
+//! IEEE T-PAMI 22, 2000). The board's homography and the circles' size give this difference, and it is subtracted.
+//! If one of the four outer circles is larger than all others, it is the first: it shows the rotation of a board
+//! that looks the same from several sides.
 
 use super::blobs::{Blob, Sums, blobs};
 use super::board::{Board, Corners};
@@ -32,15 +33,15 @@ const WINDOW: f64 = 0.48;
 const GROUND: f64 = 0.40;
 /// Circles with windows that reach farther are placed in a smaller picture, px.
 const REACH_PX: f64 = 13.0;
-/// A circle that is found farther from where its grid has it is none, as a share of the distance to its neighbour.
+/// A circle that is farther from its place in the grid is rejected, as a share of the distance to its neighbour.
 const BENT: f64 = 0.2;
 
-/// A circle whose radius differs by this share from that of the others is not seen whole.
+/// A circle with a radius that differs from the others' by this share is not completely visible.
 const CUT: f64 = 0.12;
 /// A circle at a corner that is larger by this factor than all others marks the first.
 const MARK: f64 = 1.3;
 
-/// A circle's number on the board, and where it is.
+/// A circle's number on the board, and its pixel.
 type Numbered = Vec<(usize, Pixel)>;
 
 /// Finds the circles of a board.
@@ -81,7 +82,7 @@ pub(super) fn detect(
             }
         }
     }
-    // The largest grid is the likeliest; the next ones are looked at where it is none.
+    // The largest grid is the likeliest; the next ones are tried if it is no grid of the board.
     all.sort_by_key(|(rough, _)| std::cmp::Reverse(rough.len()));
     let best = all.iter().take(MOST_GRIDS).find_map(|(rough, lighter)| {
         let (first, radii_mm) = placed(picture, board, rough, *lighter)?;
@@ -107,7 +108,7 @@ fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
     }
 }
 
-/// The candidates that are circles of the board; `None` where they are no such grid.
+/// Returns the candidates that are circles of the board; `None` if they form no such grid.
 fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
     let count = board.count() / 2;
     if found.len() < count {
@@ -127,7 +128,7 @@ fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
     Some(placed.into_iter().map(|(index, blob)| (index, blob.middle)).collect())
 }
 
-/// The circles numbered so that the marked one is the first; `None` where none is marked, or it is the first already.
+/// Numbers the circles so that the marked one is the first; `None` if none is marked, or it is the first already.
 fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Numbered> {
     let usual = median(&mut radii_mm.to_vec())?;
     let (columns, rows, last) = (board.columns(), board.rows(), board.count() - 1);
@@ -156,8 +157,8 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
     Some(all)
 }
 
-/// All centres to sub-pixel, and the circles' radii; `None` where what was found is no plane grid. Circles that no centre is
-/// found of, and those that stand apart from the others, are left out.
+/// Returns all centres to sub-pixel, and the circles' radii; `None` if the candidates form no plane grid. Circles
+/// without a centre, and those far from the others' grid, are left out.
 fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool) -> Option<(Detected, Vec<f64>)> {
     let places = board.corners();
     let place = |number: usize| [places[number].mm.x, places[number].mm.y];
@@ -207,8 +208,8 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
     Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
 }
 
-/// Those that lie where one plane has them, without the others: of a circle that a glare covers in part, the middle is elsewhere.
-/// `None` where these are more than a few.
+/// Returns the circles that lie at their predicted places on one plane. The others are removed: the middle of a
+/// circle that a glare covers in part is displaced. `None` if more than a few are removed.
 fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Numbered> {
     let places = board.corners();
     let mut kept = rough.clone();
@@ -232,7 +233,8 @@ fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Nu
     }
 }
 
-/// All circles by their print, also those that were not found before; `None` where there are too few to compare.
+/// Finds all circles by their print, including those that were not found before; `None` if there are too few to
+/// compare.
 fn printed(
     picture: &GrayPicture,
     board: &Board,
@@ -260,7 +262,7 @@ fn printed(
     ByPrint { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm)
 }
 
-/// Where the centre of a circle is seen whose ellipse has its middle there.
+/// Returns the image of a circle's centre, given the middle of its ellipse.
 fn seen_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_mm: f64) -> Option<Pixel> {
     let (seen, ellipse) = (pixel_of(plane, place), ellipse_middle(plane, place, radius_mm)?);
     Some(Pixel::at(middle.u + seen.u - ellipse.u, middle.v + seen.v - ellipse.v))

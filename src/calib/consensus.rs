@@ -1,8 +1,8 @@
 //! The start value of the adjustment, robust against a few wrong poses.
 //!
-//! Three stations at a time give the mount in closed form (Park & Martin). With this mount every station predicts where
-//! the board is held, and correct stations agree. The best mount has the least median of these distances
-//! (Rousseeuw, J. Am. Stat. Assoc. 79, 1984), which tolerates almost half of all poses being wrong.
+//! Three stations at a time give the mount in closed form (Park & Martin). With this mount every station predicts
+//! the board's pose on its holder, and correct stations agree. The best mount has the least median of these
+//! distances (Rousseeuw, J. Am. Stat. Assoc. 79, 1984), which tolerates almost half of all poses being wrong.
 
 use super::arrangement::Arrangement;
 use super::error::CalibError;
@@ -78,7 +78,7 @@ pub(super) fn start<A: Arrangement>(
     Ok(best)
 }
 
-/// The station whose board agrees best with the others'.
+/// Returns the station with the board pose that agrees best with the others'.
 fn medoid<A: Arrangement>(
     to_from_camera: Rigid<A::To, A::From>,
     boards: &[Rigid<A::Holder, Board>],

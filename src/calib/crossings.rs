@@ -1,8 +1,10 @@
-//! Places of a picture where two edges cross, as in the corners of a chessboard: rough, and each judged by itself.
+//! Finds places in a picture at which two edges cross, as in the corners of a chessboard: approximate, and each
+//! judged alone.
 //!
-//! In a smoothed picture such a place is a saddle: its Hessian has a negative determinant. On a ring around it the grey levels
-//! change side four times, and opposite places of the ring are alike; where an edge ends, a line passes or noise is, they are
-//! not. The four changes give the directions of both edges. The work grows with the number of pixels alone.
+//! In a smoothed picture such a place is a saddle: its Hessian has a negative determinant. On a ring around it the
+//! grey levels change side four times, and opposite places of the ring are alike. At the end of an edge, on a line
+//! or in noise they are not. The four changes give the directions of both edges. The work grows only with the
+//! number of pixels.
 
 use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::Vector2;
@@ -33,7 +35,8 @@ const RING_PX: f64 = 4.0;
 const RING: usize = 32;
 /// How alike opposite places of the ring must be: the correlation.
 const ALIKE: f64 = 0.55;
-/// Half contrasts below this are no corner, grey levels, and those below so many times the noise that is left.
+/// Half contrasts below this are no corner, grey levels, nor are those below this multiple of the noise that is
+/// left.
 const LEAST_CONTRAST: f64 = 3.0;
 const LEAST_BY_NOISE: f64 = 3.0;
 /// The smoothing leaves this share of white noise.
@@ -174,7 +177,7 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
     all
 }
 
-/// Where the gradient of the smoothed picture is zero near a saddle.
+/// Returns the point near a saddle at which the gradient of the smoothed picture is zero.
 fn settled(picture: &Smooth, column: usize, row: usize) -> Vector2<f64> {
     let mut at = Vector2::new(column as f64, row as f64);
     let start = at;
@@ -195,7 +198,7 @@ fn settled(picture: &Smooth, column: usize, row: usize) -> Vector2<f64> {
     if (at - start).norm() < 2.0 { at } else { start }
 }
 
-/// The saddle as a crossing; `None` where its ring is not that of one.
+/// Returns the saddle as a crossing; `None` if its ring is not that of a crossing.
 fn judged(picture: &Smooth, column: usize, row: usize, least_contrast: f64) -> Option<Crossing> {
     let at = settled(picture, column, row);
     let angle = |index: f64| std::f64::consts::TAU * index / RING as f64;

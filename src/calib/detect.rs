@@ -14,10 +14,10 @@ pub use super::placing::Detected;
 use super::print::Print;
 use crate::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 
-/// Finds the board's corners. `half_window_px` overrides the window; `name` is the picture's in messages.
+/// Finds the board's corners. `half_window_px` overrides the window; `name` is the picture's name in messages.
 ///
 /// # Errors
-/// Where the picture shows no such board, another one, or too little of a ChArUco board.
+/// If the picture shows no such board, another one, or too little of a ChArUco board.
 pub fn detect(
     name: &str,
     picture: &GrayPicture,

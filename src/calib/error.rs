@@ -54,7 +54,7 @@ pub enum CalibError {
         picture: String,
         /// Inner corners along the sides of the board in the picture, the longer side first.
         found: [usize; 2],
-        /// Inner corners in a row of the board that was asked for.
+        /// Inner corners in a row of the requested board.
         columns: usize,
         /// Its rows of inner corners.
         rows: usize,

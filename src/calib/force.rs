@@ -91,7 +91,7 @@ pub enum CalibrationError {
         "the readings say a payload of {payload_kg:.2} kg; are force and attitude of each reading its own, and the sign right?"
     )]
     Negative {
-        /// What they say, kg.
+        /// The payload by the readings, kg.
         payload_kg: f64,
     },
 }
@@ -99,7 +99,7 @@ pub enum CalibrationError {
 /// Fits (1).
 ///
 /// # Errors
-/// Where the readings cannot hold a result.
+/// If the readings cannot determine a result.
 pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, CalibrationError> {
     let n = readings.len() as f64;
     if readings.len() < LEAST {

@@ -51,8 +51,8 @@ pub(super) fn solve_pnp(
     }
 }
 
-/// The camera's mount from moved parts of the chain and board poses (Park & Martin, IEEE T-RA 10, 1994); `None` where
-/// the turns do not determine it.
+/// Computes the camera's mount from moved parts of the chain and board poses (Park & Martin, IEEE T-RA 10, 1994);
+/// `None` if the rotations do not determine it.
 pub(super) fn hand_eye(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
@@ -97,7 +97,8 @@ fn picture_of(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core
     named("a picture", Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32, &picture.gray))
 }
 
-/// `findChessboardCornersSB`: the inner corners of a board, row by row, to about a pixel; `None` where there is no such board.
+/// Runs `findChessboardCornersSB`: the inner corners of a board, row by row, to about a pixel; `None` if there is
+/// no such board.
 pub(super) fn chessboard(
     picture: &GrayPicture,
     (columns, rows): (usize, usize),
@@ -176,7 +177,8 @@ pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usi
     Ok(found.collect())
 }
 
-/// The cells of a marker with its black rim, row by row, white where true; its side in cells is the square root.
+/// Returns the cells of a marker with its black rim, row by row, true for white; its side in cells is the square
+/// root of their number.
 pub(super) fn marker_cells(dictionary: i32, number: usize) -> Result<Vec<bool>, ImagingError> {
     const OPERATION: &str = "a marker";
     let dictionary = named(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
@@ -186,7 +188,7 @@ pub(super) fn marker_cells(dictionary: i32, number: usize) -> Result<Vec<bool>, 
     Ok(named(OPERATION, picture.data_bytes())?.iter().map(|&gray| gray > 127).collect())
 }
 
-/// The homography from points of a plane to pixels, by least squares; `None` where they determine none.
+/// Computes the homography from points of a plane to pixels, by least squares; `None` if they determine none.
 pub(super) fn homography(places: &[[f64; 2]], pixels: &[Pixel]) -> Option<Matrix3<f64>> {
     let places: Vector<Point2d> = places.iter().map(|&[x, y]| Point2d::new(x, y)).collect();
     let pixels: Vector<Point2d> = pixels.iter().map(|pixel| Point2d::new(pixel.u, pixel.v)).collect();

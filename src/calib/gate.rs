@@ -17,9 +17,10 @@ type Bounds = (f64, f64);
 
 const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
 const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
-/// How far squares of the size that the motions say move the panel: beyond the first a person must look, beyond the second it is rejected.
+/// How far the panel moves if the squares have the size by the motions: beyond the first a person must look, beyond
+/// the second it is rejected.
 const SQUARE_MOVES_MM: Bounds = (0.1, 0.5);
-/// Where the squares' size is known to less than this share only, a wrong one would not show: 2 mm at 700 mm.
+/// If the squares' size is known less well than to this share, a wrong size would not show: 2 mm at 700 mm.
 const SQUARE_SHARE: f64 = 0.003;
 const SPREAD_DEG: f64 = 8.0;
 const FEW_POSES: usize = 10;
@@ -36,7 +37,7 @@ const LEAST_TILT_DEG: f64 = 20.0;
 const FEW_VIEWS: usize = 8;
 /// Share of the picture in which a lens must be known: below the first a person must look, below the second it is rejected.
 const SUPPORT: Bounds = (0.95, 0.1);
-/// Standard deviation of the focal length, as a share of it: 0.1 % is 0.8 mm at 800 mm.
+/// Standard deviation of the focal length, as a share of the focal length: 0.1 % is 0.8 mm at 800 mm.
 const FOCAL_SHARE: f64 = 0.001;
 /// Standard deviation of the principal point, as a share of the focal length: 0.2 mm aside at 1 m.
 const CENTRE_SHARE: f64 = 0.000_2;
@@ -72,7 +73,7 @@ impl Reasons {
         }
     }
 
-    /// A mount that is far from where it was measured by hand is another one.
+    /// Rejects a mount that is far from its hand-measured place: it is another mount.
     fn rough<A: Arrangement>(
         &mut self,
         rough: Option<&Rigid<A::To, A::From>>,
@@ -229,8 +230,9 @@ pub fn outliers_may_stay_out<A: Arrangement>(found: &HandEye<A>) -> bool {
     left_out <= found.residuals.len() / ONE_OUT_OF && used >= FEW_POSES
 }
 
-/// Is the mount from many poses good enough? Pictures that do not fit reject it, but for a few among many. `second` is the result from the
-/// 3D camera's own points, which must be as good; `rough` is where the cell's file says that the camera is, by hand.
+/// Judges whether the mount from many poses is good enough. Pictures that do not fit reject it, except for a few
+/// among many. `second` is the result from the 3D camera's own points, which must be as good; `rough` is the
+/// camera's hand-measured place in the cell's file.
 pub fn hand_eye<A: Arrangement>(
     (found, square_mm): (&HandEye<A>, f64),
     second: Option<&HandEye<A>>,
@@ -273,8 +275,8 @@ pub fn hand_eye<A: Arrangement>(
 }
 
 impl Reasons {
-    /// Pictures that do not fit, but for a few among many. Where squares or focal length are refused, it is for them that pictures were left
-    /// out.
+    /// Rejects pictures that do not fit, except for a few among many. If squares or focal length are rejected, they
+    /// are the reason that pictures were left out.
     fn fits<A: Arrangement>(&mut self, found: &HandEye<A>) {
         if outliers_may_stay_out(found) {
             return;
@@ -334,8 +336,8 @@ impl Reasons {
 /// An arm's own lengths are off by less than this share.
 const ARM_SHARE: f64 = 0.003;
 
-/// Why poses are no start for the calibration of an arm: they were meant otherwise, or the board's squares are of another size, which an arm's
-/// lengths would take up.
+/// States why poses are no start for the calibration of an arm: they have another meaning, or the board's squares
+/// have another size, which an arm's lengths would absorb.
 pub fn no_start<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<String> {
     if let Some(reading) = found.readings.first() {
         return Some(reading.to_string());
@@ -356,7 +358,8 @@ pub fn apart_mm<A: Arrangement>(first: &HandEye<A>, second: &HandEye<A>) -> f64 
     first.adjusted.to_from_camera.distance_at_mm(second.adjusted.to_from_camera, first.at)
 }
 
-/// Is the mount from three points to be believed? `rough` is where the cell's file says that the camera is, by hand.
+/// Judges whether the mount from three points is credible. `rough` is the camera's hand-measured place in the
+/// cell's file.
 pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid<A::To, A::From>>) -> Judgement {
     let mut reasons = Reasons::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
@@ -387,13 +390,13 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
     reasons.judgement()
 }
 
-/// An arm whose left-out pictures are off by less needs no correction, mm.
+/// An arm with a smaller error in left-out pictures needs no correction, mm.
 const GOOD_ARM_MM: f64 = 0.08;
-/// … and by so little, of which no correction takes anything away, neither.
+/// … nor does an arm with an error below this, if no correction removes any of the error.
 const NEARLY_GOOD_ARM_MM: f64 = 0.15;
 
-/// Does the arm go without a correction? Where it is good as it is drawn; also where it is nearly so and a correction leaves
-/// what it found: that is then the pictures' scatter.
+/// Returns whether the arm needs no correction: if it is good as drawn, or if it is nearly good and a correction
+/// leaves the error. The error is then the scatter of the pictures.
 pub fn needs_no_correction(found: &RobotFound) -> bool {
     let (before, after) = (found.left_out_before_mm, found.left_out_after_mm);
     before < GOOD_ARM_MM || (before < NEARLY_GOOD_ARM_MM && after > HELPS.1 * before)

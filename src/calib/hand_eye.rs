@@ -1,9 +1,9 @@
 //! Hand-eye calibration from many poses, with its evidence.
 //!
-//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the stations
-//! that agree → every station tested against the adjustment without it → those that fail are named (`suspects`).
-//! The result says how far off it may be, in mm at a point of the panel, from the noise that the residuals show.
-//! Whether that is good enough is `gate`'s to judge.
+//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the
+//! stations that agree → test of every station against the adjustment without it → report of those that fail
+//! (`suspects`). The result states how far off it may be, in mm at a point of the panel, from the noise that the
+//! residuals show. `gate` judges whether that is good enough.
 
 use super::adjust::{self, Adjusted};
 use super::arrangement::Arrangement;
@@ -43,7 +43,7 @@ pub struct Residual {
     pub mm: f64,
     /// Turn, degrees.
     pub deg: f64,
-    /// Did it take part in the result?
+    /// Whether it was used for the result.
     pub used: bool,
     /// Root mean square of the picture's own corners about the board's pose: px, or mm among 3D points.
     pub corners_rms: f64,
@@ -64,17 +64,18 @@ pub struct HandEye<A: Arrangement> {
     pub at: Point<A::From>,
     /// Radius that holds the error at that point with 95 %, mm.
     pub uncertainty_mm: f64,
-    /// The lens's part of the stated point's covariance, mm²; zero where the lens is taken as true.
+    /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
     pub lens_mm2: Matrix3<f64>,
     /// How far the point moves when the worst single picture is left out, mm, and its name.
     pub leave_one_out: (f64, String),
     /// Spread of the turns about the second axis, degrees.
     pub second_axis_deg: f64,
-    /// What does not fit, with what was probably meant; judged with squares of the size that the motions say.
+    /// The stations that do not fit, with their probable meaning; judged with squares of the size by the motions.
     pub suspects: Vec<Suspect>,
-    /// The size of the board's squares by the robot's motions; `None` where the poses do not determine it.
+    /// The size of the board's squares by the robot's motions; `None` if the poses do not determine it.
     pub square: Option<SquareSize<A>>,
-    /// The focal length by the same; not asked where the squares are of another size, which looks nearly alike.
+    /// The focal length by the robot's motions; not determined if the squares have another size, which looks nearly
+    /// the same.
     pub focal: Option<SquareSize<A>>,
     /// Readings of the poses that fit far better than as they are written.
     pub readings: Vec<Reading>,
@@ -86,11 +87,12 @@ impl<A: Arrangement> HandEye<A> {
         self.adjusted.covariance_at(self.at) + self.lens_mm2
     }
 
-    /// The same with a lens that is known to this covariance only: what it adds to the stated uncertainty. The pose is
-    /// the same; it goes with this lens. Points of a 3D camera hardly ask the lens, and gain nothing.
+    /// Returns the same with a lens that is known only to this covariance: the lens adds to the stated uncertainty.
+    /// The pose is the same; it belongs to this lens. Points of a 3D camera hardly depend on the lens, and nothing
+    /// is added for them.
     ///
     /// # Errors
-    /// Where a corner would stand behind the camera.
+    /// If a corner would be behind the camera.
     pub fn with_lens(
         self,
         camera: &PinholeCamera,
@@ -119,7 +121,7 @@ impl<A: Arrangement> HandEye<A> {
         self.square.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
 
-    /// The lens's part of the uncertainty, mm, 95 %; 0 where it is taken as true.
+    /// Returns the lens's part of the uncertainty, mm, 95 %; 0 if the lens is regarded as exact.
     pub fn lens_uncertainty_mm(&self) -> f64 {
         radius_95(&self.lens_mm2, f64::INFINITY)
     }
@@ -132,11 +134,11 @@ impl<A: Arrangement> HandEye<A> {
     }
 }
 
-/// Calibrates. `at` is where the uncertainty is stated, as the camera sees it; without it, the middle of where the
-/// board was seen.
+/// Calibrates. `at` is the point at which the uncertainty is stated, in the camera's frame; without it, the middle
+/// of the places at which the board was seen.
 ///
 /// # Errors
-/// Where there are too few stations, they turn too little, look like radians, or contradict each other.
+/// If there are too few stations, or they rotate too little, look like radians, or contradict each other.
 pub fn hand_eye<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -214,7 +216,7 @@ pub fn hand_eye<A: Arrangement>(
     })
 }
 
-/// The stated radius, with what squares and focal length move where the motions contradict them.
+/// Returns the stated radius, with the effect of squares and focal length added if the motions contradict them.
 fn with_sizes<A: Arrangement>(
     radius_mm: f64,
     adjusted: &Adjusted<A>,
@@ -315,12 +317,12 @@ impl<C: Frame> All<'_, C> {
             last = Some(adjusted);
             used = next;
         }
-        // Two stations at the limit may take turns: the last result stands, and both are in it or named.
+        // Two stations at the limit may alternate: the last result is used, and both are in it or named.
         last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
     }
 
-    /// The squares' size by the stations that agree. Where it is another one than was stated, right stations may have been set
-    /// aside for it: they are chosen anew with squares of that size.
+    /// Measures the squares' size by the stations that agree. If it differs from the stated size, right stations
+    /// may have been set aside for this reason: they are chosen anew with squares of the measured size.
     fn square<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, used: &[bool]) -> Option<SquareSize<A>> {
         let chosen = |used: &[bool]| -> Vec<&Station<C>> {
             self.stations.iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect()
@@ -347,7 +349,7 @@ impl<C: Frame> All<'_, C> {
         without.map_or(0.0, |without| influence::surprise(self.camera, &without, station, seen))
     }
 
-    /// The adjustment with one used station taken out, to first order. `None` where the rest determines nothing.
+    /// Returns the adjustment without one used station, to first order. `None` if the rest determines nothing.
     fn without<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize) -> Option<Adjusted<A>> {
         let all = influence::inverse(&adjusted.covariance)?;
         let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;

@@ -17,9 +17,10 @@ pub fn unit(subject: &str) -> &'static str {
 /// One look at a fixed target, or one touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`], whose numbers are in N.
+    /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`],
+    /// with numbers in N.
     pub subject: String,
-    /// Largest distance between where the target is known to be and where it was found, mm; of a force what it was off, N.
+    /// Largest distance between the known and the found place of the target, mm; for a force its error, N.
     pub error: f64,
     /// What was allowed, in the same unit.
     pub limit: f64,
@@ -58,7 +59,7 @@ impl Demands {
     }
 }
 
-/// How far a board was found from where it is known to be: the largest distance of its corners, mm.
+/// Returns how far a board was found from its known place: the largest distance of its corners, mm.
 pub fn distance_mm(
     known: &Rigid<Base, BoardFrame>,
     found: &Rigid<Base, BoardFrame>,
@@ -67,8 +68,8 @@ pub fn distance_mm(
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
 }
 
-/// The side of a board's squares by touched corners, the arm's lengths being metric: the factor that brings the touched places nearest to the
-/// board's own distances. `None` where fewer than two corners were touched.
+/// Returns the side of a board's squares by touched corners, since the arm's lengths are metric. The factor fits
+/// the board's own distances to those between the touched places. `None` if fewer than two corners were touched.
 pub fn square_by_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
     let (mut both, mut own) = (0.0, 0.0);
     for (index, first) in touched.iter().enumerate() {
@@ -88,18 +89,18 @@ const MAX_TURN_DEG: f64 = 20.0;
 /// Squares as the 3D camera measures them differ by less from the board's.
 const MAX_SQUARE_SHARE: f64 = 0.02;
 
-/// A board's pose by one picture of it.
+/// A board's pose from one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct BoardMeasurement {
     /// The board in the base.
     pub base_from_board: Rigid<Base, BoardFrame>,
-    /// Distance of the corners from where that pose shows them, px rms.
+    /// Distance of the corners from their computed pixels in that pose, px rms.
     pub pnp_rms_px: f64,
     /// Side of a square as the 3D camera's own points have it, mm.
     pub measured_square_mm: Option<f64>,
 }
 
-/// Why corners seen so cannot be this board's; `None` where they can.
+/// States why corners seen like this cannot be this board's; `None` if they can.
 pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
@@ -121,8 +122,8 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     })
 }
 
-/// Why a measurement at these pixels is refused: the pictures that the lens was calibrated from do not support it there;
-/// `None` where they do.
+/// States why a measurement at these pixels is refused: the pictures from which the lens was calibrated do not
+/// support it there; `None` if they do.
 pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
     let error_px = extent.supported.as_ref()?.error_px;
     let pixel = pixels.into_iter().find(|pixel| !extent.holds(*pixel))?;
@@ -134,11 +135,11 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
     Some(Reason::new("outside_of_lens", message))
 }
 
-/// Why a measurement carries no information on the calibration: it is of another board, of one that stands elsewhere, or from another pose
-/// of the flange; `None` where it can be kept.
+/// States why a measurement carries no information on the calibration: it is of another board, of a board at
+/// another place, or from another pose of the flange. `None` if it can be kept.
 ///
-/// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and turned by less
-/// than 20°.
+/// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and rotated by
+/// less than 20°.
 pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     if let Some(reason) = no_such_board(look, board) {
         return Some(reason);
@@ -162,7 +163,8 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
     })
 }
 
-/// Why a board's place is not learnt: the 3D camera's points and its picture put it at different distances; `None` where they agree.
+/// States why a board's place is not learnt: the 3D camera's points and its picture give different distances;
+/// `None` if they agree.
 pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
     (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
         let [found, allowed] = apart(farther_mm.abs(), limit_mm, 2);
@@ -203,9 +205,11 @@ fn advice(subject: &str) -> String {
     format!("run `panelprep calibrate verify --camera {}`", subject.replace('_', "-"))
 }
 
-/// May a cycle start? `last` is the newest verification of this subject; `calibration_hash` is of the files in use now.
+/// Judges whether a cycle may start. `last` is the newest verification of this subject; `calibration_hash` is the
+/// hash of the files in use now.
 ///
-/// Rejects where it is missing, older than allowed, from the future, beyond the limit, or of other calibration files.
+/// Rejects if the verification is missing, older than allowed, from the future, beyond the limit, or of other
+/// calibration files.
 pub fn health(
     subject: &str,
     last: Option<&Verification>,
@@ -272,16 +276,16 @@ impl Verification {
 pub struct CameraHealth<'a> {
     /// What is verified, `scanner`.
     pub subject: &'a str,
-    /// The newest verification of it.
+    /// The newest verification of the subject.
     pub last: Option<&'a Verification>,
     /// The hash of its calibration files in use now.
     pub calibration_hash: &'a str,
 }
 
-/// May a cycle start on these calibrations?
+/// Judges whether a cycle may start on these calibrations.
 ///
-/// Rejects where a camera's [`health`] rejects, and where the newest touch with today's tool was beyond the limit. A tool
-/// need not be touched: without a touch the robot's part of the error is not measured, and the budget says so.
+/// Rejects if a camera's [`health`] rejects, or if the newest touch with today's tool was beyond the limit. A tool
+/// need not be touched: without a touch the robot's part of the error is not measured, and the budget states this.
 pub fn may_start(
     cameras: &[CameraHealth<'_>],
     touch: Option<&Verification>,

@@ -1,9 +1,10 @@
 //! The influence of one station, or of a lens error, on an adjustment: to first order, from its normal equations.
 //!
-//! A station adds its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without it the result moves by −(Λ − Λᵢ)⁻¹ gᵢ; a
-//! station that was not part of the adjustment is compared with the result. A lens error δ moves the result by Λ⁻¹ B δ, where B holds
-//! the derivatives of the corners by the lens, so that a lens of covariance C adds Λ⁻¹ B C Bᵀ Λ⁻¹. This is the largest part if
-//! the robot is good: an error of 0.1 px of the principal point rotates the mount by 0.1 px of view.
+//! A station adds its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without it the result moves by −(Λ − Λᵢ)⁻¹
+//! gᵢ; a station that was not part of the adjustment is compared with the result. A lens error δ moves the result
+//! by Λ⁻¹ B δ, with B the derivatives of the corners by the lens. A lens of covariance C therefore adds Λ⁻¹ B C Bᵀ
+//! Λ⁻¹. This is the largest part if the robot is good: an error of 0.1 px of the principal point rotates the mount
+//! by 0.1 px of view.
 
 use super::adjust::{Adjusted, prior, scaled_inverse};
 use super::arrangement::{Arrangement, Twist, log};
@@ -60,7 +61,7 @@ pub(super) fn surprise<A: Arrangement>(
     found.unwrap_or(f64::INFINITY)
 }
 
-/// Where the flange must have been for a picture to show the board where it does.
+/// Returns the pose that the flange must have had for a picture to show the board as it does.
 pub(super) fn needed_flange<A: Arrangement>(
     adjusted: &Adjusted<A>,
     camera_from_board: &Rigid<A::From, Board>,
@@ -69,7 +70,8 @@ pub(super) fn needed_flange<A: Arrangement>(
     let bare = *to_from_holder.isometry();
     Rigid::claim(if A::EYE_IN_HAND { bare.inverse() } else { bare })
 }
-/// What a lens of this covariance adds to that of mount and board; `None` where a corner stands behind the camera.
+/// Returns the covariance that a lens of this covariance adds to mount and board; `None` if a corner is behind the
+/// camera.
 pub(super) fn of_lens<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &Adjusted<A>,

@@ -1,10 +1,11 @@
 //! Intrinsics from pictures of a board (thesis 3.6), and how far they can be trusted.
 //!
-//! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses that can
-//! be inverted all over the picture. A picture whose corners fit far worse than the others' (blurred, bent board, wrong
-//! corners) is set aside with the reason, and the rest is calibrated again. `lens_choice` selects how many distortion
-//! coefficients the pictures support. The coverage of the picture and the tilts of the board show what the pictures can determine:
-//! without tilt, focal length and distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
+//! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses
+//! that can be inverted over the whole picture. A picture with corners that fit far worse than the others'
+//! (blurred, bent board, wrong corners) is set aside with the reason, and the rest is calibrated again.
+//! `lens_choice` selects how many distortion coefficients the pictures support. The coverage of the picture and the
+//! tilts of the board show what the pictures can determine: without tilt, focal length and distance cannot be
+//! distinguished; without corners near the rim, distortion is extrapolated.
 
 use super::board::Board as BoardPattern;
 use super::board_shape;
@@ -33,21 +34,21 @@ pub struct View {
     pub corners: Corners,
 }
 
-/// How one picture took part.
+/// One picture's part in the calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewResult {
     /// The picture.
     pub name: String,
     /// Root mean square of its corners' distances, px.
     pub rms_px: f64,
-    /// Why it was set aside; `None` where it was used.
+    /// Why it was set aside; `None` if it was used.
     pub set_aside: Option<String>,
 }
 
 /// A corner and how far the camera model misses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerResidual {
-    /// Where it was found.
+    /// The pixel at which it was found.
     pub at: Pixel,
     /// Found minus computed, u, px.
     pub du_px: f64,
@@ -84,14 +85,14 @@ pub struct Calibrated {
     pub tilt_deg: [f64; 2],
     /// The residual of every used corner.
     pub residuals: Vec<CornerResidual>,
-    /// The board's own shape, where it explains the residuals: it is bent, or its squares are not alike.
+    /// The board's own shape, if it explains the residuals: the board is bent, or its squares are not equal.
     pub board_shape: Option<BoardShape>,
-    /// What corners and prior say of the lens.
+    /// The information of corners and prior on the lens.
     information: LensCovariance,
 }
 
 impl Calibrated {
-    /// The picture of this board that would help most; `None` where none helps much.
+    /// Returns the picture of this board that would help most; `None` if none helps much.
     pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
         lens_next::next_picture(&self.camera, board, &self.information)
     }
@@ -119,7 +120,7 @@ const FIELDS: (usize, usize) = (8, 6);
 /// Calibrates.
 ///
 /// # Errors
-/// Where there are too few pictures, or their corners determine no camera.
+/// If there are too few pictures, or their corners determine no camera.
 pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Result<Calibrated, CalibError> {
     let mut aside: Vec<Option<(f64, String)>> = vec![None; views.len()];
     loop {

@@ -1,9 +1,10 @@
 //! Joins edge crossings to the lattice of a chessboard, from corner to corner along its edges.
 //!
-//! One edge runs between two neighbouring corners, with one colour to its left and the other to its right over its whole length. The
-//! lattice grows from a first corner along its edges. Each step is predicted from the one before, and a corner joins if edges lead to
-//! all of its neighbours that are already part of the lattice. The lattice therefore stays correct where corners are missing under a
-//! glare, and ends where the board ends. The number of edge evaluations is counted and bounded.
+//! One edge runs between two neighbouring corners, with one colour to its left and the other to its right over its
+//! whole length. The lattice grows from a first corner along its edges. Each step is predicted from the previous
+//! one, and a corner joins if edges lead to all of its neighbours that are already part of the lattice. The lattice
+//! therefore stays correct if corners are missing under a glare, and ends at the end of the board. The number of
+//! edge evaluations is counted and limited.
 
 use super::crossings::{Crossing, Smooth};
 use nalgebra::Vector2;
@@ -16,7 +17,7 @@ pub(super) type Lattice = BTreeMap<(i32, i32), usize>;
 const LEAST_PX: f64 = 6.0;
 /// … and at most this far: a larger board is found in a smaller picture.
 const MOST_PX: f64 = 170.0;
-/// Where so near are candidates enough, none is looked for farther away, px.
+/// If there are enough candidates within this distance, none is searched farther away, px.
 const FIRST_PX: f64 = 60.0;
 /// The largest angle between a first step and an edge's direction, as its cosine.
 const CONE: f64 = 0.966;
@@ -63,7 +64,7 @@ pub(super) fn extent(lattice: &Lattice) -> [(i32, i32); 2] {
     [range(|at| at.0), range(|at| at.1)]
 }
 
-/// Without outer lines of which less than this share is there.
+/// Returns the lattice without outer lines of which less than this share is present.
 pub(super) fn trimmed(mut lattice: Lattice, share: f64) -> Lattice {
     loop {
         let [columns, rows] = extent(&lattice);

@@ -1,8 +1,10 @@
-//! Selects the lens model that the data support: each model is fitted without some of the pictures and judged by these.
+//! Selects the lens model that the data support: each model is fitted without some of the pictures and judged by
+//! these.
 //!
-//! A coefficient that the data do not support follows the noise and does not improve the prediction of left-out pictures. The simplest
-//! model is selected whose left-out pictures are not worse than the best model's by more than the scatter of that comparison from
-//! picture to picture (the one-standard-error rule, Breiman et al. 1984).
+//! A coefficient that the data do not support follows the noise and does not improve the prediction of left-out
+//! pictures. The simplest model that passes a test is selected: its left-out pictures are not worse than the best
+//! model's by more than the scatter of that comparison from picture to picture (the one-standard-error rule,
+//! Breiman et al. 1984).
 
 use super::detect::Corners;
 use super::lens_fit::{self, LensFit};
@@ -14,7 +16,7 @@ use rayon::prelude::*;
 pub struct Trial {
     /// The model.
     pub model: LensModel,
-    /// Root mean square distance of corners in left-out pictures, px; `None` where no such lens could be fitted.
+    /// Root mean square distance of corners in left-out pictures, px; `None` if no such lens could be fitted.
     pub left_out_rms_px: Option<f64>,
     /// By what share its mean square is larger than the best model's, the mean over the pictures.
     pub worse: f64,

@@ -1,13 +1,14 @@
-//! How well pictures determine a lens: the covariance of its nine numbers, boards' poses eliminated.
+//! How well pictures determine a lens: the covariance of its nine numbers, with the boards' poses eliminated.
 //!
-//! With J the slopes of all corners in the lens and Jᵢ in the pose of picture i,
+//! With J the derivatives of all corners by the lens and Jᵢ those by the pose of picture i,
 //!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J + σ² D)⁻¹.                                                      (1)
-//! A mount needs C whole, since principal point, tangential distortion and focal length are far from independent. D holds
-//! what is known of any lens: no coefficient moves the picture's rim by more than a stated share of its radius, the principal
-//! point lies near the picture's middle, the focal lengths are nearly one. It counts
-//! where the pictures say nothing, and all five coefficients stand in (1) whatever the model, since one that was left out
-//! is not known to be zero. σ² is that of the pictures that were left out, where it is the larger. OpenCV states the roots of
-//! C's diagonal only, and those √2 too large or a little more: its σ² divides by corners where each has two rows.
+//! A mount needs the whole of C, since principal point, tangential distortion and focal length are far from
+//! independent. D is the prior knowledge of any lens: no coefficient moves the picture's rim by more than a stated
+//! share of its radius, the principal point lies near the picture's middle, the focal lengths are nearly equal. It
+//! counts if the pictures carry no information. All five coefficients are in (1) with every model, since a
+//! coefficient that was left out is not known to be zero. σ² is that of the left-out pictures, if it is the larger.
+//! OpenCV states only the roots of C's diagonal, and those √2 too large or a little more: its σ² divides by the
+//! number of corners, although each has two rows.
 
 use super::adjust::scaled_inverse;
 use super::lens_fit::usual;
@@ -20,7 +21,8 @@ const RADIAL_SHARE: f64 = 0.2;
 /// The same of tangential terms: lenses of one maker differ by a thousandth.
 const TANGENTIAL_SHARE: f64 = 0.01;
 
-/// Information of corners and prior together, in units of `variance_px2`; `None` where a picture determines no pose.
+/// Returns the information of corners and prior together, in units of `variance_px2`; `None` if a picture
+/// determines no pose.
 pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_px2: f64) -> Option<LensCovariance> {
     let mut normal = LensCovariance::zeros();
     for gram in grams {

@@ -1,11 +1,12 @@
-//! The lens of a given model from corners: least squares that never leaves the lenses which can be inverted.
+//! Fits the lens of a given model to corners: least squares that never leaves the lenses which can be inverted.
 //!
-//! Levenberg–Marquardt on the reprojection error over lens and boards' poses, the poses eliminated. A lens folds where its
-//! distorted radius stops growing; a step to a lens that folds anywhere in the picture is never taken, and the barrier
+//! Levenberg–Marquardt minimises the reprojection error over lens and boards' poses, with the poses eliminated. A
+//! lens folds at the radius at which its distorted radius stops growing. A step to a lens that folds anywhere in
+//! the picture is never made, and the barrier
 //!     − 2 μ Σ ln s(rᵢ),   s(r) = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶ − least slope                                  (1)
-//! over radii of the picture keeps the steps away from it. What is known of any camera stands beside it: the principal point
-//! lies near the picture's middle, and both focal lengths are nearly one. μ is so small that all of this counts only where
-//! corners say nothing.
+//! over radii of the picture keeps the steps away from it. Prior knowledge of any camera is added: the principal
+//! point lies near the picture's middle, and both focal lengths are nearly equal. μ is so small that all of this
+//! counts only if the corners carry no information.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::exp;
@@ -40,7 +41,7 @@ const CENTRE_SHARE: f64 = 0.15;
 /// The deviation of the ratio of both focal lengths from 1.
 const RATIO: f64 = 0.02;
 
-/// Fits from a start; `None` where the corners determine no lens.
+/// Fits from a start; `None` if the corners determine no lens.
 pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Option<LensFit> {
     let mut here = State::of(restricted(model, &start.camera), start.poses, views)?;
     let mut damping = 1e-4;
@@ -122,7 +123,8 @@ fn with_numbers(camera: &PinholeCamera, n: &SVector<f64, 9>) -> PinholeCamera {
     }
 }
 
-/// The largest undistorted radius of the picture; `None` where the lens folds before its farthest corner.
+/// Returns the largest undistorted radius of the picture; `None` if the lens folds before the picture's farthest
+/// corner.
 pub(super) fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
     if !(camera.fx_px > 1.0 && camera.fy_px > 1.0) {
         return None;
@@ -143,7 +145,7 @@ struct State {
 }
 
 impl State {
-    /// `None` where the lens folds or a corner lies behind the camera.
+    /// Returns `None` if the lens folds or a corner lies behind the camera.
     fn of(camera: PinholeCamera, poses: Vec<Rigid<Camera, Board>>, views: &[&Corners]) -> Option<Self> {
         let radius = undistorted_radius(&camera)?;
         let grams: Vec<LensGram> = views

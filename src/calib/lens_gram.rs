@@ -25,7 +25,7 @@ pub(super) struct LensGram {
 }
 
 impl LensGram {
-    /// Of a picture; `None` where a corner lies behind the camera.
+    /// Returns the part of a picture; `None` if a corner lies behind the camera.
     pub fn of(camera: &PinholeCamera, corners: &Corners, camera_from_board: &Rigid<Camera, Board>) -> Option<Self> {
         let turn = camera_from_board.rotation().into_inner();
         let mut gram = LensGram {
@@ -55,7 +55,7 @@ impl LensGram {
         Some(gram)
     }
 
-    /// What the picture says of the lens, its pose eliminated.
+    /// Returns the picture's information on the lens, with its pose eliminated.
     pub fn information(&self) -> Option<LensCovariance> {
         Some(self.lens - self.cross * scaled_inverse(&self.pose)? * self.cross.transpose())
     }

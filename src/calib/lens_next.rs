@@ -14,7 +14,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 /// A picture worth taking.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextPicture {
-    /// Where and how the board stands in it, in words.
+    /// Place and tilt of the board in the picture, in words.
     pub words: String,
     /// The middle of the board, px.
     pub middle: Pixel,
@@ -27,10 +27,10 @@ const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
 const TILT_DEG: f64 = 35.0;
 /// A picture that leaves more of the error is not worth taking.
 const WORTH: f64 = 0.98;
-/// The shares of the picture's width that the board takes, the largest first.
+/// Widths of the board as shares of the picture's width, the largest first.
 const WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
 
-/// The best next picture; `information` is what corners and prior say of the lens together.
+/// Returns the best next picture; `information` is that of corners and prior on the lens together.
 pub(super) fn next_picture(
     camera: &PinholeCamera,
     board: &Board,

@@ -1,9 +1,10 @@
-//! The part of the picture that the data support: where the lens is known to a stated error.
+//! The part of the picture that the data support: the pixels at which the lens is known to a stated error.
 //!
-//! C is the lens's covariance, J the derivative of a pixel by the lens, and Jp the one by the pose of a board. A lens error δ
-//! makes a board appear displaced, and a pose compensates a part of that: P δ, by least squares over the
-//! corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 % circle is the error of
-//! the lens at that pixel. It grows from the centre of the corners outwards; the outline is where it exceeds the limit.
+//! C is the lens's covariance, J the derivative of a pixel by the lens, and Jp that by the pose of a board. A lens
+//! error δ makes a board appear displaced, and a pose compensates a part of that: P δ, by least squares over the
+//! corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 % circle is the error
+//! of the lens at that pixel. It grows from the centre of the corners outwards; the outline is the line at which it
+//! exceeds the limit.
 
 use super::adjust::scaled_inverse;
 use super::detect::Corners;
@@ -11,7 +12,7 @@ use crate::cell::LensCovariance;
 use crate::geometry::{Camera, PinholeCamera, Pixel, Point, polygon};
 use nalgebra::{Matrix2, Matrix6, SMatrix};
 
-/// Where a lens is known.
+/// The part of the picture in which a lens is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Support {
     /// The error that is meant, 95 %, px.
@@ -24,7 +25,8 @@ pub struct Support {
 
 /// The lens's error that is allowed, 95 %, px.
 pub const SUPPORT_PX: f64 = 0.3;
-/// … and what is stated where the pictures allow no such error anywhere: so many times that of the middle, at most so much, px.
+/// … and the error that is stated if the pictures do not allow this anywhere: a multiple of the error in the
+/// middle, and its largest value, px.
 const HARDLY_WORSE: f64 = 1.5;
 const MOST_PX: f64 = 3.0;
 /// χ² of two numbers, 95 %.
@@ -45,7 +47,8 @@ pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views
         pixels.iter().map(|pixel| pixel.u).sum::<f64>() / count,
         pixels.iter().map(|pixel| pixel.v).sum::<f64>() / count,
     );
-    // Where even the middle is not known so well, the part is stated in which the lens is hardly worse than there.
+    // If the lens is less well known even in the middle, the stated part is the one in which it is hardly worse
+    // than there.
     let allowed_px = SUPPORT_PX.max(HARDLY_WORSE * error_at(middle));
     if allowed_px.is_nan() || allowed_px > MOST_PX {
         return nowhere;

@@ -17,7 +17,7 @@ pub enum Meaning {
         /// In radians?
         radians: bool,
     },
-    /// A quaternion whose four numbers were taken in another order.
+    /// A quaternion with its four numbers in another order.
     Quaternion(&'static str),
     /// The rotation alone is inverted.
     Transposed,
@@ -25,7 +25,7 @@ pub enum Meaning {
     LeftHanded,
     /// Angles in radians.
     Radians,
-    /// Each picture stands beside the pose of its neighbour.
+    /// Each picture is paired with the pose of its neighbour.
     Shifted {
         /// Beside the pose before?
         late: bool,

@@ -1,22 +1,24 @@
 //! Calibration that proves itself: intrinsics, camera mounts, tool, and how good each of them is.
 //!
-//! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
+//! Thesis 3.6 and 3.7, and for each result its evidence: residuals, uncertainty at a point of the panel, what does
 //! not fit and why. Data in, data out; pictures are read and files written elsewhere.
 //!
-//! - `board`, `detect`: what is looked at, and where its corners are in a picture · `chessboard`, `crossings`, `lattice` ·
-//!   `charuco`, `charuco_grow`, `charuco_lattice` · `circles`, `circle_lattice`, `circle_places`, `blobs`: each kind of board ·
-//!   `placing`, `saddle`, `print`, `surface`: corners to sub-pixel
+//! - `board`, `detect`: the board, and its corners in a picture · `chessboard`, `crossings`, `lattice` · `charuco`,
+//!   `charuco_grow`, `charuco_lattice` · `circles`, `circle_lattice`, `circle_places`, `blobs`: each kind of board
+//!   · `placing`, `saddle`, `print`, `surface`: corners to sub-pixel
 //! - `intrinsics`: the lens (thesis 3.6), with `lens_gram`, `lens_fit`; how many coefficients it has: `lens_model`,
-//!   `lens_choice`; how well and where it is known: `lens_covariance`, `lens_support`; what to do next: `lens_next`;
-//!   is the board flat: `board_shape`
-//! - `pose`: where one picture puts the board
+//!   `lens_choice`; how well and in which part of the picture it is known: `lens_covariance`, `lens_support`; what
+//!   to do next: `lens_next`; is the board flat: `board_shape`
+//! - `pose`: the board's pose from one picture
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
-//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses; `square`: the size of the
-//!   board's squares by them; `readings`, `meaning`: how poses were meant that fit no mount
-//! - `robot`, `robot_data`, `robot_settle`, `robot_found`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
-//!   what to do next: `robot_next` · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
-//! - `scanner_errors`: what a 3D camera's scans of a flat board leave of a plane
-//! - `turned`: which way round a board was taken that looks alike from several sides
+//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses;
+//!   `square`: the size of the board's squares by them; `readings`, `meaning`: the intended meaning of poses that
+//!   fit no mount
+//! - `robot`, `robot_data`, `robot_settle`, `robot_found`, `arm_errors`, `robot_correction`, `robot_axes`: the
+//!   arm's own errors; how far off it may be: `robot_spread`; what to do next: `robot_next` · `tool`: tool point
+//!   and axis · `health`: is a calibration still true · `budget`: the error at the tool
+//! - `scanner_errors`: the deviations of a 3D camera's scans of a flat board from a plane
+//! - `turned`: in which rotation a symmetric board was detected
 //! - `gate`: turns evidence into a verdict
 
 mod adjust;

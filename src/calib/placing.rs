@@ -1,9 +1,9 @@
 //! Refines corners that were found to about a pixel, to sub-pixel.
 //!
-//! `cornerSubPix` moves each corner to where the grey gradients around it intersect, and `saddle` fits a model of the grey levels, which
-//! is several times as precise. The window of ± N px must contain one corner alone and enough edge: by default N is 0.35 of the
-//! shortest distance between neighbours, 3 to 11. Where N is given, the corners are those of `cornerSubPix`, as OpenCV's
-//! users know them.
+//! `cornerSubPix` moves each corner to the intersection of the grey gradients around it, and `saddle` fits a model
+//! of the grey levels, which is several times as precise. The window of ± N px must contain only one corner and
+//! enough edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the
+//! corners are those of `cornerSubPix`, as OpenCV's users know them.
 
 use super::board::{Board, Corners};
 use super::crossings::noise;
@@ -32,7 +32,7 @@ pub struct Detected {
 const WINDOW_SHARE: f64 = 0.35;
 const WINDOW_PX: (f64, f64) = (3.0, 11.0);
 
-/// Corners of a board as `cornerSubPix` places them, from where they are about.
+/// Refines the approximate corners of a board by `cornerSubPix`.
 pub(super) fn refined(
     picture: &GrayPicture,
     rough: &Corners,
@@ -50,9 +50,10 @@ pub(super) fn refined(
     })
 }
 
-/// With every corner placed by the model of the grey levels that has neighbours and fits it. Where it does not fit, or places
-/// the corner badly, the print around it is looked for where the others foretell it. The less well the noise lets a corner be
-/// known, the more it is moved to the smooth surface through all, and one that is not known well enough after that is left out.
+/// Places every corner that has neighbours by the model of the grey levels, if the model fits. If it does not fit,
+/// or places the corner badly, the print is searched near the place that the other corners predict. The less well
+/// the noise lets a corner be known, the more it is moved to the smooth surface through all corners. A corner that
+/// is not known well enough after that is left out.
 pub(super) fn modelled(
     picture: &GrayPicture,
     board: &Board,
@@ -65,7 +66,7 @@ pub(super) fn modelled(
     let mut placed: Vec<Option<CornerEstimate>> =
         found.corners.iter().map(|(q, pixel)| model.place(*q, *pixel, window_px)).collect();
     let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
-    // Where the model places too few, those that were seen are known well enough to begin with.
+    // If the model places too few corners, those that were seen are known well enough to begin with.
     let begun: Vec<Option<CornerEstimate>> = match enough {
         true => placed.clone(),
         false => found
@@ -136,7 +137,7 @@ fn one_by_one(found: Detected, placed: Vec<Option<CornerEstimate>>, is_seen: &[b
     Detected { corners: kept.collect(), modelled, ..found }
 }
 
-/// The model of the grey levels around corners whose neighbours give the directions of their edges.
+/// The model of the grey levels around corners; their neighbours give the directions of their edges.
 struct Model<'a> {
     picture: &'a GrayPicture,
     noise: f64,
@@ -148,7 +149,7 @@ impl<'a> Model<'a> {
         Model { picture, noise: noise(picture), neighbours: Neighbours::of(corners, square_mm) }
     }
 
-    /// Where it places a corner, from a start; `None` where it does not fit.
+    /// Returns the model's position of a corner, from a start; `None` if the model does not fit.
     fn place(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<CornerEstimate> {
         let edges = [self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?];
         let found = saddle::refine(self.picture, start, edges, half_window_px, self.noise)?;

@@ -8,16 +8,16 @@ use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid, nearest_
 /// A board's pose with the residual of its corners: px among pixels, mm among points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardPose<C: Frame> {
-    /// Where the board is.
+    /// The board's pose.
     pub camera_from_board: Rigid<C, Board>,
     /// Root mean square of the distances between seen and computed corners.
     pub rms: f64,
 }
 
-/// The board's pose from what was seen of it.
+/// Computes the board's pose from the observation.
 ///
 /// # Errors
-/// Where fewer than four corners were seen, or OpenCV finds no pose.
+/// If fewer than four corners were seen, or OpenCV finds no pose.
 pub fn board_pose<C: Frame>(
     camera: &PinholeCamera,
     seen: &BoardObservation<C>,

@@ -44,14 +44,14 @@ pub(super) struct Matched {
     pub slant: f64,
 }
 
-/// Where and how the print around a place is looked at.
+/// The place and the way in which the print around it is examined.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     /// From the board, mm, to the picture near the place.
     pub plane: Matrix3<f64>,
     /// The place on the board, mm.
     pub place: [f64; 2],
-    /// Where it is looked for.
+    /// The pixel at which the search starts.
     pub start: Pixel,
     /// The window's half side on the board, mm, and at most in the picture, px.
     pub reach_mm: f64,
@@ -68,7 +68,7 @@ const DRAWN: usize = 5;
 const SETTLED_PX: f64 = 0.03;
 /// Turns in which pixels lose weight.
 const TURNS: usize = 4;
-/// So much of the window's pixels must show the print.
+/// The share of the window's pixels that must show the print.
 const LEAST_PART: f64 = 0.4;
 /// Less is no print, grey levels.
 const LEAST_CONTRAST: f64 = 8.0;
@@ -123,7 +123,7 @@ impl Print {
         if is_black { 0.0 } else { 1.0 }
     }
 
-    /// Where the print is near the start, in a picture with this much white noise; `None` where it is not.
+    /// Finds the print near the start, in a picture with this much white noise; `None` if it is not there.
     pub fn matched(&self, picture: &GrayPicture, view: &View, noise: f64) -> Option<Matched> {
         let mut view = *view;
         let first = view.start;
@@ -220,7 +220,8 @@ impl Print {
     }
 }
 
-/// Of what was tried, that which leaves least; where the print is at far fewer places than with another one it is the wrong one.
+/// Returns the candidate that leaves the least. A print that is found at far fewer places than another one is the
+/// wrong one.
 pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<f64> {
     let most = tried.iter().map(|(_, (count, _))| *count).max()?;
     let all = tried.into_iter().filter(|(_, (count, _))| *count > 0 && 4 * count >= 3 * most);

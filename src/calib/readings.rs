@@ -33,7 +33,7 @@ const BETTER: f64 = 0.2;
 /// Readings that leave less than this many times the best are named with it.
 const ALIKE: f64 = 3.0;
 
-/// The readings in which these stations fit, best first; none where they fit as they are, or in no way.
+/// Returns the readings in which these stations fit, best first; none if they fit as they are, or in no reading.
 pub(super) fn fitting<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -48,7 +48,7 @@ pub(super) fn fitting<A: Arrangement>(
     let leaves = |flanges: &[Isometry3<f64>], seen: &[Isometry3<f64>], free: bool| {
         let moved: Vec<Isometry3<f64>> =
             flanges.iter().map(|pose| *A::to_from_holder(&Rigid::claim(pose.inverse())).isometry()).collect();
-        // `to_from_holder` of the inverse is the inverse of `to_from_holder`: (1) asks for holder_from_to.
+        // `to_from_holder` of the inverse is the inverse of `to_from_holder`: (1) needs holder_from_to.
         closed_form(&moved, seen, &rim, free)
     };
     let Some(as_read) = leaves(&flanges, &seen, false) else { return Vec::new() };
@@ -60,7 +60,7 @@ pub(super) fn fitting<A: Arrangement>(
         })
         .collect();
     if let Some((_, found)) = tried.iter().find(|(meaning, _)| matches!(meaning, Meaning::Inverted { .. })) {
-        // Of camera and board one is carried by the flange, within reach of a hand; the other stands in the cell.
+        // The flange carries either camera or board, within reach of a hand; the other is fixed in the cell.
         let camera_nearer = found.mount.translation.vector.norm() < found.board.translation.vector.norm();
         let other_mount = camera_nearer != A::EYE_IN_HAND;
         if let Some((meaning, _)) =
@@ -178,7 +178,7 @@ fn ways() -> Vec<(Meaning, Way)> {
             by_angles(|angles| UnitQuaternion::from_scaled_axis(Vector3::from(angles).map(f64::to_degrees))),
         ),
         (Meaning::Radians, by_angles(|angles| kuka(angles.map(f64::to_degrees)))),
-        // A library that takes x, y, z, w was given w, x, y, z, or the other way round.
+        // A library that expects x, y, z, w was given w, x, y, z, or the reverse.
         quaternion("w, x, y, z were taken as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
         quaternion("x, y, z, w were taken as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
     ]
@@ -217,7 +217,8 @@ fn by_angles(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> Way {
     })
 }
 
-/// Where the boards are in pictures that are mirrored left for right; `None` for points, or where a picture gives no pose.
+/// Returns the boards' poses in pictures that are mirrored left to right; `None` for points, or if a picture gives
+/// no pose.
 fn mirrored<C: crate::geometry::Frame>(
     camera: &PinholeCamera,
     board: &Board,

@@ -1,12 +1,14 @@
-//! Estimates the arm's own errors from pictures of boards and from touches, together with camera mounts, boards and tool tip.
+//! Estimates the arm's own errors from pictures of boards and from touches, together with camera mounts, boards and
+//! tool tip.
 //!
-//! The unknowns are the arm's numbers p (of `arm_errors`, or of a smooth correction where no axis angles are known), the mount
-//! and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the board in the camera's frame. With
-//! the residual twists r of pictures and the residual vectors of touches, each divided by its standard deviation,
+//! The unknowns are the arm's numbers p (of `arm_errors`, or of a smooth correction if no axis angles are known),
+//! the mount and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the
+//! board in the camera's frame. With the residual twists r of pictures and the residual vectors of touches, each
+//! divided by its standard deviation,
 //!     Σ r² + Σ (p / usual size)²                                                                                  (1)
-//! is minimised. The second sum is prior knowledge of any arm: a number that the data do not determine keeps the value of the drawing. The
-//! ratio of its standard deviation after the estimate to that before states how well it is determined. The scatter is estimated from the
-//! residuals, and the size of the prior from the arm's numbers.
+//! is minimised. The second sum is prior knowledge of any arm: a number that the data do not determine keeps the
+//! value of the drawing. The ratio of its standard deviation after the estimate to that before states how well it
+//! is determined. The scatter is estimated from the residuals, and the size of the prior from the arm's numbers.
 //!
 //! The result is judged by cross-validation on pictures that were left out, with and without p.
 
@@ -24,12 +26,13 @@ use nalgebra::Vector3;
 
 /// Fewer pictures than this estimate no arm.
 pub const MIN_VIEWS: usize = 12;
-/// How often it is asked how large this arm's numbers are.
+/// How often the size of this arm's numbers is estimated.
 const SIZINGS: usize = 3;
 /// The number of groups in which pictures are left out.
 pub(super) const GROUPS: usize = 5;
 
-/// The correction to begin with: geometry where every pose has its axis angles, else smooth over the measured volume.
+/// Returns the initial correction: geometry if every pose has its axis angles, else smooth over the measured
+/// volume.
 fn nominal(data: &RobotData) -> Correction {
     let poses = || data.views.iter().map(|view| &view.pose).chain(data.touches.iter().map(|touch| &touch.pose));
     if poses().all(|pose| pose.joints.is_some()) {
@@ -48,7 +51,8 @@ fn nominal(data: &RobotData) -> Correction {
 /// Estimates the arm.
 ///
 /// # Errors
-/// Where there are too few pictures, axis angles contradict the pictures or the controller's poses, or nothing settles.
+/// If there are too few pictures, axis angles contradict the pictures or the controller's poses, or nothing
+/// settles.
 pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     let unsettled = || CalibError::NotSettled { what: "the arm" };
     if data.views.len() < MIN_VIEWS {
@@ -120,7 +124,7 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
         .iter()
         .filter_map(|touch| if let Touched::Spot(spot) = touch.at { Some(spot) } else { None })
         .collect();
-    // A spot takes up one of its touches, the tip another.
+    // A spot uses up one of its touches, the tip another.
     let (told, needed) = (data.touches.len(), free.len() + 2);
     (told > 0 && told < needed).then(|| {
         format!("{told} touches tell no tip, {needed} are needed: touch each spot several times, the tool turned differently")

@@ -1,4 +1,4 @@
-//! Detects axis angles that are not what the file says: two exchanged, a wrong sign, or those of another arm.
+//! Detects axis angles that differ from those in the file: two exchanged, a wrong sign, or those of another arm.
 
 use super::arm_errors::{self, ARM_NUMBERS, AxisFault};
 use super::robot_data::{ArmView, RigKind, RobotData};
@@ -6,14 +6,14 @@ use crate::geometry::{Base, Flange, Joints, Rigid};
 use crate::words::apart;
 use nalgebra::Isometry3;
 
-/// The largest difference between axis angles and controller, mm and degrees, where both are of one robot.
+/// The largest difference between axis angles and controller, mm and degrees, if both belong to one robot.
 const SAME_MM: f64 = 5.0;
 const SAME_DEG: f64 = 1.0;
 /// The board rotates between two pictures as the flange does; the largest difference, degrees rms.
 const SAME_TURN_DEG: f64 = 0.7;
 /// … and shifts along the axis of that rotation as the flange does; the largest difference, mm rms.
 const SAME_SHIFT_MM: f64 = 5.0;
-/// Rotations whose axis is well defined.
+/// Rotations with a well-defined axis.
 const AXIS_DEG: (f64, f64) = (5.0, 170.0);
 
 /// Do the axis angles belong to the controller's poses and to the pictures? If not, which fault explains it.

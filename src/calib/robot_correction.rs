@@ -1,4 +1,5 @@
-//! The true pose of the flange where it differs from the controller's: by the arm's geometry, or by a motion that varies smoothly over the volume.
+//! The true pose of the flange if it differs from the controller's: by the arm's geometry, or by a motion that
+//! varies smoothly over the volume.
 //!
 //! With the pose N that the controller reports, the flange is truly at T:
 //!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ the drawing's forward kinematics, F that with the errors    (1)
@@ -16,13 +17,13 @@ pub use crate::cell::SMOOTH_NUMBERS;
 /// The robot's pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmPose {
-    /// The axes, where they are known.
+    /// The axis angles, if they are known.
     pub joints: Option<Joints>,
     /// The flange by the controller.
     pub base_from_flange: Rigid<Base, Flange>,
 }
 
-/// How the flange is where the controller does not say.
+/// How the flange's true pose differs from the controller's.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Correction {
     /// By the arm's geometry.
@@ -69,7 +70,7 @@ impl Correction {
         }
     }
 
-    /// Where the flange truly is, (1) or (2); `None` where the correction needs axis angles and there are none.
+    /// Returns the flange's true pose, (1) or (2); `None` if the correction needs axis angles and there are none.
     pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
         match self {
             // What the controller's own numbers differ from the drawing by stays.
@@ -103,7 +104,7 @@ impl Correction {
         }
     }
 
-    /// Whether it was measured where the flange is here.
+    /// Returns whether the correction was measured at this place of the flange.
     pub fn covers(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
         match self {
             Correction::Geometry { .. } => true,
@@ -152,7 +153,7 @@ impl Correction {
         }
     }
 
-    /// The name of a number with its unit, and how many of those one of it is.
+    /// Returns the name of a number with its unit, and the factor that converts the number to this unit.
     pub fn name(&self, index: usize) -> (String, f64) {
         match self {
             Correction::Geometry { .. } => arm_errors::name(index),
@@ -168,7 +169,7 @@ impl Correction {
     }
 }
 
-/// How the flange of the real arm stands before the drawing's, at these axis angles.
+/// Returns the pose of the real arm's flange in that of the drawing, at these axis angles.
 fn off(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
     let drawn = arm_errors::base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
     drawn.inverse() * arm_errors::base_from_flange(geometry, joints, errors)

@@ -15,20 +15,20 @@ use nalgebra::{Isometry3, Matrix6};
 /// Which of camera and board moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RigKind {
-    /// The camera stands, the board is on the flange.
+    /// The camera is fixed, the board is on the flange.
     EyeToHand,
-    /// The camera is on the flange, the board stands.
+    /// The camera is on the flange, the board is fixed.
     EyeInHand,
 }
 
-/// A camera with the board that it looks at, and where both are about.
+/// A camera with the board that it sees, and the approximate places of both.
 #[derive(Debug, Clone)]
 pub struct Rig {
     /// Which moves.
     pub kind: RigKind,
-    /// Where the camera sits: on the base, or on the flange.
+    /// The camera's mount: on the base, or on the flange.
     pub mount: Isometry3<f64>,
-    /// Where the board sits: on the flange, or on the base.
+    /// The board's mount: on the flange, or on the base.
     pub board: Isometry3<f64>,
 }
 
@@ -37,11 +37,11 @@ pub struct Rig {
 pub struct ArmView {
     /// Its name in messages.
     pub name: String,
-    /// Which rig took it.
+    /// The rig that made the picture.
     pub rig: usize,
     /// The robot's pose.
     pub pose: ArmPose,
-    /// Where it shows the board.
+    /// The board's pose in the picture.
     pub camera_from_board: Isometry3<f64>,
     /// The information of that pose: the inverse of its covariance, in rad and mm.
     pub information: Matrix6<f64>,
@@ -56,10 +56,10 @@ const REPEAT_RAD: f64 = 5e-5;
 const LEAST_PX: f64 = 0.02;
 
 impl ArmView {
-    /// From the corners that a picture shows.
+    /// Makes a view from the corners that a picture shows.
     ///
     /// # Errors
-    /// Where they determine no pose.
+    /// If they determine no pose.
     pub fn seen(
         name: String,
         rig: usize,
@@ -75,7 +75,7 @@ impl ArmView {
     }
 }
 
-/// The information of the board's pose in a picture whose corners are this far off.
+/// Returns the information of the board's pose in a picture with this error of its corners.
 pub(super) fn information(
     camera: &PinholeCamera,
     corners: &Corners,
@@ -93,9 +93,9 @@ pub(super) fn information(
 /// What the tip touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Touched {
-    /// A spot by its number, which stands still and is not known; touches of one spot share it.
+    /// A spot by its number, which is fixed and not known; touches of one spot share it.
     Spot(usize),
-    /// A corner of the board that stands still before the camera on the flange.
+    /// A corner of the fixed board before the camera on the flange.
     Corner {
         /// The rig of that board.
         rig: usize,

@@ -14,7 +14,8 @@ pub struct Number {
     pub value: f64,
     /// How far off it may be, 95 %.
     pub uncertainty: f64,
-    /// Its deviation after by that before: 1 where the data carry no information, 0 where they determine it completely.
+    /// Its deviation after the estimate divided by that before: 1 if the data carry no information, 0 if they
+    /// determine it completely.
     pub untold: f64,
 }
 
@@ -27,9 +28,9 @@ pub struct RobotFound {
     pub numbers: Vec<Number>,
     /// The rigs as they come out with it.
     pub rigs: Vec<Rig>,
-    /// The tip on the flange, where there were touches, mm.
+    /// The tip on the flange, if there were touches, mm.
     pub tip_mm: Option<Vector3<f64>>,
-    /// How far pictures that were left out put the board from where it should be, rms, mm: with mounts and boards alone.
+    /// How far left-out pictures put the board from its expected place, rms, mm: with mounts and boards alone.
     pub left_out_before_mm: f64,
     /// The same with the correction.
     pub left_out_after_mm: f64,

@@ -1,8 +1,8 @@
-//! Suggests the pose that would improve the calibration of an arm most, and says whether any still would.
+//! Suggests the pose that would improve the calibration of an arm most, and reports whether any pose still would.
 //!
-//! A rig's board is simulated in parts of its camera's picture, tilted and rotated, within the distances at which it was seen. The caller
-//! states which of these flange poses the arm may take, and with which axes. A picture with the information W, whose twist depends
-//! on the unknowns by J, reduces their covariance C to
+//! A rig's board is simulated in parts of its camera's picture, tilted and rotated, within the distances at which
+//! it was seen. The caller states which of these flange poses the arm may take, and with which axes. A picture has
+//! the information W, and its twist depends on the unknowns by J. It reduces their covariance C to
 //!     C − C Jᵀ (J C Jᵀ + W⁻¹)⁻¹ J C.                                                                          (1)
 //! The best picture is the one after which the least certain of the determined numbers is known best.
 
@@ -23,12 +23,12 @@ use rayon::prelude::*;
 pub struct Viewpoint {
     /// The rig.
     pub rig: usize,
-    /// Where the flange would be.
+    /// The flange's pose there.
     pub base_from_flange: Rigid<Base, Flange>,
     information: Matrix6<f64>,
 }
 
-/// A pose that the arm may take.
+/// A pose that is allowed for the arm.
 #[derive(Debug, Clone)]
 pub struct Candidate {
     /// What would be seen.
@@ -40,7 +40,7 @@ pub struct Candidate {
 /// The next pose.
 #[derive(Debug, Clone)]
 pub struct NextPose {
-    /// The rig whose board is looked at.
+    /// The rig of the board to be seen.
     pub rig: usize,
     /// The pose.
     pub pose: ArmPose,
@@ -61,7 +61,7 @@ impl NextPose {
 
 /// A picture that leaves more of the tip's stated error is not worth taking.
 const ENOUGH: f64 = 0.95;
-/// A number with less of its usual deviation left is told.
+/// A number counts as determined if less than this share of its usual deviation is left.
 pub const TOLD: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
@@ -118,7 +118,7 @@ fn turns() -> Vec<UnitQuaternion<f64>> {
         .collect()
 }
 
-/// The flange pose of one view; `None` where the board leaves the picture.
+/// Returns the flange pose of one view; `None` if the board leaves the picture.
 fn viewpoint(
     found: &RobotFound,
     rig: usize,
@@ -146,8 +146,8 @@ struct Gain {
     tip_share: f64,
 }
 
-/// The best of the candidates; `volume` is where the tip's error counts. `None` where there is none, or the data tell no
-/// number.
+/// Returns the best of the candidates; `volume` contains the poses at which the tip's error counts. `None` if there
+/// is no candidate, or the data determine no number.
 pub fn next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
     let own = found.state.own();
     let told = (0..own).filter(|index| found.numbers[*index].untold < TOLD);

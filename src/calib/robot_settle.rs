@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 
 /// Deviation of one touch, mm.
 const TOUCH_MM: f64 = 0.1;
-/// Standard deviation of the tip's distance from the flange, mm: it is the prior where touches do not determine the tip.
+/// Standard deviation of the tip's distance from the flange, mm: the prior if touches do not determine the tip.
 const TIP_MM: f64 = 300.0;
 const MAX_STEPS: usize = 40;
 /// The factors by which an arm may be better or worse than usual.
@@ -34,7 +34,7 @@ impl State {
         self.tip_at() + if self.touches { 3 + 3 * self.spots.len() } else { 0 }
     }
 
-    /// Where the tip stands among the unknowns.
+    /// Returns the index of the tip among the unknowns.
     pub fn tip_at(&self) -> usize {
         self.own() + 12 * self.rigs.len()
     }
@@ -70,7 +70,7 @@ impl State {
         next
     }
 
-    /// Where a picture that a rig takes at a pose should show the board.
+    /// Predicts the board's pose in a picture that a rig makes at a pose.
     pub fn foretold(&self, rig: usize, pose: &ArmPose) -> Option<Isometry3<f64>> {
         let flange = *self.correction.base_from_flange(pose)?.isometry();
         let rig = &self.rigs[rig];

@@ -8,7 +8,7 @@ use super::robot_settle::{Settled, State};
 use crate::geometry::{Flange, Point};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
 
-/// How a place moves with each unknown, mm; `None` where the place is none.
+/// Returns how a place moves with each unknown, mm; `None` if the place does not exist.
 pub(super) fn slope(
     state: &State,
     covariance: &DMatrix<f64>,
@@ -33,8 +33,8 @@ pub(super) fn spread(settled: &Settled, place: &dyn Fn(&State) -> Option<Vector3
 }
 
 impl State {
-    /// Where the tip is at a pose: before the fixed camera where there is one, else in the base. What counts is that the
-    /// tip goes where the camera sees a place.
+    /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The tip must
+    /// go to the place as the camera sees it.
     pub(super) fn tip_seen(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
         let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
         let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
@@ -44,8 +44,9 @@ impl State {
 }
 
 impl RobotFound {
-    /// How far off the corrected tip may be at a pose from where the fixed camera (without one, the base) has it, 95 %, mm.
-    /// What pictures that were left out scatter by is in it. `None` where the correction needs axes and there are none.
+    /// Returns how far the corrected tip may be at a pose from its place by the fixed camera (without one, by the
+    /// base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axes and there
+    /// are none.
     pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
         let slope = slope(&self.state, &self.covariance, &|state| state.tip_seen(pose))?;
         Some(self.radius_mm(&(&slope * &self.covariance * slope.transpose())))
@@ -56,7 +57,7 @@ impl RobotFound {
         radius_95(&(of_numbers + Matrix3::identity() * self.scatter_mm.powi(2)), 1e5)
     }
 
-    /// Where the tip is on the flange without a correction, where there were touches, mm.
+    /// Returns the tip on the flange without a correction, if there were touches, mm.
     pub fn tip_before_mm(&self) -> Option<Vector3<f64>> {
         self.plain.touches.then_some(self.plain.tip)
     }

@@ -1,12 +1,14 @@
 //! The size of the board's squares by the robot's motions, which are metric.
 //!
-//! A board whose squares are not what was stated appears farther away or nearer than it is, and the mount takes up the difference: its
-//! residuals stay small and its stated uncertainty too. With the size as one more unknown s of (1) in `adjust`,
+//! A board with squares that differ from the stated size appears farther away or nearer than it is, and the mount
+//! absorbs the difference. Its residuals stay small and its stated uncertainty too. With the size as one more
+//! unknown s of (1) in `adjust`,
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                              (1)
-//! the data determine it. By Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then the adjustment again with
-//! squares of the new size, until s stays. A lens of covariance C adds its part, as in `influence`: a focal length that is off looks
-//! nearly like squares of another size. The focal length is tested in the same way: motions towards the camera determine it, while the
-//! ratio of the board's size to motions across the view determines the squares.
+//! the data determine it. The method is Gauss–Newton: one step for s with mount, board and every eᵢ eliminated,
+//! then the adjustment again with squares of the new size, until s stays. A lens of covariance C adds its part, as
+//! in `influence`: a focal length that is off looks nearly like squares of another size. The focal length is tested
+//! in the same way: motions towards the camera determine it, while the ratio of the board's size to motions across
+//! the view determines the squares.
 
 use super::adjust::{self, Adjusted, prior, scaled_inverse};
 use super::arrangement::Arrangement;
@@ -25,7 +27,7 @@ const FALSE_ALARM: f64 = 1e-3;
 /// The squares' size, or the focal length, as the robot's motions state it.
 #[derive(Debug, Clone)]
 pub struct SquareSize<A: Arrangement> {
-    /// What it is by what was stated; 1 where both agree.
+    /// The measured size divided by the stated size; 1 if both agree.
     pub ratio: f64,
     of: Factor,
     /// Its standard deviation, the lens's part included.
@@ -97,7 +99,7 @@ fn with_factor<C: Frame>(
     }
 }
 
-/// The size by these stations, from an adjustment over them; `None` where they do not determine it.
+/// Measures the size by these stations, from an adjustment over them; `None` if they do not determine it.
 pub(super) fn measure<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],
@@ -165,7 +167,7 @@ fn step<A: Arrangement>(
     let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
     let of_lens = lens.map_or(0.0, |lens| {
         if of == Factor::Focal {
-            // The factor is the lens's own error: what the lens's file states of it, and no more.
+            // The factor is the lens's own error: the one that the lens's file states, and no more.
             return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);
         }
         let moved = inverse.row(12) * of_lens;

@@ -17,7 +17,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 /// A pose worth taking.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suggestion {
-    /// Where the flange is to go.
+    /// The pose to which the flange is to go.
     pub base_from_flange: KukaPose,
     /// The uncertainty after it, mm.
     pub uncertainty_mm: f64,
@@ -89,7 +89,7 @@ fn turned<C: crate::geometry::Frame>(
     Rigid::claim(moved)
 }
 
-/// The station as it would be, or `None` where the board leaves the picture or is tilted too far.
+/// Returns the station as it would be, or `None` if the board leaves the picture or is tilted too far.
 fn sighted<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,

@@ -10,13 +10,13 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 /// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
 const STANDS_APART_PX: f64 = 0.4;
 const STANDS_APART: f64 = 5.0;
-/// … and where it is placed well, by how well the surface is known there.
+/// … and, if it is placed well, by this multiple of the surface's own deviation there.
 const UNCERTAIN: f64 = 5.0;
 /// … and the least limit there, px: at a board's outer corners a lens bends by more than a third degree.
 const WELL_APART_PX: f64 = 0.9;
 /// The standard deviation up to which a single corner is accepted, px.
 pub(super) const KNOWN_PX: f64 = 0.2;
-/// The standard deviation up to which a corner is accepted where a surface through all of them supports it, px.
+/// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
 /// … and after that, px.
 const KNOWN_AT_LAST_PX: f64 = 0.17;
@@ -31,8 +31,8 @@ pub(super) const START_PX: f64 = 1.5;
 pub(super) const BLUR_CORNERS: usize = 6;
 /// The standard deviation of corners from a smooth surface that prints and lenses cause, px.
 const ROUGH_PX: f64 = 0.05;
-/// A place that has lost more than this share of the contrast of those within so many squares stands in a
-/// glare's rim, which moves it, by so many px for the whole contrast.
+/// A place that has lost more than this share of the contrast of those within `NEAR` squares lies in a glare's rim.
+/// The rim moves it, by `PALE_PX` for the whole contrast.
 const PALE: f64 = 0.15;
 const NEAR: f64 = 2.6;
 const PALE_PX: f64 = 1.5;
@@ -50,7 +50,7 @@ pub(super) struct CornerEstimate {
     pub at: Pixel,
     /// How well noise, and what the model leaves, let it be known, each way, px.
     pub deviation_px: f64,
-    /// White less black there, grey levels; 0 where it is not determined.
+    /// White minus black there, grey levels; 0 if it is not determined.
     pub contrast: f64,
 }
 
@@ -72,8 +72,8 @@ impl CornerEstimate {
     }
 }
 
-/// How well a place is known that noise lets be known so well, where so much is left, as a share of the half contrast, and the
-/// light is slanted so much.
+/// Returns how well a place is known, from its deviation by noise, the remainder of the model as a share of the
+/// half contrast, and the slant of the light.
 fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
     let of_model_px = LEFT_PX * (left - USUAL_LEFT).max(0.0);
     deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - SLANT).max(0.0))
@@ -99,7 +99,7 @@ pub(super) const TERMS: usize = 10;
 const LENS: f64 = 0.5;
 
 impl Surface {
-    /// Through corners that are known so well, each way; `None` where there are too few to compare.
+    /// Fits the surface to corners with these deviations, each way; `None` if there are too few to compare.
     pub fn through(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
         if corners.len() < 2 * TERMS {
             return None;
@@ -122,7 +122,7 @@ impl Surface {
         };
         let trust: Vec<f64> =
             deviations_px.iter().map(|noise_px| 1.0 / (ROUGH_PX.powi(2) + noise_px.powi(2))).collect();
-        // A lens bends a small board by less: so much is usual for the terms of third degree.
+        // A lens bends a small board less: this much is usual for the terms of third degree.
         let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
         let cubic_px = LENS * reach_px.powi(3) / (width_px * width_px) + 0.01;
         let mut usual = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-6;
@@ -166,7 +166,8 @@ impl Surface {
         (terms.transpose() * self.spread * terms)[(0, 0)]
     }
 
-    /// Between a corner's own place and that on the surface: by how well each is known; `None` where both are not.
+    /// Returns a pixel between a corner's own place and that on the surface, by how well each is known; `None` if
+    /// neither is.
     pub fn drawn(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
         let there = self.at(q);
         let of_surface = self.rough_px.powi(2) + self.variance(q);
@@ -186,7 +187,7 @@ impl Surface {
         View { plane, place: [q.mm.x, q.mm.y], start: self.at(q), reach_mm, most_px: PRINT_PX, blur_px }
     }
 
-    /// The blur of the picture where the board is, px.
+    /// Returns the blur of the picture at the board, px.
     pub fn blur_px(
         &self,
         picture: &GrayPicture,
@@ -203,7 +204,7 @@ impl Surface {
         (q.mm.coords.xy() - self.middle) / self.reach_mm
     }
 
-    /// Where it has a place of the board.
+    /// Returns the surface's pixel for a place on the board.
     pub fn at(&self, q: Point<BoardFrame>) -> Pixel {
         let place = self.place(q);
         let there = on_plane(&self.plane, &place) + self.bend.transpose() * terms(&place);
@@ -211,7 +212,7 @@ impl Surface {
     }
 }
 
-/// Where a plane has a place of the board, mm.
+/// Returns a plane's pixel for a place on the board, mm.
 pub(super) fn pixel_of(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
     let there = on_plane(plane, &Vector2::new(x, y));
     Pixel::at(there.x, there.y)
@@ -239,7 +240,8 @@ pub(super) fn surface_of(
     Surface::through(&corners, &deviations, picture.width as f64)
 }
 
-/// Those that a glare takes a part of their contrast from, beside the ones around them, are known less well: its rim moves them.
+/// Corners that lose a part of their contrast by a glare, compared with those around them, become less certain: the
+/// glare's rim moves them.
 pub(super) fn doubted(
     corners: &Corners,
     placed: Vec<Option<CornerEstimate>>,
@@ -262,7 +264,7 @@ pub(super) fn doubted(
     corners.iter().zip(placed).map(|((q, _), placed)| placed.map(|placed| doubt((*q, placed)))).collect()
 }
 
-/// Without those that stand apart from the smooth surface through the others.
+/// Removes the corners that are far from the smooth surface through the others.
 pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners {
     let deviations_px = vec![0.0; corners.len()];
     let Some(surface) = Surface::through(&corners, &deviations_px, picture.width as f64) else { return corners };

@@ -28,7 +28,7 @@ const TYPED_DEG: f64 = 0.2;
 pub enum Fault {
     /// The board was taken upside down.
     Flipped,
-    /// This picture and another stand at each other's pose.
+    /// This picture and another have exchanged poses.
     Swapped {
         /// The other picture.
         with: String,
@@ -42,9 +42,9 @@ pub enum Fault {
     Mistyped {
         /// Its key.
         key: &'static str,
-        /// What the file says.
+        /// The value in the file.
         written: f64,
-        /// What the picture says.
+        /// The value by the picture.
         seen: f64,
     },
     /// Two angles or lengths at each other's place.
@@ -54,7 +54,7 @@ pub enum Fault {
         /// The other.
         other: &'static str,
     },
-    /// The picture itself is doubtful: the board stands at a grazing angle in it.
+    /// The picture itself is doubtful: the board has a grazing angle in it.
     Grazing {
         /// Angle between the board's normal and the line of sight, degrees.
         tilt_deg: f64,
@@ -70,7 +70,7 @@ pub enum Fault {
     Little,
     /// None of these.
     Unknown {
-        /// Where the flange must have been for this picture.
+        /// The pose that the flange must have had for this picture.
         needed: KukaPose,
     },
 }

@@ -1,12 +1,14 @@
-//! Hand-eye calibration by three touched points (thesis 3.7, Eq. 3.14–3.19), with the checks that it can bear.
+//! Hand-eye calibration by three touched points (thesis 3.7, Eq. 3.14–3.19), with the checks that are possible.
 //!
-//! The pointer touches three corners of the board. The frame through them (Eq. 3.14–3.17, Z normalised) is built twice,
-//! from the touched places and from where the board has these corners, so that any three corners may be touched:
+//! The pointer touches three corners of the board. The frame through them (Eq. 3.14–3.17, Z normalised) is built
+//! twice, from the touched places and from the places of these corners on the board, so that any three corners may
+//! be touched:
 //!     base_from_board = base_from_frame · frame_from_board,   to_from_camera = to_from_board · board_from_camera.
-//! A wrong corner cannot show in the picture, since the chain cancels: it shows in the distances between the touched
-//! places, in a rough mount where one is known, and in a fourth touched corner, whose miss is the only true residual. Four corners
-//! of a rectangle look the same from its other end: the fourth shows this only where it breaks the symmetry. If a person counts all four corners
-//! from the other end they still are at their distances: only a rough mount shows that.
+//! A wrong corner cannot show in the picture, since the chain cancels. It shows in the distances between the
+//! touched places, in a rough mount if one is known, and in a fourth touched corner, which gives the only true
+//! residual. Four corners of a rectangle look the same from its other end: the fourth shows this only if it breaks
+//! the symmetry. If a person counts all four corners from the other end, their distances are still right: only a
+//! rough mount shows that.
 
 use super::arrangement::Arrangement;
 use super::error::CalibError;
@@ -21,22 +23,22 @@ use nalgebra::Isometry3;
 pub struct Touched {
     /// Its column and row, from 0.
     pub corner: (usize, usize),
-    /// Where the pointer's tip was.
+    /// The place of the pointer's tip.
     pub place: Point<Base>,
 }
 
-/// A mount from three touched points with what can be said of it.
+/// A mount from three touched points, with its evidence.
 #[derive(Debug, Clone)]
 pub struct ThreePoints<A: Arrangement> {
     /// The camera's mount.
     pub to_from_camera: Rigid<A::To, A::From>,
-    /// Where the board was when it was touched.
+    /// The board's pose when it was touched.
     pub base_from_board: Rigid<Base, BoardFrame>,
     /// Root mean square of the board's corners in the picture, px.
     pub pnp_rms_px: f64,
     /// Touched distance minus the board's own: 1–2, 2–3, 1–3, mm.
     pub distance_errors_mm: [f64; 3],
-    /// How far the fourth touched corner is from where the result puts it, mm.
+    /// Distance of the fourth touched corner from its place by the result, mm.
     pub check_mm: Option<f64>,
     /// Would the same corners, touched from another end of the board, have the same distances?
     pub looks_alike: bool,
@@ -47,11 +49,11 @@ const MIN_SINE: f64 = 0.1;
 /// The touched points are at least this many squares apart.
 const MIN_SQUARES: f64 = 2.5;
 
-/// Calibrates. `touched` are three corners and, fourth, an optional check; `base_from_flange` is the flange at the
-/// picture, used where the camera sits on it.
+/// Calibrates. `touched` are three corners and, as the fourth, an optional check; `base_from_flange` is the flange
+/// at the picture, used if the camera is on the flange.
 ///
 /// # Errors
-/// Where a corner is not on the board, the points are collinear or too close, or the picture gives no pose.
+/// If a corner is not on the board, the points are collinear or too close, or the picture gives no pose.
 pub fn three_points<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -79,7 +81,7 @@ pub fn three_points<A: Arrangement>(
     let board_from_frame = frame_through::<BoardFrame>(corners, MIN_SQUARES * board.square_mm(), "named corners")?;
     let base_from_board: Rigid<Base, BoardFrame> = Rigid::claim(base_from_frame * board_from_frame.inverse());
     let pose = board_pose(camera, seen)?;
-    // Eq. 3.18 and 3.19: the camera sits on the flange, or stands in the base.
+    // Eq. 3.18 and 3.19: the camera is on the flange, or fixed in the base.
     let to_from_base: Isometry3<f64> = match (A::EYE_IN_HAND, base_from_flange) {
         (false, _) => Isometry3::identity(),
         (true, Some(base_from_flange)) => *base_from_flange.inverse().isometry(),
@@ -121,7 +123,7 @@ fn frame_through<F: Frame>(points: [Point<F>; 3], apart_mm: f64, what: &str) -> 
     let x = (points[1] - points[0]).mm.normalize(); // Eq. 3.14
     let v = (points[2] - points[0]).mm.normalize();
     let z = x.cross(&v); // Eq. 3.15
-    // The flattest angle counts: two of the three may stand close to each other seen from the third.
+    // The flattest angle counts: two of the three may be close to each other seen from the third.
     let w = (points[2] - points[1]).mm.normalize();
     if z.norm().min(x.cross(&w).norm()).min(v.cross(&w).norm()) < MIN_SINE {
         return Err(flat());

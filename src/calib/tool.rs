@@ -26,7 +26,7 @@ pub struct ToolPoint {
     pub uncertainty_mm: f64,
 }
 
-/// What says where the tool's axis points.
+/// The touches that show the direction of the tool's axis.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AxisTouch {
     /// Flange poses in which a point of the axis behind the tip is at the spot.
@@ -60,10 +60,10 @@ const IN_METRES: f64 = 10.0;
 /// A second point closer than this to the tip gives no axis, mm.
 const MIN_BEHIND_MM: f64 = 20.0;
 
-/// The tool's point.
+/// Computes the tool's point.
 ///
 /// # Errors
-/// Where there are fewer than four poses, or they turn too little.
+/// If there are fewer than four poses, or they rotate too little.
 pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError> {
     let count = poses.len();
     if count < MIN_POSES {
@@ -108,10 +108,10 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     })
 }
 
-/// The tool's axis.
+/// Computes the tool's axis.
 ///
 /// # Errors
-/// Where a second point is too near the tip, or a plate is not determined.
+/// If a second point is too near the tip, or a plate is not determined.
 pub fn tool_axis(point: &ToolPoint, touch: &AxisTouch) -> Result<ToolAxis, CalibError> {
     let (axes, plate_rms_mm) = match touch {
         AxisTouch::Behind(poses) => (behind(point, poses)?, None),

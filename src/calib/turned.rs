@@ -1,11 +1,12 @@
 //! Determines by the robot's poses in which rotation a symmetric board was detected.
 //!
-//! A grid of circles looks the same rotated by 180°, a square one by 90°; a detector then starts with the uppermost corner,
-//! which is not always the same one. Between two stations i, j the flange and the board rotate by the same angle,
+//! A grid of circles looks the same rotated by 180°, a square one by 90°; a detector then starts with the uppermost
+//! corner, which is not always the same one. Between two stations i, j the flange and the board rotate by the same
+//! angle,
 //!     ∠(Aᵢ⁻¹ Aⱼ) = ∠((Bᵢ Tᵢ⁻¹)(Bⱼ Tⱼ⁻¹)⁻¹),                                                                       (1)
-//! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that fulfil (1) give a mount in
-//! closed form; with it each other station takes the rotation that brings its board nearest to theirs. The best solution has the least
-//! median of the distances, as in `consensus`.
+//! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that fulfil (1)
+//! give a mount in closed form. With it each other station gets the rotation that brings its board nearest to
+//! theirs. The best solution has the least median of the distances, as in `consensus`.
 //!
 //! Nothing is judged here: stations that fit in no rotation stay as they are and are named by the adjustment.
 
@@ -45,10 +46,11 @@ fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
     corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
 }
 
-/// Names the corners of each picture, with the flange's pose beside them, as if every board had been taken the same way round.
+/// Names the corners of each picture as if every board had been detected in the same rotation. Each picture comes
+/// with the flange's pose.
 ///
 /// # Errors
-/// Where a picture's corners determine no pose of the board.
+/// If a picture's corners determine no pose of the board.
 pub fn same_way_round<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
@@ -88,13 +90,14 @@ fn nearer(best: Option<Ways>, next: Ways) -> Option<Ways> {
 
 struct Stations {
     holder_from_to: Vec<Isometry3<f64>>,
-    /// Where each camera has the board, in each turn.
+    /// The board's pose in each camera's frame, in each rotation.
     turned: Vec<Vec<Isometry3<f64>>>,
     middle: Point3<f64>,
 }
 
 impl Stations {
-    /// What three stations say of all, in each combination of turns that fulfils (1); the first one's turn is none.
+    /// Returns the solution of three stations for all, in each combination of rotations that fulfils (1); the first
+    /// one has no rotation.
     fn of_triple(&self, [a, b, c]: [usize; 3]) -> Vec<Ways> {
         let mut all = Vec::new();
         for way_b in (0..self.turned[b].len()).filter(|way| self.turns_alike((a, 0), (b, *way))) {

@@ -10,7 +10,7 @@ pub(super) struct Address {
     /// The name or IP address, without brackets.
     pub host: String,
     pub port: u16,
-    /// From `/` on and without `/` at its end; empty where there is none.
+    /// From `/` on and without `/` at its end; empty if there is none.
     pub path: String,
 }
 
@@ -19,7 +19,7 @@ pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Addr
     let uri: Uri = text.parse().ok()?;
     let (scheme, usual) = schemes.into_iter().find(|(scheme, _)| uri.scheme_str() == Some(scheme))?;
     let authority = uri.authority()?;
-    // The library takes what stands before @, and a port that is no number, for nothing.
+    // The library ignores anything before @, and a port that is no number.
     let port = match authority.as_str().strip_prefix(authority.host())? {
         "" => usual,
         port => port.strip_prefix(':')?.parse().ok()?,
@@ -37,7 +37,7 @@ pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Addr
     })
 }
 
-/// Host and port as they stand in an address.
+/// Returns host and port as they are written in an address.
 pub fn authority(host: &str, port: u16) -> String {
     if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
 }

@@ -1,8 +1,8 @@
-//! `[arm]` and `[[keep_out]]`: the arm's lengths, axes and margins, and boxes that no part of it may enter.
+//! `[arm]` and `[[keep_out]]`: the arm's lengths, axes and margins, and boxes that no part of the arm may enter.
 //!
-//! Lengths and signs as Brandstötter, Angerer and Hofbaur (2014) have them for six axes with an ortho-parallel basis
-//! and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Another arm states all of its numbers: one
-//! left out would be the wrong arm's.
+//! Lengths and signs are those of Brandstötter, Angerer and Hofbaur (2014) for six axes with an ortho-parallel
+//! basis and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Any other arm states all of its
+//! numbers: a number that is left out would be that of the wrong arm.
 
 use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
 use super::arm_presets::{PRESETS, Preset};
@@ -21,7 +21,7 @@ pub enum ArmModel {
     Custom,
 }
 
-/// The word for an arm whose numbers are all in the file.
+/// The word for an arm with all of its numbers in the file.
 const CUSTOM: &str = "custom";
 
 impl Setting for ArmModel {
@@ -41,7 +41,7 @@ settings! {
         model: ArmModel, (), default ArmModel::Named(&PRESETS[0]);
         /// From axis 1 forward to axis 2, mm.
         a1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
-        /// From axis 3 to the forearm's axis, mm; negative where the forearm runs above axis 3.
+        /// From axis 3 to the forearm's axis, mm; negative if the forearm runs above axis 3.
         a2_mm: Option<f64>, -5_000.0..=5_000.0, default None;
         /// From axis 1 sideways to axis 2, mm.
         b_mm: Option<f64>, -5_000.0..=5_000.0, default None;
@@ -53,9 +53,9 @@ settings! {
         c3_mm: Option<f64>, 1.0..=5_000.0, default None;
         /// From the wrist's centre to the flange, mm.
         c4_mm: Option<f64>, 0.0..=2_000.0, default None;
-        /// Each axis where the model's arm points straight up, degrees.
+        /// The angle of each axis with the model's arm pointing straight up, degrees.
         offsets_deg: Option<[f64; 6]>, -360.0..=360.0, default None;
-        /// 1 where an axis turns as the model's does, −1 where it turns the other way.
+        /// 1 if an axis turns as the model's does, −1 if it turns the other way.
         signs: Option<[f64; 6]>, -1.0..=1.0, default None;
         /// Lowest angle of each axis, degrees.
         min_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
@@ -83,7 +83,7 @@ settings! {
 /// A box that no part of the arm may enter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeepOut {
-    /// What stands there.
+    /// The name of the obstacle.
     pub name: String,
     /// Lower corner, mm.
     pub min: Point<Base>,
@@ -112,7 +112,8 @@ impl Arm {
         &self.axes
     }
 
-    /// The named arm whose lengths are nearest, with the largest difference, mm, if every number is in the file.
+    /// Returns the named arm with the nearest lengths, and the largest difference, mm, if every number is in the
+    /// file.
     pub fn nearest_named(&self) -> Option<(&'static Preset, f64)> {
         let nearest = Preset::nearest(&self.geometry);
         (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.farthest_mm(&self.geometry)))
@@ -128,7 +129,7 @@ impl Arm {
         &self.keep_out
     }
 
-    /// How it differs from its drawing, where that was measured.
+    /// Returns how the arm differs from its drawing, if that was measured.
     pub fn correction(&self) -> Option<&CorrectionNumbers> {
         self.correction.as_ref()
     }

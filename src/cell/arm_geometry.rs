@@ -3,7 +3,8 @@
 /// A number for each axis, axis 1 first.
 pub type PerAxis = [f64; 6];
 
-/// An axis reaches its speed in this time where the file does not say, s. Data sheets do not state accelerations.
+/// The time in which an axis reaches its speed if the file does not state it, s. Data sheets do not state
+/// accelerations.
 pub(super) const SPEED_UP_S: f64 = 0.3;
 
 /// The arm's geometry; lengths as Brandstötter, Angerer and Hofbaur (2014) name them.
@@ -23,7 +24,7 @@ pub struct ArmGeometry {
     pub c3_mm: f64,
     /// Wrist to flange, mm.
     pub c4_mm: f64,
-    /// Each axis where the model's arm points straight up, degrees.
+    /// The angle of each axis with the model's arm pointing straight up, degrees.
     pub offsets_deg: PerAxis,
     /// 1 or −1 for each axis.
     pub signs: [i8; 6],

@@ -44,7 +44,7 @@ impl Preset {
         pairs.map(|(own_mm, other_mm)| (own_mm - other_mm).abs()).fold(0.0, f64::max)
     }
 
-    /// The preset whose lengths are nearest to an arm's.
+    /// Returns the preset with the lengths nearest to an arm's.
     pub fn nearest(arm: &ArmGeometry) -> &'static Preset {
         let mut nearest = &PRESETS[0];
         for preset in &PRESETS[1..] {

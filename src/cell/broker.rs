@@ -1,4 +1,4 @@
-//! Where a NATS broker is, and how it knows us: the same keys in a cell's file and in that of the archive.
+//! The address of a NATS broker, and the login there: the same keys in a cell's file and in that of the archive.
 
 use super::address::{Address, authority, read};
 use super::devices::is_this_computer;
@@ -12,18 +12,18 @@ pub struct Broker {
     pub address: String,
     /// The certificate authority's file, PEM; without it the system's ones count.
     pub ca: Option<PathBuf>,
-    /// How it knows us.
+    /// How the broker identifies this program.
     pub login: BrokerLogin,
 }
 
-/// How a broker knows who comes.
+/// How a broker identifies a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BrokerLogin {
     /// It lets anybody in.
     Anybody,
     /// By a file of credentials, as `nsc` writes it.
     Credentials(PathBuf),
-    /// By a user's name and the password that stands alone in a file.
+    /// By a user's name and the password that is alone in a file.
     Password {
         /// The user.
         user: String,
@@ -37,7 +37,8 @@ const OPEN: &str = "nats";
 const SCHEMES: [(&str, u16); 2] = [(OPEN, 4_222), ("tls", 4_222)];
 
 impl Broker {
-    /// Takes the address under this key and what belongs to it; the outer `None` is a problem, the inner one no broker.
+    /// Reads the address under this key and the keys that belong to it; the outer `None` is a problem, the inner
+    /// one no broker.
     pub fn take(folder: &Path, section: &Section<'_, '_>, key: &'static str) -> Option<Option<Broker>> {
         let keys = [key, "ca", "credentials", "user", "password_file"];
         let [address, ca, credentials, user, password_file] =

@@ -1,7 +1,7 @@
-//! Calibration files: intrinsics of a camera, and where cameras and tool are mounted. Reader and writer together.
+//! Calibration files: intrinsics of a camera, and the mounts of cameras and tool. Reader and writer together.
 //!
-//! The numbers travel through TOML without loss. The file says where they come from (date, serial, residuals);
-//! whether they are good enough is judged where they are used.
+//! The numbers pass through TOML without loss. The file states their origin (date, serial, residuals); the code
+//! that uses them judges whether they are good enough.
 
 use super::board_size::BoardSize;
 use super::date::Date;
@@ -58,11 +58,11 @@ pub struct Intrinsics {
     pub date: Option<Date>,
     /// Root mean square of the reprojection residuals, px.
     pub rms_px: Option<f64>,
-    /// Which coefficients the lens model has, why it has no others, and where in the picture it is known.
+    /// The coefficients of the lens model, why it has no others, and the part of the picture in which it is known.
     pub extent: LensExtent,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,
-    /// Of a 3D camera, where they were measured: its own errors.
+    /// A 3D camera's own errors, if they were measured.
     pub errors: Option<MeasuredScanner>,
 }
 
@@ -173,7 +173,7 @@ impl Intrinsics {
         Some(Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance, errors: None })
     }
 
-    /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
+    /// Returns the file that [`Intrinsics::check`] reads back to the last bit, if the numbers are in its ranges.
     pub fn to_toml(&self) -> String {
         let c = &self.camera;
         let mut text = format!("[camera]\nwidth_px = {}\nheight_px = {}\n", c.width_px, c.height_px);
@@ -214,7 +214,7 @@ fn corner_without_ray(camera: &PinholeCamera) -> Option<Pixel> {
     corners.into_iter().find(|corner| !has_ray(corner))
 }
 
-/// What is mounted where: the two frames and the name of the file's table.
+/// A mount: its two frames and the name of the file's table.
 pub trait Mount {
     /// The frame that points are mapped to.
     type To: Frame;
@@ -224,11 +224,11 @@ pub trait Mount {
     const TABLE: &'static str;
     /// Has this mount an axis that a calibration may or may not have measured?
     const HAS_AXIS: bool = false;
-    /// Is it a board, whose size its file states?
+    /// Whether it is a board; its file then states the board's size.
     const IS_BOARD: bool = false;
 }
 
-/// `[base_from_camera]`: where the fixed 3D camera stands (thesis 3.7, eye-to-hand).
+/// `[base_from_camera]`: the mount of the fixed 3D camera (thesis 3.7, eye-to-hand).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScannerMount {}
 
@@ -238,7 +238,7 @@ impl Mount for ScannerMount {
     const TABLE: &'static str = "base_from_camera";
 }
 
-/// `[flange_from_camera]`: where the flange camera sits (thesis 3.7, eye-in-hand).
+/// `[flange_from_camera]`: the mount of the flange camera (thesis 3.7, eye-in-hand).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FlangeCameraMount {}
 
@@ -248,7 +248,7 @@ impl Mount for FlangeCameraMount {
     const TABLE: &'static str = "flange_from_camera";
 }
 
-/// `[flange_from_tool]`: where the sanding tool's contact is, Z out of the pad.
+/// `[flange_from_tool]`: the place of the sanding tool's contact, Z out of the pad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ToolMount {}
 
@@ -259,7 +259,7 @@ impl Mount for ToolMount {
     const HAS_AXIS: bool = true;
 }
 
-/// `[base_from_board]`: where a board stands that calibrations are verified with.
+/// `[base_from_board]`: the place of a board by which calibrations are verified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TargetMount {}
 
@@ -287,7 +287,7 @@ pub struct MountedPose<M: Mount> {
     pub board: Option<BoardSize>,
     /// Serial number of what is mounted.
     pub serial: Option<String>,
-    /// Hash of the arm's correction with which the robot's poses were corrected; none where they were not.
+    /// Hash of the arm's correction with which the robot's poses were corrected; `None` if they were not corrected.
     pub robot_correction: Option<String>,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,
@@ -350,7 +350,7 @@ impl<M: Mount> MountedPose<M> {
         Some(MountedPose { board, serial, robot_correction, provenance, ..mounted })
     }
 
-    /// The file that [`MountedPose::check`] reads back to the last bit, where the numbers are in its ranges.
+    /// Returns the file that [`MountedPose::check`] reads back to the last bit, if the numbers are in its ranges.
     pub fn to_toml(&self) -> String {
         let p = &self.pose;
         let mut text = format!("[{}]\n", M::TABLE);

@@ -9,7 +9,7 @@ use toml::de::DeValue;
 pub struct Date(String);
 
 impl Date {
-    /// The day that a text names, year first; `None` where it names none.
+    /// Returns the day that a text names, year first; `None` if it names none.
     pub fn parse(text: &str) -> Option<Self> {
         let day: toml::value::Datetime = text.parse().ok()?;
         (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))

@@ -4,7 +4,7 @@ use crate::config::{Choice, Section};
 use core::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-/// Where a camera's shots come from; `Device` is what a real one must be told. The default is simulated.
+/// The source of a camera's shots; `Device` is the settings of a real one. The default is simulated.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Camera<Device> {
     /// `kind = "simulated"`: the renderer.
@@ -132,7 +132,8 @@ impl Robot {
         self.state_port
     }
 
-    /// The sum of the controller's programs and of `cell_config.dat` with which the cell was accepted; `None` where none was kept.
+    /// Returns the sum of the controller's programs and of `cell_config.dat` with which the cell was accepted;
+    /// `None` if none was kept.
     pub fn programs_sum(&self) -> Option<i32> {
         self.programs_sum
     }
@@ -143,7 +144,7 @@ impl Robot {
     }
 }
 
-/// Whether a host is this computer: nobody is on the way to it.
+/// Returns whether a host is this computer: no one can listen on the way to it.
 pub(super) fn is_this_computer(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }

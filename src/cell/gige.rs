@@ -19,7 +19,7 @@ pub struct Gige {
     pub pixel_format: &'static str,
     /// Exposure time, µs.
     pub exposure_us: f64,
-    /// Gain, dB; the user set's where there is none.
+    /// Gain, dB; `None` for that of the user set.
     pub gain_db: Option<f64>,
     /// Size of a packet with its headers, bytes.
     pub packet_bytes: u16,
@@ -41,7 +41,7 @@ fn take(section: &Section<'_, '_>) -> Option<Gige> {
     let (serial, address) = (text("serial"), text("address"));
     let user_set = section.take::<String>("user_set", (), Some("Default".to_owned()));
     let pixel_format = section.take::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
-    // Whether it is missing is asked where the kind is known.
+    // A missing value is reported by the code that knows the kind.
     let exposure_us = section.take::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
     let gain_db = section.take::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
     // From GigE Vision's least to the largest of an ordinary jumbo frame.

@@ -36,7 +36,7 @@ pub(super) struct StoreTable {
     pub folder: String,
     /// How long clips and scans are kept.
     pub keep: Keep,
-    /// The file of the key that signs records; `None` where it lies in the folder.
+    /// The file of the key that signs records; `None` if the key is in the folder.
     pub record_key: Option<String>,
 }
 

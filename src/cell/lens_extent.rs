@@ -1,4 +1,5 @@
-//! What a lens's file says besides its numbers: its model, what was left out of it, and where in the picture it is known.
+//! The contents of a lens's file besides its numbers: its model, the coefficients that were left out, and the part
+//! of the picture in which it is known.
 
 use super::provenance::Texts;
 use crate::config::{Section, Setting};
@@ -29,7 +30,7 @@ pub struct LensExtent {
     pub model: Option<String>,
     /// Each coefficient that was left out, with the reason.
     pub left_out: Vec<String>,
-    /// Where it is known; `None` for the whole picture.
+    /// The part in which the lens is known; `None` for the whole picture.
     pub supported: Option<Supported>,
 }
 

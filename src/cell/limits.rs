@@ -1,4 +1,5 @@
-//! `[limits]`: numbers that hold for every panel of the cell. A recipe may override where it says so.
+//! `[limits]`: numbers that hold for every panel of the cell. A recipe may override a number if its description
+//! states this.
 
 use crate::config::{Section, settings};
 use crate::geometry::{Base, Point};
@@ -19,7 +20,7 @@ settings! {
         watchdog_ms: usize, 40..=400, default 400;
         /// How long a localization may be used before Verify must renew it, s.
         token_s: f64, 10.0..=600.0, default 600.0;
-        /// How long a stop may take before it is a fault, s.
+        /// The time limit for a stop, after which it is a fault, s.
         stop_deadline_s: f64, 0.5..=10.0, default 10.0;
         /// How long the output `warning` of `[io.outputs]` is on before the first motion after a rest, s.
         warning_s: f64, 0.5..=30.0, default 3.0;
@@ -65,7 +66,7 @@ impl Workspace {
 }
 
 impl Limits {
-    /// The box for waypoints, `box_min_mm` to `box_max_mm`; `None` where the file states none.
+    /// Returns the box for waypoints, `box_min_mm` to `box_max_mm`; `None` if the file states none.
     pub fn workspace(&self) -> Option<Workspace> {
         let corner = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);
         Some(Workspace { min: corner(self.box_min_mm?), max: corner(self.box_max_mm?) })

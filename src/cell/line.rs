@@ -1,4 +1,4 @@
-//! `[line]`: the handshake with a line by digital signals. It is off until `[line]` is there.
+//! `[line]`: the handshake with a line by digital signals. It is off until `[line]` is present.
 
 use super::line_signal::LineSignal;
 use super::names::InputsOutputs;
@@ -9,12 +9,12 @@ use strum::VariantArray;
 /// The inputs that the line sets, by their names in `[io.feedbacks]`.
 pub const LINE_INPUTS: [&str; 2] = ["part_present", "start_request"];
 
-/// By what a cycle begins that the line asks for.
+/// The data with which a cycle begins that the line requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
     /// The recipe's file.
     pub recipe: PathBuf,
-    /// The part's serial number, where each part has the same one.
+    /// The part's serial number, if each part has the same one.
     pub serial: Option<String>,
     /// Its work order.
     pub order: Option<String>,

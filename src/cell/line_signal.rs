@@ -1,4 +1,4 @@
-//! `[io.line_outputs]`: by what a line is told.
+//! `[io.line_outputs]`: the outputs that inform a line.
 
 use crate::config::Section;
 use std::collections::BTreeMap;
@@ -20,7 +20,7 @@ pub enum LineSignal {
     Fail,
     /// `review`: the cycle waits for a person's word on a result.
     Review,
-    /// `fault`: a person is needed. The controller itself sets it where it does not hear from this program.
+    /// `fault`: a person is needed. The controller itself sets it if it does not hear from this program.
     Fault,
 }
 
@@ -36,7 +36,7 @@ impl LineSignal {
     }
 }
 
-/// `[io.line_outputs]`: an output by which a line is told is none that the process switches.
+/// Reads `[io.line_outputs]`: an output for the line is none that the process switches.
 pub(super) fn take_line_outputs(
     section: &Section<'_, '_>,
     numbers: BTreeMap<String, u16>,

@@ -1,8 +1,8 @@
 //! The cell: one TOML file for each robot cell, and the calibration files it names, checked like a recipe.
 //!
-//! What is connected, where the arm parks, what inputs and outputs are called, which calibrations hold, and the
-//! limits for every panel. File names are relative to the cell file's folder. A file may leave out what a command
-//! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
+//! It states what is connected, the arm's park pose, the names of inputs and outputs, which calibrations hold, and
+//! the limits for every panel. File names are relative to the cell file's folder. A file may omit what a command
+//! does not need (offline work has no poses); the code that needs it reports it. The caller reads the disk.
 
 mod address;
 mod arm;
@@ -89,9 +89,9 @@ pub struct CalibrationFiles {
     pub flange_from_camera: Option<PathBuf>,
     /// The [`ToolMount`].
     pub flange_from_tool: Option<PathBuf>,
-    /// The [`RobotCorrection`], where the arm has one.
+    /// The [`RobotCorrection`], if the arm has one.
     pub robot_correction: Option<PathBuf>,
-    /// The [`RemovalCalibration`], where a recipe states what is to be removed.
+    /// The [`RemovalCalibration`], if a recipe states how much is to be removed.
     pub removal: Option<PathBuf>,
 }
 
@@ -181,7 +181,7 @@ pub const CELL_KEYS: [&str; 20] = [
 ];
 
 impl Cell {
-    /// Checks the text of a cell's file; `file` is its name in messages, and its folder is where relative names start.
+    /// Checks the text of a cell's file; `file` is its name in messages, and relative names start at its folder.
     ///
     /// # Errors
     /// Every problem of the file with its line and key.
@@ -248,17 +248,19 @@ impl Cell {
         &self.keep
     }
 
-    /// The file of the key that signs records, where the cell's file names one; else a credential, or it lies in the store.
+    /// Returns the file of the key that signs records, if the cell's file names one; else the key is a credential,
+    /// or is in the store.
     pub fn record_key(&self) -> Option<&Path> {
         self.record_key.as_deref()
     }
 
-    /// The service's socket, where the file names one; else it lies in the store.
+    /// Returns the service's socket, if the file names one; else it is in the store.
     pub fn socket(&self) -> Option<&Path> {
         self.socket.as_deref()
     }
 
-    /// The role of whoever the socket's group lets in; without it they may request everything that the socket offers.
+    /// Returns the role of the clients that the socket's group lets in; without it they may request everything that
+    /// the socket offers.
     pub fn socket_role(&self) -> Option<Role> {
         self.socket_role
     }
@@ -283,7 +285,8 @@ impl Cell {
         &self.tool
     }
 
-    /// Where the arm stands clear of the panel and of both cameras' view: a shot is taken only from there.
+    /// Returns the pose in which the arm is clear of the panel and of both cameras' view: a shot is made only from
+    /// there.
     pub fn park(&self) -> Option<Joints> {
         self.pose("park")
     }
@@ -308,7 +311,7 @@ impl Cell {
         &self.calibration
     }
 
-    /// Where the cameras are, by hand: what a three-point calibration is held against.
+    /// Returns the places of the cameras, measured by hand: a three-point calibration is compared with them.
     pub fn rough(&self) -> &RoughMounts {
         &self.rough
     }
@@ -323,12 +326,12 @@ impl Cell {
         &self.arm
     }
 
-    /// Where records go, where that is set.
+    /// Returns the destination of records, if one is set.
     pub fn office(&self) -> Option<&Office> {
         self.office.as_ref()
     }
 
-    /// Where signed records are put by HTTP, where that is set.
+    /// Returns the destination of signed records by HTTP, if one is set.
     pub fn push(&self) -> Option<&Push> {
         self.push.as_ref()
     }
@@ -338,7 +341,7 @@ impl Cell {
         &self.page
     }
 
-    /// The cell as an edge node of MQTT Sparkplug, where it is one.
+    /// Returns the cell as an edge node of MQTT Sparkplug, if it is one.
     pub fn sparkplug(&self) -> Option<&SparkplugNode> {
         self.sparkplug.as_ref()
     }
@@ -348,12 +351,12 @@ impl Cell {
         &self.opcua
     }
 
-    /// The handshake with a line by digital signals, where there is one.
+    /// Returns the handshake with a line by digital signals, if there is one.
     pub fn line(&self) -> Option<&Line> {
         self.line.as_ref()
     }
 
-    /// The same cell with its arm corrected as this file says, the one that `[calibration]` names.
+    /// Returns the same cell with its arm corrected as this file states, the one that `[calibration]` names.
     #[must_use]
     pub fn corrected(self, correction: CorrectionNumbers) -> Self {
         Cell { arm: self.arm.corrected(correction), ..self }

@@ -6,7 +6,7 @@ use crate::geometry::Joints;
 use std::collections::BTreeMap;
 use strum::VariantArray;
 
-/// `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which takes nothing else.
+/// Reads `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which accepts nothing else.
 pub(super) fn take_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
     let named = section.named_sections();
     if section.is_present() && !named.iter().any(|(name, _)| name == "park") {
@@ -17,7 +17,7 @@ pub(super) fn take_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, J
 }
 
 fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
-    // Generous: which angles this arm reaches, `requirements` and the gate say.
+    // A wide range: `requirements` and the gate state which angles this arm reaches.
     let axis = |key| section.take::<f64>(key, -360.0..=360.0, None);
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
         ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);
@@ -57,7 +57,7 @@ impl Output {
         self.into()
     }
 
-    /// The feedback that says whether it did what it should; that of the spray says that it is off.
+    /// Returns the feedback that shows whether the output had its effect; that of the spray shows that it is off.
     pub fn feedback(self) -> Feedback {
         match self {
             Output::Light => Feedback::LightOn,
@@ -83,8 +83,8 @@ pub enum Feedback {
     ExtractionFlow,
     /// `tool_running`: the sander turns.
     ToolRunning,
-    /// `tool_stands`: the sander stands. Beside `tool_running` it makes a pair of which always one is on: then off is proven by a signal
-    /// that is there, and a broken wire is noticed.
+    /// `tool_stands`: the sander is at rest. With `tool_running` it makes a pair of which one is always on. Off is
+    /// then proven by a signal that is present, and a broken wire is noticed.
     ToolStands,
 }
 
@@ -133,12 +133,12 @@ impl InputsOutputs {
         &self.off_after_s
     }
 
-    /// The number of an output by which a line is told.
+    /// Returns the number of an output that informs a line.
     pub fn line_output(&self, signal: LineSignal) -> Option<u16> {
         self.line_outputs.get(signal.name()).copied()
     }
 
-    /// All of them in the order of CELL_LINE, 0 where the cell has none.
+    /// Returns all of them in the order of CELL_LINE, 0 if the cell has none.
     pub fn line_outputs(&self) -> [u16; 6] {
         let mut numbers = [0; 6];
         for signal in LineSignal::VARIANTS {
@@ -169,7 +169,8 @@ impl InputsOutputs {
         bit(&self.outputs, number)
     }
 
-    /// Whether "tool off" is proven by a signal that is there; without it a broken wire reads like a tool that stands.
+    /// Returns whether "tool off" is proven by a signal that is present; without it a broken wire reads like a tool
+    /// at rest.
     pub fn proves_tool_off(&self) -> bool {
         [Feedback::ToolRunning, Feedback::ToolStands].iter().all(|feedback| self.feedback(*feedback).is_some())
     }
@@ -195,7 +196,7 @@ impl InputsOutputs {
     }
 }
 
-/// Signals stand in the state message's bits in the order of their numbers.
+/// Returns a signal's bit: the state message has the signals in the order of their numbers.
 fn bit(names: &BTreeMap<String, u16>, number: u16) -> Option<u32> {
     u32::try_from(names.values().filter(|other| **other < number).count()).ok()
 }
@@ -207,7 +208,7 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
 
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
 const MOST_FEEDBACKS: usize = 31;
-/// Outputs that do harm while nobody looks after them: the tool, and all that lets water run.
+/// Outputs that do harm while no one supervises them: the tool, and all that let water run.
 const OFF_AT_ONCE: [&str; 3] = ["rinse", "spray", "tool"];
 /// An output that is left on for longer is left on, s.
 const LONGEST_OFF_S: u16 = 600;

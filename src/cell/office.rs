@@ -1,4 +1,4 @@
-//! `[office]`: where the cell's records go. Off until `broker` is set.
+//! `[office]`: the destination of the cell's records. Off until `broker` is set.
 
 use super::broker::Broker;
 use crate::config::Section;
@@ -9,14 +9,14 @@ use std::path::Path;
 const MOST_CHARACTERS: usize = 40;
 const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 
-/// Where the cell's records go.
+/// The destination of the cell's records.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Office {
-    /// The broker that takes them.
+    /// The broker that receives them.
     pub broker: Broker,
-    /// The name by which the office knows this cell.
+    /// The name that identifies this cell at the office.
     pub cell: CellName,
-    /// A record that the office does not have after so many minutes is an alarm.
+    /// A record that the office does not have after this many minutes is an alarm.
     pub behind_min: usize,
 }
 
@@ -25,10 +25,10 @@ pub struct Office {
 pub struct CellName(String);
 
 impl CellName {
-    /// Reads a name.
+    /// Checks a name.
     ///
     /// # Errors
-    /// Says what is allowed.
+    /// States what is allowed.
     pub fn new(name: &str) -> Result<Self, String> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !name.is_empty() && name.len() <= MOST_CHARACTERS && name.chars().all(is_allowed) {
@@ -57,7 +57,7 @@ pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Op
     let broker = Broker::take(folder, section, "broker");
     let cell = section.take::<Option<String>>("cell", (), Some(None));
     let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
-    // A wrong name is told beside a wrong broker.
+    // A wrong name is reported together with a wrong broker.
     let cell = cell.and_then(|name| match name.as_deref().map(CellName::new).transpose() {
         Ok(name) => Some(name),
         Err(problem) => {

@@ -4,7 +4,7 @@ use crate::config::{Choice, Section};
 use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// What somebody may do who has not logged in.
+/// The permissions of a client that has not logged in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 pub enum Anonymous {
@@ -18,16 +18,16 @@ impl Choice for Anonymous {
     const WORDS: &'static [(&'static str, Self)] = &[("nothing", Anonymous::Nothing), ("read", Anonymous::Read)];
 }
 
-/// Where the server is reached, and by whom.
+/// How the server is reached, and by which clients.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpcUa {
     /// The address and port; without it there is no server.
     pub listen: Option<SocketAddr>,
-    /// The name or address by which clients reach it, in the addresses that it tells them.
+    /// The name or address by which clients reach the server, in the addresses that it sends them.
     pub host: Option<String>,
-    /// What somebody may do who has not logged in.
+    /// The permissions of a client that has not logged in.
     pub anonymous: Anonymous,
-    /// Whether a connection may be neither signed nor encrypted. Nobody logs in through such a one.
+    /// Whether a connection may be neither signed nor encrypted. No one can log in through such a connection.
     pub is_unencrypted_allowed: bool,
     /// The folder of the certificates: `own`, `private`, `trusted`, `rejected`.
     pub certificates: PathBuf,
@@ -37,7 +37,7 @@ pub struct OpcUa {
 const IN_STORE: &str = "opcua";
 
 impl OpcUa {
-    /// With its certificates in this store, where the file names no folder for them.
+    /// Returns the settings with the certificates in this store, if the file names no folder for them.
     pub(super) fn in_store(self, store: &Path) -> Self {
         let certificates =
             if self.certificates.as_os_str().is_empty() { store.join(IN_STORE) } else { self.certificates };
@@ -83,7 +83,7 @@ pub(super) fn take_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Opc
     Some(OpcUa { listen: address, host, anonymous, is_unencrypted_allowed, certificates })
 }
 
-/// Whether it can stand in an address.
+/// Returns whether the text can be used in an address.
 fn is_host(text: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     (1..=253).contains(&text.len()) && text.chars().all(is_plain)

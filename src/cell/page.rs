@@ -4,20 +4,21 @@ use crate::config::Section;
 use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// Where the page is served, and how long people stay logged in.
+/// The address of the page, and how long people stay logged in.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Page {
     /// The address and port; without it there is no page.
     pub listen: Option<SocketAddr>,
-    /// The certificate's file and its key's, PEM; without them the program makes its own where others can reach the page.
+    /// The certificate's file and its key's, PEM; without them the program makes its own if others can reach the
+    /// page.
     pub certificate: Option<[PathBuf; 2]>,
     /// The folder of the recipes that can be started.
     pub recipes: PathBuf,
     /// A file with the page's words in further languages.
     pub words: Option<PathBuf>,
-    /// A session ends after so many minutes without an action.
+    /// The number of minutes without an action after which a session ends.
     pub idle_min: usize,
-    /// So many sessions of one account at one time.
+    /// The largest number of sessions of one account at one time.
     pub sessions: usize,
 }
 

@@ -1,11 +1,11 @@
-//! Where a calibration's numbers come from: the program, the pictures, and what each of them left.
+//! The origin of a calibration's numbers: the program, the pictures, and the residual of each picture.
 
 use crate::config::{Section, Setting};
 use std::fmt::Write;
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
 
-/// Where a calibration's numbers come from; every key may be absent.
+/// The origin of a calibration's numbers; every key may be absent.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Provenance {
     /// The program that made it, with its version.

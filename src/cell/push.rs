@@ -10,16 +10,16 @@ const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 /// With their usual ports.
 const SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 
-/// Where signed records are put.
+/// The destination of signed records.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Push {
     /// The folder of the server below which each file is put.
     pub to: WebFolder,
     /// The certificate of the authority that has signed the server's, PEM, with `https://`.
     pub ca_certificate: Option<PathBuf>,
-    /// The file of the token that the server asks for.
+    /// The file of the token that the server requires.
     pub token_file: Option<PathBuf>,
-    /// A record that the server does not have after so many minutes is an alarm.
+    /// A record that the server does not have after this many minutes is an alarm.
     pub behind_min: usize,
 }
 
@@ -37,7 +37,7 @@ pub struct WebFolder {
 }
 
 impl WebFolder {
-    /// Host and port as they stand in an address.
+    /// Returns host and port as they are written in an address.
     pub fn authority(&self) -> String {
         address::authority(&self.host, self.port)
     }

@@ -1,15 +1,16 @@
-//! `[removal]`: what the disc takes off, as `panelprep calibrate removal` found it on coupons. Reader and writer together.
+//! `[removal]`: how much the disc removes, as `panelprep calibrate removal` found it on coupons. Reader and writer
+//! together.
 
 use super::date::Date;
 use super::provenance::{Provenance, line};
 use crate::config::{self, Problems, Section, settings};
 
 settings! {
-    /// The numbers of the removal model; `removal` says what each of them is.
+    /// The numbers of the removal model; `removal` describes each of them.
     pub struct RemovalNumbers {
         /// Preston's coefficient of a new disc, mm²/N.
         preston_mm2_per_n: f64, 1e-9..=10.0, required;
-        /// Its standard deviation, percent of it.
+        /// Its standard deviation, percent of the coefficient.
         preston_deviation_percent: f64, 0.0..=100.0, required;
         /// How much ln k falls while the disc sweeps a square metre, 1/m².
         wear_per_m2: f64, -100.0..=1_000.0, required;
@@ -68,8 +69,9 @@ impl RemovalCalibration {
         Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
     }
 
-    /// The file that [`RemovalCalibration::check`] reads back to the last bit, of the numbers in the order of
-    /// [`RemovalNumbers`], with so many coupons; made by a calibration, which has checked none of their ranges.
+    /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the
+    /// order of [`RemovalNumbers`] and the number of coupons. It is made by a calibration, which has checked none
+    /// of their ranges.
     pub fn text_of(
         numbers: &[(&'static str, f64)],
         coupons: usize,

@@ -11,7 +11,7 @@ pub const GEOMETRY_NUMBERS: usize = 32;
 /// Numbers of a smooth correction.
 pub const SMOOTH_NUMBERS: usize = 24;
 
-/// The numbers of a correction, rotations in rad, lengths in mm; `calib::robot_correction` says what each of them is.
+/// The numbers of a correction, rotations in rad, lengths in mm; `calib::robot_correction` describes each of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CorrectionNumbers {
     /// Errors of the arm's geometry: the axis angles are needed to apply it.

@@ -1,4 +1,4 @@
-//! `[rough]`: where the cameras are, measured by hand with a tape. It bounds what a calibration may find.
+//! `[rough]`: the places of the cameras, measured by hand with a tape. They limit the result of a calibration.
 
 use crate::config::Section;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
@@ -6,7 +6,7 @@ use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
 /// Rough mounts; each may be absent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RoughMounts {
-    /// Where the fixed camera stands.
+    /// The pose of the fixed camera.
     pub base_from_camera: Option<Rigid<Base, Camera>>,
     /// How the flange camera sits on the flange.
     pub flange_from_camera: Option<Rigid<Flange, FlangeCamera>>,
@@ -23,7 +23,7 @@ pub(super) fn take_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
     Some(rough)
 }
 
-/// `Some(None)` where the table is absent.
+/// Returns `Some(None)` if the table is absent.
 fn take_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
     if !section.is_present() {
         return Some(None);

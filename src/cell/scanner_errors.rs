@@ -22,7 +22,7 @@ pub struct MeasuredScanner {
     pub scale_deviation_percent: f64,
     /// Places of the board.
     pub places: usize,
-    /// What is the same in each scan, and is corrected; none where nothing is.
+    /// The error that is the same in each scan, and is corrected; `None` if there is none.
     pub field: Option<DepthField>,
     /// When.
     pub date: Option<Date>,
@@ -39,7 +39,7 @@ const DIRECTION: RangeInclusive<f64> = -5.0..=5.0;
 const FIELD_MM: RangeInclusive<f64> = -50.0..=50.0;
 
 impl MeasuredScanner {
-    /// The table, where there is one.
+    /// Reads the table, if there is one.
     pub(super) fn take(top: &Section<'_, '_>) -> Option<Option<Self>> {
         let section = top.section(TABLE);
         if !section.is_present() {
@@ -89,7 +89,7 @@ impl MeasuredScanner {
         }
     }
 
-    /// The table as [`MeasuredScanner::take`] reads it back to the last bit.
+    /// Writes the table so that [`MeasuredScanner::take`] reads it back to the last bit.
     pub(super) fn write(&self, text: &mut String) {
         text.push_str("\n[scanner_errors]\n");
         let numbers = [

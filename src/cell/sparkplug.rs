@@ -1,10 +1,10 @@
-//! `[sparkplug]`: the cell as an edge node of MQTT Sparkplug B. It is off until the table is there.
+//! `[sparkplug]`: the cell as an edge node of MQTT Sparkplug B. It is off until the table is present.
 
 use super::devices::{is_host, is_this_computer};
 use crate::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
-/// Which commands the cell takes from the broker. A rebirth is always taken, and a start never.
+/// The commands that the cell accepts from the broker. A rebirth is always accepted, and a start never.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NodeCommands {
     /// None.
@@ -26,7 +26,7 @@ pub struct SparkplugNode {
     pub broker: String,
     /// Its port.
     pub port: u16,
-    /// TLS towards the broker; `None` where the broker runs on this computer and none is stated.
+    /// TLS towards the broker; `None` if the broker runs on this computer and none is stated.
     pub tls: Option<BrokerTls>,
     /// The user's name and the file of the password.
     pub login: Option<(String, PathBuf)>,
@@ -47,7 +47,7 @@ pub struct SparkplugNode {
 pub struct BrokerTls {
     /// The certificate of the authority that has signed the broker's, PEM.
     pub ca_certificate: PathBuf,
-    /// The cell's own certificate and its key, PEM, where the broker asks for one.
+    /// The cell's own certificate and its key, PEM, if the broker requires one.
     pub own: Option<[PathBuf; 2]>,
 }
 

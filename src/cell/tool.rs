@@ -1,4 +1,5 @@
-//! `[tool]`: whether the sanding tool presses by a spring or by a force of its own, and what a compliant one must be told.
+//! `[tool]`: whether the sanding tool presses by a spring or by a force of its own, and the settings that a
+//! compliant one needs.
 
 use super::devices::is_host;
 use crate::config::{Choice, Section};
@@ -8,7 +9,7 @@ use crate::words::apart;
 /// What presses the disc onto the panel.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Tool {
-    /// `kind = "spring"`: a pad on a tool that is fixed to the flange; nothing is told to it.
+    /// `kind = "spring"`: a pad on a tool that is fixed to the flange; it receives no commands.
     #[default]
     Spring,
     /// A tool that presses with a force of its own.
@@ -16,7 +17,7 @@ pub enum Tool {
 }
 
 impl Tool {
-    /// The compliant tool, where it is one.
+    /// Returns the compliant tool, if it is one.
     pub fn compliant(&self) -> Option<&CompliantTool> {
         match self {
             Tool::Spring => None,
@@ -28,13 +29,13 @@ impl Tool {
 /// A compliant tool.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompliantTool {
-    /// Where it is; none for the simulated one, inside the program.
+    /// Its address; `None` for the simulated one, inside the program.
     pub address: Option<ToolAddress>,
     /// The log-in word.
     pub login: String,
     /// Its number.
     pub id: u16,
-    /// Its stroke, mm; the tool centre point is calibrated at half of it.
+    /// Its stroke, mm; the tool centre point is calibrated at half the stroke.
     pub stroke_mm: f64,
     /// The actuator's strongest pull, N, negative: it holds the tool back in the air.
     pub min_force_n: f64,
@@ -42,11 +43,11 @@ pub struct CompliantTool {
     pub max_force_n: f64,
     /// What hangs on the actuator, kg.
     pub payload_kg: f64,
-    /// What its sensor says of no force, N.
+    /// The reading of its sensor at no force, N.
     pub zero_n: f64,
     /// From one command to the next, ms.
     pub period_ms: u16,
-    /// How long a reply may take, ms.
+    /// The time limit for a reply, ms.
     pub reply_ms: u16,
     /// How far the force may be from its set-point, N.
     pub band_n: f64,
@@ -56,7 +57,7 @@ pub struct CompliantTool {
     pub contact_ms: u16,
 }
 
-/// Where a tool listens.
+/// The address of a tool.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ToolAddress {
     /// Name or address.
@@ -91,7 +92,7 @@ const OF_COMPLIANT: [&str; 10] = [
     "contact_ms",
 ];
 const OF_ACF: [&str; 4] = ["host", "tcp_port", "login", "id"];
-/// What a tool at the end of a cable must state: nobody else knows it.
+/// The keys that a tool at the end of a cable must state: they are known from nowhere else.
 const REQUIRED: [(&str, &str); 5] = [
     ("host", "kind = \"acf\" needs the address of its controller"),
     ("stroke_mm", "kind = \"acf\" needs its stroke, in mm, from its data sheet"),

@@ -1,4 +1,4 @@
-//! `[scanner]`: the fixed 3D camera, and what a Zivid needs to be told.
+//! `[scanner]`: the fixed 3D camera, and the settings that a Zivid needs.
 
 use super::devices::Kind;
 use crate::config::Section;
@@ -7,15 +7,15 @@ use std::path::{Path, PathBuf};
 /// `kind = "zivid"`: a Zivid 3D camera behind its vendor's SDK.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ZividCamera {
-    /// Its serial number; the only camera found where there is neither this nor a file.
+    /// Its serial number; without this and without a file, the only camera found is used.
     pub serial: Option<String>,
     /// A file camera, `.zfc`, instead: the SDK plays raw pictures that were recorded once.
     pub file_camera: Option<PathBuf>,
-    /// The settings of 3D shots with colour, as Zivid Studio saves them; needed to take one.
+    /// The settings of 3D shots with colour, as Zivid Studio saves them; needed for such a shot.
     pub settings: Option<PathBuf>,
     /// The settings of colour pictures; likewise.
     pub settings_2d: Option<PathBuf>,
-    /// `libpanelprep_zivid.so`; where there is none, it is searched as any library.
+    /// `libpanelprep_zivid.so`; if none is stated, it is searched like any library.
     pub library: Option<PathBuf>,
 }
 

@@ -39,7 +39,7 @@ impl Mains {
         }
     }
 
-    /// Whether an exposure lasts a multiple of that, up to a hundredth of it.
+    /// Returns whether an exposure lasts a multiple of the flicker period, up to a hundredth of the period.
     pub fn fits(self, exposure_us: f64) -> bool {
         let periods = exposure_us / self.flicker_us();
         periods.round() >= 1.0 && (periods - periods.round()).abs() <= 0.01
@@ -66,20 +66,20 @@ const SCAN: &str = "Settings";
 const FILM: &str = "Settings2D";
 
 impl ZividSettings {
-    /// Settings of either kind; `file` is the file's name in messages.
+    /// Reads settings of either kind; `file` is the file's name in messages.
     ///
     /// # Errors
-    /// Where the text is no YAML, is of neither kind, or of a kind and wrong: each problem with line and key.
+    /// If the text is no YAML, is of neither kind, or of a kind and wrong: each problem with line and key.
     pub fn read(file: &str, text: &str) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, None, &mut list);
         found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
     }
 
-    /// Settings for this use alone.
+    /// Reads settings for this use only.
     ///
     /// # Errors
-    /// As [`ZividSettings::read`], and where they are for the other use.
+    /// As [`ZividSettings::read`], and if they are for the other use.
     pub fn check(file: &str, text: &str, usage: ZividUse) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, Some(usage), &mut list);
@@ -96,12 +96,12 @@ impl ZividSettings {
         &self.exposures_us
     }
 
-    /// All exposures of a shot together, µs; none where one is not stated.
+    /// Returns the sum of all exposures of a shot, µs; `None` if one is not stated.
     pub fn exposure_us(&self) -> Option<f64> {
         (!self.exposures_us.is_empty()).then(|| self.exposures_us.iter().sum())
     }
 
-    /// The mains whose lamps light each exposure alike.
+    /// Returns the mains with lamps that light each exposure alike.
     pub fn fitting(&self) -> Vec<Mains> {
         let fits = |mains: &Mains| self.exposures_us.iter().all(|exposure_us| mains.fits(*exposure_us));
         Mains::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
@@ -205,7 +205,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
     Some(ZividSettings { usage: found, exposures_us })
 }
 
-/// The exposures; none at all where one is not stated.
+/// Returns the exposures; none at all if one is not stated.
 fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem>) -> Vec<f64> {
     let needed = "a shot is one acquisition or several";
     let Some(all) = settings.get("Acquisitions") else {
@@ -277,7 +277,7 @@ mod tests {
             assert_eq!(settings.fitting(), [Mains::Hz50]);
         }
         assert!(film.says()[2].contains("mains of 50 Hz"), "{:?}", film.says());
-        // What the sample's comment says for the other mains.
+        // The sample's comment states this for the other mains.
         let film_60 = FILM_FILE.replace("20000", "16667");
         let film_60 = ZividSettings::read("film.yml", &film_60).unwrap_or_else(|p| panic!("{p}"));
         assert_eq!(film_60.fitting(), [Mains::Hz60]);

@@ -8,7 +8,7 @@ use crate::controller::{
     COMMANDS, CONFIG, ControllerFiles, DATA, MOTION, STATES, SumError, base_name, differences, program_sum,
 };
 
-/// Where one cell with a controller is among the files, the controller's files among them are held against it.
+/// Compares the controller's files with the cell, if one cell with a controller is among the files.
 pub(super) fn hold_against_the_cell(
     files: &[(&str, &str)],
     (cell_place, cell): (usize, &Cell),

@@ -1,11 +1,11 @@
 //! Checks classic EthernetKRL files, shipped or foreign: errors, pitfalls, and a description of the channel.
 //!
 //! The client's reader (`eki::channel`) notes everything that differs from the manual. Here `traps` finds what the
-//! controller accepts although it leads to trouble, `clash` finds conflicts between two files, and `say` describes a
-//! channel. Facts: `eki.md` 1 and 6. RAW channels, channels that the controller dials and unknown names are read as
-//! well, and all problems are reported.
+//! controller accepts although it leads to trouble, `clash` finds conflicts between two files, and `say` describes
+//! a channel. Facts: `eki.md` 1 and 6. RAW channels, channels that the controller dials and unknown names are read
+//! as well, and all problems are reported.
 //!
-//! Does not judge the newer dialect of EthernetKRL 6; it says that the file is one.
+//! Does not judge the newer dialect of EthernetKRL 6; it reports that the file is one.
 
 mod clash;
 mod say;
@@ -25,7 +25,7 @@ pub(super) struct Checked {
     pub(super) warnings: Vec<Problem>,
     /// What the channel does, a sentence each.
     pub(super) says: Vec<String>,
-    /// The channel; `None` where the file is none.
+    /// The channel; `None` if the file is no channel.
     pub(super) channel: Option<StatedChannel>,
 }
 

@@ -26,7 +26,8 @@ pub(super) fn check(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usi
     files.iter().map(|(place, ..)| *place).zip(found).map(report).collect()
 }
 
-/// One warning in place of several that say the same of different names: at the line of the first, with all names.
+/// Returns one warning in place of several that state the same of different names: at the line of the first, with
+/// all names.
 fn each_once(warnings: Vec<Problem>) -> Vec<Problem> {
     let mut all: BTreeMap<String, Vec<Problem>> = BTreeMap::new();
     for warning in warnings {

@@ -186,7 +186,7 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     says
 }
 
-/// The arm's name and where its numbers come from; of another one the named arm that is nearest.
+/// Returns the arm's name and the source of its numbers; for a custom arm, the nearest named arm.
 fn say_arm(arm: &Arm) -> String {
     match (arm.margins().model(), arm.nearest_named()) {
         (ArmModel::Named(preset), _) => format!("{}, by the public model of {}", preset.name, preset.source),

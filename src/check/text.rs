@@ -16,7 +16,7 @@ pub struct NotText(String);
 pub struct Decoded {
     /// The text.
     pub text: String,
-    /// What was assumed to read it, where its author must have meant another encoding than the file states.
+    /// The assumption with which it was read, if its author must have meant another encoding than the file states.
     pub warning: Option<Problem>,
 }
 
@@ -32,11 +32,12 @@ fn line_of(bytes: &[u8], at: usize) -> usize {
     1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count()
 }
 
-/// The text of these bytes: a file of ours is UTF-8. XML and KRL are UTF-8 or UTF-16 by their first bytes, else what an XML
-/// declaration names, else UTF-8, else a byte a character as in Windows-1252, in which controllers of the western world write.
+/// Decodes these bytes: a file of ours is UTF-8. XML and KRL are UTF-8 or UTF-16 by their first bytes, else have
+/// the encoding that an XML declaration names, else are UTF-8. The last choice is one byte for each character as in
+/// Windows-1252, which controllers of the western world write.
 ///
 /// # Errors
-/// Says which encoding is wrong or not known, and what to do.
+/// States which encoding is wrong or not known, and what to do.
 pub fn decode(name: &str, bytes: &[u8]) -> Result<Decoded, NotText> {
     let is_xml = is_xml(name, bytes);
     if !is_xml && !super::is_krl(name) {
@@ -112,7 +113,7 @@ fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option
         );
         Problem { line, key: "encoding".to_owned(), message }
     };
-    // KRL knows no declaration: its editor writes as the controller's language has it.
+    // KRL has no declaration: its editor writes in the encoding of the controller's language.
     Decoded { text, warning: is_xml.then(warning) }
 }
 

@@ -24,10 +24,10 @@ use std::time::Duration;
 use tokio::runtime::Builder;
 use tokio::sync::oneshot;
 
-/// Does what is asked.
+/// Runs the requested task.
 ///
 /// # Errors
-/// Where the settings have problems, or the archive cannot be used.
+/// If the settings have problems, or the archive cannot be used.
 pub fn run(args: &Archive) -> Result<Outcome, Fault> {
     match &args.what {
         ArchiveTask::Run(args) => serve(args),
@@ -65,7 +65,7 @@ fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
 /// Serves the office's page.
 ///
 /// # Errors
-/// Where the settings have problems, or the address cannot be had.
+/// If the settings have problems, or the address is not available.
 pub fn fleet(args: &Fleet) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let ended = until_a_signal()?;

@@ -43,20 +43,21 @@ pub struct Arguments {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
-    /// What every command takes.
+    /// The options of every command.
     #[command(flatten)]
     pub common: Common,
 }
 
 impl Arguments {
-    /// Reads the command line; where it is wrong or asks for help, tells so and ends the program.
+    /// Reads the command line. If it is wrong or requests help, prints a message and ends the program.
     pub fn of_command_line() -> Self {
         let matches = taking_negative_numbers(Self::command()).get_matches();
         Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }
 }
 
-/// A number below zero is the value of its option, which then tells what is allowed, and no option of its own.
+/// A number below zero is the value of its option, and no option of its own; its option then reports what is
+/// allowed.
 fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     let takes = |arg: clap::Arg| match arg.get_action().takes_values() {
         true => arg.allow_negative_numbers(true),
@@ -65,7 +66,7 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     command.mut_args(takes).mut_subcommands(taking_negative_numbers)
 }
 
-/// What every command takes.
+/// The options of every command.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
     /// The cell: cameras, robot, calibrations, limits.
@@ -82,7 +83,8 @@ pub struct Common {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run one whole cycle on a simulated cell, write its page and pictures, and tell how far from the truth it was.
+    /// Run one whole cycle on a simulated cell, write its page and pictures, and report how far from the truth it
+    /// was.
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
@@ -120,17 +122,17 @@ pub enum Command {
         and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
-    /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
+    /// Serve the cell until the service is stopped: the service that `panelprep ctl` talks to.
     #[command(
         after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
         panelprep run --cell target/cell/cell.toml"
     )]
     Run(Run),
-    /// After an abort of a cell without a service: says that the cause is gone. Asks the robot whether it stands, and proves
-    /// tool and water off. Beside a service it is `panelprep ctl clear`.
+    /// After an abort of a cell without a service: states that the cause is gone. Checks that the robot is at rest,
+    /// and proves tool and water off. With a service, use `panelprep ctl clear`.
     #[command(after_help = "Example:\n  panelprep clear --cell target/cell/cell.toml")]
     Clear,
-    /// Ask the service that runs on this cell: start a cycle, hold it, stop it, see how it stands.
+    /// Send a request to the service that runs on this cell: start a cycle, hold it, stop it, show its state.
     #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
@@ -150,14 +152,14 @@ pub enum Command {
         after_help = "Example:\n  panelprep check config/cell-example.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
     )]
     Check(Check),
-    /// Check the cell from the bottom up, and say what to do: libraries, disk, clock, store, calibrations, EthernetKRL
-    /// files, cameras, robot.
+    /// Check the cell from the bottom up, and report what to do: libraries, disk, clock, store, calibrations,
+    /// EthernetKRL files, cameras, robot.
     #[command(after_help = "Example:\n  panelprep doctor --cell config/cell.toml --kuka config/kuka")]
     Doctor(Doctor),
-    /// Say what the code of a message means and what to do; without a code, list all codes.
+    /// Explain the code of a message and what to do; without a code, list all codes.
     #[command(after_help = "Example:\n  panelprep explain low_overlap")]
     Explain(Explain),
-    /// Calibrate lenses, camera mounts and tools, and say how good they are.
+    /// Calibrate lenses, camera mounts and tools, and report how good they are.
     Calibrate(super::calibrate::args::Calibrate),
     /// Learn a panel at its nominal place from a scan and corner pictures.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
@@ -171,11 +173,11 @@ pub enum Command {
         panelprep shoot film --seconds 2 --pictures-per-second 2 --out target/film\n\
         Files are numbered on, and none is written over. A film's clip.csv lists its pictures for `panelprep inspect`.")]
     Shoot(Shoot),
-    /// Draw a scan with a pixel ruler and its missing points: where a recipe's region is read from.
+    /// Draw a scan with a pixel ruler and its missing points, from which a recipe's region is read.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
     Look(Look),
-    /// Find where the panel stands now, from a scan.
+    /// Find the panel's present place from a scan.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
         --out target/cell/located.json")]
@@ -193,14 +195,14 @@ pub enum Command {
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
         --located target/cell/located.json")]
     Inspect(Inspect),
-    /// From a clip, labelled or clean: how well channels and grids tell wet from dry, how even the light is, which breaks are
-    /// surely found, and what fits the recipe's method (thesis 4.2, 4.3).
+    /// From a clip, labelled or clean: how well channels and grids distinguish wet from dry, how even the light is,
+    /// which breaks are surely found, and which values fit the recipe's method (thesis 4.2, 4.3).
     #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
-    /// Mark where and when the film broke in a clip, on a page in a browser on this computer. What is saved lies beside the clip, which is
-    /// then its own truth for `panelprep inspect` and `panelprep tune`.
+    /// Mark where and when the film broke in a clip, on a page in a browser on this computer. The marks are saved
+    /// beside the clip, which is then its own truth for `panelprep inspect` and `panelprep tune`.
     #[command(
         after_help = "Example, after `panelprep render --out target/cell`; the page ends with its button:\n  \
         panelprep label --clip target/cell/clip\n\
@@ -216,7 +218,7 @@ pub enum Command {
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
-    /// Make the page of a cycle again, from what the store keeps of it.
+    /// Make the page of a cycle again, from the cycle's data in the store.
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
@@ -227,15 +229,17 @@ pub enum Command {
         panelprep history trend simulated-panel localization-residual --cell target/cell/cell.toml\n\
         With --csv each prints a table for a spreadsheet, with --json one object. Times are in UTC.")]
     History(History),
-    /// The signed records of cycles: write them out, verify them with the public key, tell the head of their chain.
+    /// The signed records of cycles: write them out, verify them with the public key, show the head of their chain.
     Record(RecordCommand),
     /// Look after the store: is everything in it what was written?
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
-    /// The office's archive: takes the records that cells send, and proves later that it holds what they have.
+    /// The office's archive: receives the records that cells send, and proves later that it contains what they
+    /// have.
     Archive(Archive),
-    /// Serve the office's page over all cells: how they stand, their cycles, numbers, verifications and recipes, from the archive.
+    /// Serve the office's page over all cells: their states, cycles, numbers, verifications and recipes, from the
+    /// archive.
     #[command(after_help = "Example, beside `panelprep archive run` with the same settings:\n  \
         panelprep fleet --settings /etc/panelprep/archive.toml")]
     Fleet(Fleet),
@@ -252,8 +256,8 @@ pub enum Command {
         The archive is a tar file compressed by zstd. It holds no recordings and no pages: pages are made again from the store. A \
         recipe is in it where it lies in the folder of the cell's file or up to two folders below.")]
     Backup(Backup),
-    /// Bring a backup back. Everything is unpacked and verified beside its place first; where anything is wrong, all stays as it
-    /// was. Nothing that is there is replaced unless it is named, and what is replaced is kept.
+    /// Restore a backup. Everything is unpacked and verified beside its place first; if anything is wrong, all
+    /// stays as it was. Nothing that exists is replaced unless it is named, and what is replaced is kept.
     #[command(
         after_help = "Example, after the one of `panelprep backup --help`, beside the cell that it was made of:\n  \
         panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\n\
@@ -262,10 +266,10 @@ pub enum Command {
         Exit codes: 0 restored, 1 the backup is damaged and nothing was changed, 2 something is there already or in use."
     )]
     Restore(Restore),
-    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: asks what matters, and looks what is
-    /// connected.
+    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: requests the
+    /// important values, and detects what is connected.
     New(New),
-    /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
+    /// Run a recorded cycle again on the recorded data, without devices, and report where it now decides otherwise.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
         panelprep replay target/demo4.mcap\n\

@@ -11,12 +11,12 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A stop or an abort that met a service without a place for it is asked again for so long.
+/// How long a stop or an abort is repeated if the service has no place for it.
 const INSISTS: Duration = Duration::from_secs(5);
 
 const AGAIN: Duration = Duration::from_millis(20);
 
-/// Asks for a stop again and again while the service, or the way to it, is too busy to take it.
+/// Repeats a request for a stop while the service, or the way to it, is too busy to accept it.
 pub(super) fn insist(socket: &Path, what: &What) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
@@ -101,12 +101,12 @@ pub(super) fn place(reply: &Reply) -> String {
     parts.join(", ")
 }
 
-/// How the service stands, where one answers.
+/// Returns the state of the service, if one answers.
 pub(super) fn state_of(socket: &Path) -> Option<String> {
     ask(socket, &What::State).ok()?.state.map(|state| state.to_string())
 }
 
-/// Where the arm's axes stand, where a service answers and knows it.
+/// Returns the arm's axis angles, if a service answers and has them.
 pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
     ask(socket, &What::State).ok()?.axes_deg.map(Joints::from)
 }

@@ -15,7 +15,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Makes an archive of the cell.
 ///
 /// # Errors
-/// Where something cannot be read, the archive is there already, or it cannot be written.
+/// If something cannot be read, the archive exists already, or it cannot be written.
 pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let with = |part| args.only.is_none_or(|only| only == part);
@@ -87,7 +87,7 @@ fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault>
 /// Folders below that of the cell's file in which recipes are looked for.
 const DEPTH: usize = 2;
 
-/// Recipes in a folder and those below; what each file is, its content says.
+/// Finds the recipes in a folder and those below; the content of a file decides its kind.
 fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>) -> Result<(), Fault> {
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     for entry in entries.map_err(|error| Fault::file(folder, error))? {
@@ -115,10 +115,10 @@ fn counted(count: usize, word: &str) -> String {
     if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 
-/// Brings an archive back.
+/// Restores an archive.
 ///
 /// # Errors
-/// Where something is there already, is in use, or the disk refuses. A damaged archive is an outcome.
+/// If something exists already, is in use, or the disk refuses. A damaged archive is an outcome.
 pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
     let with = |part| args.only.is_none_or(|only| only == part);
     let plan = Plan {

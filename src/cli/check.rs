@@ -1,4 +1,4 @@
-//! `panelprep check`: are these configuration files right, and what do they say?
+//! `panelprep check`: are these configuration files right, and what do they state?
 
 use super::args::{Check, Common, PurposeName};
 use super::disk;
@@ -112,10 +112,10 @@ fn placed(Problem { line, key, message }: &Problem) -> String {
     format!("line {line}: {key}{message}")
 }
 
-/// Where the region of a recipe is not panel, by the panel that was taught in this cell.
+/// Finds where the region of a recipe is off the panel, by the panel that was taught in this cell.
 ///
 /// # Errors
-/// Why it is not known: the panel was not taught, or with another region, or what was taught cannot be read.
+/// States why it is not known: the panel was not taught, or with another region, or what was taught cannot be read.
 fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Problem>, Fault> {
     let recipe = Recipe::check(name, text)?;
     let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;

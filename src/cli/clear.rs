@@ -1,7 +1,8 @@
-//! `panelprep clear`: after an abort, for a cell that runs without a service.
+//! `panelprep clear`: clears an abort in a cell that runs without a service.
 //!
-//! It asks the table what `panelprep ctl clear` asks it of a service, and leaves when the cell rests again. So the same
-//! conditions hold: the robot is there, it stands, tool and water are proven off.
+//! It sends the state table the same request as `panelprep ctl clear` sends to a service, and exits when the cell
+//! is at rest again. So the same conditions apply: the robot answers and is at standstill, and tool and water are
+//! proven off.
 
 use super::args::Common;
 use super::fault::Fault;
@@ -19,13 +20,13 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A robot that says nothing for so long is not there.
+/// A robot that sends nothing for this time is not connected.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Says that the cause of the last abort is gone.
+/// Confirms that the cause of the last abort is removed.
 ///
 /// # Errors
-/// Where a file is not what it must be, there is no store, a service runs on it, or it does not write.
+/// If a file is invalid, there is no store, a service uses the store, or the store cannot be written.
 pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
@@ -73,7 +74,7 @@ fn outcome(ended: &State, refused: Option<Reason>) -> Outcome {
     outcome
 }
 
-/// Asks for a clear once the robot has answered, and leaves where the cell rests after that.
+/// Requests a clear when the robot has answered, and exits when the cell is at rest after that.
 struct Clears {
     supervisor: Supervisor,
     since: Instant,

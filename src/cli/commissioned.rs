@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 const CORRECTION: &str = "robot_correction.toml";
 const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
 
-/// Renders boards, calibrates, and names the correction in the cell's file; without `--uncorrected`.
+/// Renders boards, calibrates, and enters the correction in the cell's file unless `--uncorrected` is given.
 ///
 /// # Errors
-/// Where a calibration is refused.
+/// If a calibration is rejected.
 pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     progress("rendering boards for the calibration of the arm");
     let arm = real_arm(args.seed, args.arm_error_mm);
@@ -72,7 +72,7 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
         let named = cell.replace(NAMED, &format!("{NAMED}robot_correction = \"{CORRECTION}\"\n"));
         disk::write(&common.cell, named)?;
     }
-    // Where the boards stand is known as this cell sees them: nobody measures the base of a robot from outside.
+    // The poses of the boards are learned as this cell sees them: no one measures a robot's base from outside.
     for camera in [asked::CameraName::Scanner, asked::CameraName::FlangeCamera] {
         let look = asked::Verify { learn: true, ..rendered.verification(camera) };
         let target = look.target.clone().unwrap_or_default();

@@ -6,10 +6,11 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-/// Connects to the first of its addresses that takes the connection, each within this time; its name is looked up within the same time.
+/// Connects to the first of the place's addresses that accepts the connection. Each attempt has this time limit;
+/// the look-up of the name has the same limit.
 ///
 /// # Errors
-/// Why none took it, in words.
+/// The reason, as text, if no address accepted the connection.
 pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
     let (tell, told) = mpsc::channel();
     // On a thread of its own: a name may be looked up for minutes.

@@ -13,10 +13,10 @@ use crate::cycle::Request;
 use crate::daemon::{self, Exit, OwnText, RecordIn, StartRequest, What};
 use std::path::Path;
 
-/// Asks, and tells what was answered.
+/// Sends the request and reports the answer.
 ///
 /// # Errors
-/// Where a file is not what it must be, or no service answers.
+/// If a file is invalid, or no service answers.
 pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let socket = files.socket();
@@ -57,7 +57,8 @@ fn what(ask: &CtlAsk, socket: &Path) -> Result<What, Fault> {
     })
 }
 
-/// A decision upon the step that the person names, or upon the one that is shown now and whose number the person types.
+/// Returns a decision on the step that the person names. Without a name, it is the step that is shown now, and the
+/// person types its number.
 fn decided(socket: &Path, request: Request, decision: Decision) -> Result<What, Fault> {
     if let Some(step) = decision.step {
         return Ok(What::Decided { request, step });
@@ -75,11 +76,11 @@ fn decided(socket: &Path, request: Request, decision: Decision) -> Result<What, 
     }
 }
 
-/// The service stands in a folder of its own, so a file goes to it by its whole path.
+/// The service has its own working folder, so a file is passed to it by its full path.
 fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     let Some(file) = file else { return Ok(RecordIn::Store) };
     let whole = std::path::absolute(file).map_err(|error| Fault::file(file, error))?;
-    // Without .. and links, as far as the folder is there; where it is not, the service says so.
+    // Resolves `..` and links if the folder exists. If it does not, the service reports this.
     let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
     Ok(RecordIn::File(folder.zip(whole.file_name()).map_or(whole.clone(), |(folder, name)| folder.join(name))))
 }

@@ -33,15 +33,15 @@ use std::sync::Arc;
 pub struct Ran {
     /// How it ended.
     pub ended: LoopOutcome,
-    /// What the store keeps of it.
+    /// The part of the cycle that the store keeps.
     pub kept: Kept,
-    /// Why what was asked was not done.
+    /// Why the request was refused.
     pub refused: Option<Reason>,
     /// What is around a mock robot, as the cycle left it.
     pub simulated: Option<Simulated>,
-    /// How pictures of the flange camera came, where it is to be told.
+    /// How pictures of the flange camera were transferred, if this is to be reported.
     pub flange_link: Option<FlangeLink>,
-    /// What came of the recording, where one was asked for.
+    /// The result of the recording, if one was requested.
     pub recorded: Option<Recorded>,
 }
 
@@ -54,18 +54,18 @@ pub struct Run<'r> {
     pub start: Start,
     /// What simulated devices show.
     pub simulation: Simulation,
-    /// What is asked of the loop.
+    /// The request to the loop.
     pub request: fn(&TaughtRecipe) -> cycle::Request,
-    /// Where it is recorded.
+    /// The file of the recording.
     pub record: Option<&'r Path>,
     /// The signals that stop and abort it.
     pub interrupts: Interrupts,
 }
 
-/// Runs the cycle and tells how it ended.
+/// Runs the cycle and reports how it ended.
 ///
 /// # Errors
-/// Where a file is not what it must be, a motion is open in the store, or the store does not write.
+/// If a file is invalid, a motion is open in the store, or the store cannot be written.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     once(args, common, progress, TaughtRecipe::request)
 }
@@ -125,8 +125,8 @@ fn once(
     Ok(outcome)
 }
 
-/// Signs this cycle and those that were left unsigned. A cycle whose signing failed has its result all the same: it is signed
-/// at the next start.
+/// Signs this cycle and earlier unsigned cycles. If the signing fails, the cycle keeps its result and is signed at
+/// the next start.
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     let told = |told: Result<String, String>| progress(&told.unwrap_or_else(|problem| problem));
     if let Err(fault) = signed::sign_missing(files, &told) {
@@ -134,7 +134,7 @@ fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
     }
 }
 
-/// What is told of a cycle that did not start.
+/// The outcome of a cycle that did not start.
 pub fn unhealthy(health: &Judgement) -> Outcome {
     let mut outcome = Outcome::of(health);
     outcome.say("the cycle did not start; nothing moved");
@@ -174,7 +174,7 @@ pub fn one(
         let to = recording::of(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
         recording.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
-    // A cycle whose recording cannot be opened is never begun: nothing of it is left to be concluded.
+    // If the recording cannot be opened, the cycle is not begun, so no cycle is left to be concluded.
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, cycle);
@@ -227,7 +227,7 @@ impl Ran {
         kept.unwrap_or(Judgement { verdict, reasons: vec![] })
     }
 
-    /// What is told of it, with this verdict.
+    /// The outcome of the cycle with this verdict.
     pub fn outcome(&self, judgement: Judgement) -> Outcome {
         let (ended, cycle) = (&self.ended, self.kept.record.id);
         let mut outcome = Outcome::of(&judgement);
@@ -263,18 +263,18 @@ impl Ran {
     }
 }
 
-/// Asks for one cycle and leaves where it rests.
+/// Requests one cycle and exits when it is at rest.
 struct Once<'a> {
     start: cycle::Request,
     asked: u8,
-    /// The table took the start: from then on it concludes the cycle.
+    /// The table accepted the start: from then on it concludes the cycle.
     is_begun: bool,
     refused: Option<Reason>,
     /// The state that was shown last.
     state: State,
     told: Option<At>,
     interrupts: Interrupts,
-    /// For how many of the signals the table was asked.
+    /// Number of signals for which a request was sent to the table.
     obeyed: usize,
     progress: &'a dyn Fn(&str),
 }
@@ -285,7 +285,8 @@ impl<'a> Once<'a> {
         Once { start, asked: 0, is_begun: false, refused: None, state, told: None, interrupts, obeyed: 0, progress }
     }
 
-    /// What the signals so far ask for: the first one a stop, the second one an abort, and to leave where the cell rests.
+    /// Returns the request of the signals so far: a stop for the first, an abort for the second. If the cell is at
+    /// rest, it is to leave.
     fn interrupted(&mut self, at: At) -> Option<Option<What>> {
         let wanted = self.interrupts.count().min(2);
         if wanted == 0 {
@@ -397,8 +398,8 @@ mod tests {
         interrupts.one_came();
     }
 
-    /// Ctrl-C while it works stops, a second one aborts, a third asks nothing; the command leaves once the cell rests. Before the
-    /// cycle began nothing is begun any more.
+    /// Ctrl-C during the cycle stops it, a second one aborts it, a third one requests nothing. The command exits
+    /// when the cell is at rest. Before the cycle has begun, a signal prevents its start.
     #[test]
     fn a_signal_stops_and_a_second_one_aborts() {
         let interrupts = Interrupts::default();

@@ -25,16 +25,16 @@ use std::sync::Arc;
 pub struct Calibrated {
     /// The values.
     pub values: Calibrations,
-    /// Where in its picture the flange camera's lens is known.
+    /// The area of the picture in which the flange camera's lens is calibrated.
     flange_camera_extent: LensExtent,
     texts: Vec<(&'static str, String)>,
 }
 
 impl Calibrated {
-    /// Reads all that a cycle needs.
+    /// Reads all calibrations that a cycle needs.
     ///
     /// # Errors
-    /// Where the cell names no such file, or it has problems.
+    /// If the cell does not name such a file, or the file has problems.
     pub fn read(files: &CellFiles, common: &Common) -> Result<Self, Fault> {
         let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
         let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
@@ -81,15 +81,16 @@ pub struct TaughtRecipe {
     /// What was taught of its panel.
     pub taught: Taught,
     part: Option<PartNames>,
-    /// Earlier cycles that abraded the same part, where its serial number is named.
+    /// Earlier cycles that abraded the same part, if its serial number is given.
     earlier: Vec<PassesOfCycle>,
 }
 
 impl TaughtRecipe {
-    /// Reads the recipe and loads what was taught of its panel.
+    /// Reads the recipe and loads the teaching of its panel.
     ///
     /// # Errors
-    /// Where the recipe has problems or asks for what the cell cannot do, or its panel was not taught, or with another region.
+    /// If the recipe has problems or requests what the cell cannot do, or if its panel was not taught or was taught
+    /// with another region.
     pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, Fault> {
         Self::of(files, recipe_file, disk::read_text(recipe_file)?)
     }
@@ -109,10 +110,10 @@ impl TaughtRecipe {
         Ok(TaughtRecipe { recipe, recipe_text, taught, part: None, earlier: vec![] })
     }
 
-    /// The same for this part, whose names are kept with the cycle. Passes of its earlier cycles count.
+    /// Adds this part, whose names are kept with the cycle. Passes of its earlier cycles count.
     ///
     /// # Errors
-    /// Where the names cannot be kept as they stand, or the store cannot be read.
+    /// If the names cannot be kept as they are, or the store cannot be read.
     pub fn about(self, files: &CellFiles, part: Option<PartNames>) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
         let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
@@ -122,18 +123,19 @@ impl TaughtRecipe {
         Ok(TaughtRecipe { part, earlier, ..self })
     }
 
-    /// That the part may be abraded once more, by `[process] max_passes_per_part`.
+    /// Checks by `[process] max_passes_per_part` that the part may be abraded once more.
     ///
     /// # Errors
-    /// Where earlier cycles abraded it as often as that allows, each named with its passes.
+    /// If earlier cycles have used all allowed passes; each cycle is named with its passes.
     pub fn part_may_be_abraded(&self) -> Result<(), Fault> {
         part::may_be_abraded(self.part.as_ref(), &self.earlier, self.recipe.process().passes_of_a_part())
     }
 
-    /// A cycle for the service to begin.
+    /// Prepares a cycle for the service to begin.
     ///
     /// # Errors
-    /// Where the part may not be abraded any more, no corner was taught, or one where the lens is not known.
+    /// If the part may not be abraded any more, no corner was taught, or a corner was taught where the lens is not
+    /// calibrated.
     pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
         self.part_may_be_abraded()?;
         let (request, start, before) = (self.request(), self.start(calibrated)?, self.removed_before());
@@ -143,10 +145,10 @@ impl TaughtRecipe {
         Ok(PreparedCycle { request, setup, start, recording: None, remarks: vec![] })
     }
 
-    /// What the one cycle of a command works with.
+    /// The setup for the single cycle of a command.
     ///
     /// # Errors
-    /// Where the cell does not name what a cycle needs, or its corners do not serve.
+    /// If the cell does not name what a cycle needs, or its corners are not suitable.
     pub fn setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
         let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
         let taught = (self.taught.panel.clone(), self.taught.corners.clone());
@@ -155,10 +157,10 @@ impl TaughtRecipe {
         Ok(setup.after(self.removed_before()))
     }
 
-    /// What the record of its cycle begins with.
+    /// The first entries of the cycle's record.
     ///
     /// # Errors
-    /// Where the part cannot be written as a text.
+    /// If the part cannot be written as text.
     pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, Fault> {
         let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
         let before = self.removed_before_text()?;
@@ -172,7 +174,7 @@ impl TaughtRecipe {
         })
     }
 
-    /// How the table is asked to begin a cycle.
+    /// The request to the table to begin a cycle.
     pub fn request(&self) -> Request {
         let process = self.recipe.process();
         let left = process.passes_of_a_part().saturating_sub(self.passes_before());
@@ -183,7 +185,7 @@ impl TaughtRecipe {
         }
     }
 
-    /// What earlier cycles removed of the part: the last of them tells what all together come to.
+    /// The removal on the part by earlier cycles: the last of them states the total of all.
     fn removed_before(&self) -> RemovedBefore {
         let known = self.earlier.iter().filter_map(|cycle| cycle.removed_um);
         let unknown = self.earlier.iter().filter(|cycle| cycle.removed_um.is_none()).count();
@@ -192,7 +194,8 @@ impl TaughtRecipe {
         if is_asked { found } else { RemovedBefore::default() }
     }
 
-    /// The same as a text that is kept with the cycle, and by which a replay knows it; none where there is nothing.
+    /// The same as text, which is kept with the cycle and from which a replay reads it; `None` if nothing was
+    /// removed.
     fn removed_before_text(&self) -> Result<Option<(&'static str, String)>, Fault> {
         let found = Some(self.removed_before()).filter(|found| *found != RemovedBefore::default());
         let text = found.map(|found| toml::to_string(&found)).transpose().map_err(Fault::stage)?;
@@ -203,7 +206,7 @@ impl TaughtRecipe {
         self.earlier.iter().map(|cycle| cycle.passes).sum()
     }
 
-    /// How the table is asked to begin an air-run.
+    /// The request to the table to begin an air-run.
     pub fn air_request(&self) -> Request {
         Request::AirRun { max_moves: self.moves() }
     }

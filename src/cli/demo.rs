@@ -24,7 +24,7 @@ use strum::VariantArray;
 /// Renders, teaches, runs the cycle, writes pictures and page.
 ///
 /// # Errors
-/// Where the folder cannot be written or a file that was rendered is refused.
+/// If the folder cannot be written or a rendered file is rejected.
 pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let begun = Instant::now();
     let progress = |line: &str| progress(&format!("{:5.1} s  {line}", begun.elapsed().as_secs_f64()));
@@ -135,7 +135,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
 /// An account for each role, so that everything can be tried.
 const DEMO_PASSWORD: &str = "panelprep demo";
 
-/// Serves the simulated cell with its page, for whoever looks at it on this computer.
+/// Serves the simulated cell with its page to viewers on this computer.
 fn serve(
     address: SocketAddr,
     (files, common): (&CellFiles, &Common),
@@ -160,7 +160,7 @@ fn serve(
     super::run::run(&super::args::Run { simulation }, common)
 }
 
-/// A cycle whose waypoints were not executed as they were sent is a fault, whatever its film says.
+/// Waypoints that were not executed as sent make the cycle a fault, whatever its film shows.
 fn whole(judgement: Judgement, score: Option<&Score>) -> Judgement {
     match score.and_then(|score| score.lost.clone()) {
         Some(lost) => Judgement {

@@ -1,5 +1,5 @@
-//! The demo's cell with a compliant tool, commissioned as an engineer does it: its payload and zero are measured and verified,
-//! what its disc takes off is fitted to coupons, and the recipe asks for a removal.
+//! The demo's cell with a compliant tool, commissioned in the way an engineer does it. Its payload and zero are
+//! measured and verified, the removal by its disc is fitted to coupons, and the recipe requests a removal.
 
 use super::args::Common;
 use super::calibrate::args as asked;
@@ -14,7 +14,8 @@ const CALIBRATION: &str = "removal.toml";
 const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
 /// What the simulated cell's error at the tool is held to be: the tool's stroke must have room for it.
 const TOOL_ERROR: &str = "tool_error_mm = 1.0\n";
-/// What the recipe asks for. Rows nearer to each other than the default's and a high feed leave the feeds room to make it even.
+/// The settings of the recipe. A step-over below the default and a high feed give the feeds room to make the
+/// removal even.
 const ASKED: &str = "
 [path]
 force_n = 12.0
@@ -27,10 +28,11 @@ target_um = 25.0
 max_um = 60.0
 ";
 
-/// Renders readings and coupons, calibrates, and writes the tool into the cell's file and the removal into the recipe.
+/// Renders readings and coupons, calibrates, and writes the tool into the cell's file and the removal into the
+/// recipe.
 ///
 /// # Errors
-/// Where a file cannot be written, or a calibration is refused.
+/// If a file cannot be written, or a calibration is rejected.
 pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     progress("measuring the compliant tool: payload, zero, and what its disc takes off");
     render_boards::write_force(rendered)?;

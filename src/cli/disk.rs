@@ -8,18 +8,18 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The bytes of a file.
+/// Returns the bytes of a file.
 ///
 /// # Errors
-/// Where it is no regular file, is too large or cannot be read, with its name.
+/// If it is not a regular file, is too large or cannot be read; the error names the file.
 pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
     disk::read(file).map_err(|error| Fault::file(file, error))
 }
 
-/// The text of a file.
+/// Returns the text of a file.
 ///
 /// # Errors
-/// As [`read`], and where it is not UTF-8.
+/// As [`read`], and if it is not UTF-8.
 pub fn read_text(file: &Path) -> Result<String, Fault> {
     String::from_utf8(read(file)?)
         .map_err(|error| Fault::file(file, not_utf_8(error.as_bytes(), &error.utf8_error())))
@@ -47,10 +47,10 @@ pub fn read_named(file: &Path) -> NamedFile {
     }
 }
 
-/// Writes a file beside its place and renames it there, so that it is never half written.
+/// Writes a temporary file next to the target and renames it, so that the target is never half written.
 ///
 /// # Errors
-/// Where the folder cannot be made or the disk refuses.
+/// If the folder cannot be made or writing to the disk fails.
 pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     placed(file, bytes.as_ref(), |_| Ok(()))
 }
@@ -66,10 +66,10 @@ pub fn write_through(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> 
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| Fault::file(file, error))
 }
 
-/// Writes a file that is not there yet; one that is there stays as it is.
+/// Writes a new file; an existing file stays as it is.
 ///
 /// # Errors
-/// Where it is there, the folder cannot be made, or the disk refuses.
+/// If the file exists, the folder cannot be made, or writing to the disk fails.
 pub fn write_new(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(|error| Fault::file(file, error))?;

@@ -7,10 +7,10 @@ use crate::config::nearest;
 use crate::history::{code, codes, row};
 use serde_json::json;
 
-/// Tells what the code means; without one, lists all of them.
+/// Explains the code; without one, lists all codes.
 ///
 /// # Errors
-/// Where no message has this code.
+/// If no message has this code.
 pub fn run(args: &Explain) -> Result<Outcome, Fault> {
     let mut outcome = Outcome { exit: 0, json: serde_json::Map::new(), words: vec![] };
     let Some(word) = &args.code else {

@@ -1,4 +1,4 @@
-//! What stops a command, in words, and the one place where errors of all modules meet.
+//! The faults that stop a command, as text. This is the one place where the errors of all modules meet.
 
 mod calibration;
 mod clip;
@@ -17,7 +17,7 @@ use crate::requirements::{Purpose, Unmet};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-/// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2, where nothing else is said.
+/// Why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated otherwise.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// A file is not what it must be.
@@ -28,7 +28,7 @@ pub enum Fault {
         /// What is wrong with it.
         cause: Box<dyn Error + Send + Sync>,
     },
-    /// A configuration file has problems; each stands with its line.
+    /// A configuration file has problems; each is listed with its line.
     #[error(transparent)]
     Configuration(#[from] crate::config::Problems),
     /// At a calibration.
@@ -46,14 +46,14 @@ pub enum Fault {
     /// At the records.
     #[error(transparent)]
     Record(#[from] RecordFault),
-    /// The cell's file does not say what the command needs.
+    /// The cell's file does not state what the command needs.
     #[error("{}", each(cell, *purpose, unmet))]
     Unmet {
         /// The cell's file.
         cell: PathBuf,
         /// What is to be done.
         purpose: Purpose,
-        /// What it does not say.
+        /// The missing entries.
         unmet: Vec<Unmet>,
     },
     /// A program ended while a motion was under way.
@@ -111,7 +111,7 @@ pub enum Fault {
         /// The command.
         command: &'static str,
     },
-    /// Nobody listens.
+    /// No service listens on the socket.
     #[error(
         "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start panelprep`), \
          then try again", socket.display()
@@ -131,7 +131,7 @@ pub enum Fault {
         "{address}: the demonstration has accounts with known passwords, so that its page is for this computer alone; name an address such as 127.0.0.1:8090"
     )]
     DemoPage {
-        /// As asked for.
+        /// The requested address.
         address: std::net::SocketAddr,
     },
     /// An account of the operator's page.
@@ -150,7 +150,7 @@ pub enum Fault {
         /// The service's last one.
         found: Option<i64>,
     },
-    /// A recording where a client may not have one written.
+    /// A recording in a place that is not allowed for a client.
     #[error("--record \"{file}\": {words}")]
     RecordName {
         /// The name, with what cannot be printed as escapes.
@@ -164,10 +164,10 @@ pub enum Fault {
         /// The file.
         file: PathBuf,
     },
-    /// A question that nobody answered.
+    /// A question without an answer.
     #[error("{question} has no answer: give {option}{}", if *is_proposed { ", or --yes to take what is proposed" } else { "" })]
     NoAnswer {
-        /// What was asked.
+        /// The question.
         question: String,
         /// The option that answers it.
         option: &'static str,
@@ -223,7 +223,7 @@ impl Fault {
         }
     }
 
-    /// What a stage says.
+    /// The error of a stage.
     pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
         Fault::Stage(Box::new(cause))
     }

@@ -1,5 +1,5 @@
-//! Where the flange was at a picture that is taken now: as the service says, as the controller says where no service runs, as the
-//! camera's source says, or as a person reads it from the pendant.
+//! The pose of the flange at a picture that is taken now. It is reported by the service, by the controller if no
+//! service runs, or by the camera's source, or a person reads it from the pendant.
 
 use super::asking;
 use super::fault::Fault;
@@ -16,9 +16,9 @@ use std::cell::{Cell as Counter, RefCell};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// The axes must stand within this from before a picture until after it, degrees.
+/// The axes must stay within this tolerance from before a picture until after it, degrees.
 const STANDS_DEG: f64 = 0.002;
-/// How long a controller may take to answer.
+/// Time limit for a controller's answer.
 const ANSWERS: Duration = Duration::from_secs(5);
 const MOST_SILENCES: u32 = 2;
 
@@ -29,18 +29,18 @@ pub enum Known {
     At(ReportedFlange),
     /// The arm moved meanwhile.
     Moved,
-    /// Nobody has said anything.
+    /// Nothing was reported.
     Nothing,
 }
 
-/// Who says where the flange is.
+/// The sources of the flange pose.
 pub struct FlangePoses<'c> {
     cell: &'c cell::Cell,
     arm: Kinematics,
     socket: PathBuf,
-    /// From before a picture until after it, where no service runs.
+    /// Open from before a picture until after it, if no service runs.
     link: RefCell<Option<LinkedRobot>>,
-    /// A controller that did not answer so often is not waited for again.
+    /// Number of answers that the controller did not send; after too many it is not waited for again.
     silences: Counter<u32>,
 }
 
@@ -56,8 +56,8 @@ impl<'c> FlangePoses<'c> {
         }
     }
 
-    /// Where the axes stand now, where a service runs and knows it, or where none runs and the controller answers; asked before a
-    /// picture.
+    /// The axis positions now, requested before a picture. They come from the running service if it knows them. If
+    /// no service runs, they come from the controller if it answers.
     pub fn now(&self) -> Option<Joints> {
         match asking::state_of(&self.socket) {
             Some(_) => asking::axes_of(&self.socket),
@@ -65,7 +65,7 @@ impl<'c> FlangePoses<'c> {
         }
     }
 
-    /// As `panelprep robot state` asks it: nothing is set and nothing moves.
+    /// Reads the axes in the same way as `panelprep robot state`: nothing is set and nothing moves.
     fn told_by_controller(&self) -> Option<Joints> {
         if self.cell.robot().kind() != RobotKind::Eki || self.silences.get() >= MOST_SILENCES {
             return None;
@@ -83,22 +83,24 @@ impl<'c> FlangePoses<'c> {
         told
     }
 
-    /// Where the axes stand after the picture; the link to the controller is given up, so that others may have it.
+    /// The axis positions after the picture. The link to the controller is released, so that other clients may use
+    /// it.
     fn afterwards(&self) -> Option<Joints> {
         let told = self.now();
         self.link.borrow_mut().take();
         told
     }
 
-    /// What is known after the picture, with what was known before it and what the camera's source says.
+    /// Combines the positions before and after the picture with the report of the camera's source.
     pub fn known(&self, before: Option<Joints>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
         known(&self.arm, before.zip(before.and_then(|_| self.afterwards())), from_camera)
     }
 
-    /// The same; where nothing is known a person is asked. None where the picture does not count, or nobody answers.
+    /// The same, but asks a person if nothing is known. `None` if the picture does not count, or there is no
+    /// answer.
     ///
     /// # Errors
-    /// Where standard input cannot be read.
+    /// If standard input cannot be read.
     pub fn known_or_asked(
         &self,
         before: Option<Joints>,
@@ -125,7 +127,7 @@ impl<'c> FlangePoses<'c> {
     }
 }
 
-/// What the controller says from now on: what it said before is still in the queue.
+/// Returns the controller's next report from now on; earlier reports are still in the queue and are skipped.
 fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
     let (begun, mut is_drained) = (Instant::now(), false);
     while begun.elapsed() < ANSWERS {

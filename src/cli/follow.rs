@@ -1,6 +1,6 @@
-//! Following the service: `panelprep ctl watch`, `panelprep ctl reset --wait` and `panelprep ctl start --wait`.
+//! Follows the service: `panelprep ctl watch`, `panelprep ctl reset --wait` and `panelprep ctl start --wait`.
 //!
-//! It asks for the state a few times a second, so that whoever follows holds no place at the socket.
+//! It requests the state a few times a second, so that a follower does not occupy a connection of the socket.
 
 use super::asking;
 use super::fault::Fault;
@@ -18,13 +18,13 @@ const EVERY: Duration = Duration::from_millis(200);
 /// A service that does not answer for so long is gone; one that restarts may be away for a moment.
 const GONE: Duration = Duration::from_secs(5);
 
-/// A reset warms the cameras up, which may take minutes.
+/// A reset warms the cameras up, which may need minutes.
 const RESETS: Duration = Duration::from_secs(600);
 
-/// Tells each change, until nobody reads it or the service is gone.
+/// Prints each change until the output has no reader or the service is gone.
 ///
 /// # Errors
-/// Where no service answers.
+/// If no service answers.
 pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
     let mut told = None;
     loop {
@@ -38,10 +38,11 @@ pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
     }
 }
 
-/// Waits for the end of the cycle that was just begun, tells each change on standard error, and ends with its verdict.
+/// Waits for the end of the cycle that was just begun, reports each change on standard error, and ends with the
+/// cycle's verdict.
 ///
 /// # Errors
-/// Where the service does not answer any more.
+/// If the service does not answer any more.
 pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
     let mut told = None;
     loop {
@@ -64,10 +65,10 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
     }
 }
 
-/// Waits for the end of a reset that was just begun; exit code 3 where it does not lead to idle.
+/// Waits for the end of a reset that was just begun; the exit code is 3 if the reset does not lead to idle.
 ///
 /// # Errors
-/// Where the service does not answer any more.
+/// If the service does not answer any more.
 pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
     let since = Instant::now();
     loop {
@@ -104,7 +105,7 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
     }
 }
 
-/// What changes are told of: not how often the service was asked.
+/// The fields that are watched for changes, without the number of requests to the service.
 fn seen(reply: &Reply) -> serde_json::Map<String, Value> {
     let mut object = asking::object(reply);
     object.remove("answer");

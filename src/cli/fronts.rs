@@ -29,10 +29,10 @@ impl Fronts {
     }
 }
 
-/// Sends records to the office, where the cell's file names a broker.
+/// Sends records to the office, if the cell's file names a broker.
 ///
 /// # Errors
-/// Where it cannot be started.
+/// If the sender cannot be started.
 pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<OfficeSender>, Fault> {
     let Some(office) = files.cell.office().cloned() else { return Ok(None) };
     let folder = files.store_folder().to_owned();
@@ -45,10 +45,10 @@ pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<Office
     OfficeSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
-/// Puts signed records into the quality system, where the cell's file names one.
+/// Sends signed records to the quality system, if the cell's file names one.
 ///
 /// # Errors
-/// Where the system refuses.
+/// If the operating system refuses.
 pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<PushSender>, Fault> {
     let Some(push) = files.cell.push().cloned() else { return Ok(None) };
     tracing::info!("signed records are put below {}", push.to);
@@ -57,20 +57,20 @@ pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<Pus
     PushSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
-/// Connects the cell to its MQTT broker, where the cell's file names one.
+/// Connects the cell to its MQTT broker, if the cell's file names one.
 ///
 /// # Errors
-/// Where it cannot be started.
+/// If it cannot be started.
 pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
     let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
     tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
     SparkplugEdge::serve(SparkplugParts { node, front: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
 }
 
-/// Looks at the line by its digital signals, where the cell's file has one.
+/// Watches the line through its digital signals, if the cell's file has a line.
 ///
 /// # Errors
-/// Where the system gives no thread.
+/// If the operating system cannot start a thread.
 pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Result<Option<LineFront>, Fault> {
     let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::bits(files.cell.io())) else {
         return Ok(None);
@@ -81,19 +81,20 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
 }
 
-/// Serves the cell by OPC UA, where its file names an address for it.
+/// Serves the cell by OPC UA, if its file names an address for it.
 ///
 /// # Errors
-/// Where the system refuses.
+/// If the operating system refuses.
 pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaServer>, Fault> {
     let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
     OpcUaServer::serve(parts).map_err(Fault::stage)
 }
 
-/// Serves the operator's page, where the cell's file names an address for it.
+/// Serves the operator's page, if the cell's file names an address for it.
 ///
 /// # Errors
-/// Where the system refuses. Without its certificate or its words there is no page, which is an alarm.
+/// If the operating system refuses. If its certificate or its texts are missing, there is no page, which raises an
+/// alarm.
 pub fn operator_page(
     files: &Arc<CellFiles>,
     fronts: &Fronts,
@@ -108,7 +109,7 @@ pub fn operator_page(
     };
     let page = match OperatorPage::serve(parts) {
         Ok(page) => page,
-        // The cell is stopped and asked by its socket all the same.
+        // The cell can still be stopped and queried through its socket.
         Err(error @ PageError::File(_)) => {
             fronts.parts.alarms.trouble("the operator's page", Some(&error.to_string()));
             tracing::warn!("{error}; the cell works without it until the service is started again");

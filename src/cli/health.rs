@@ -7,10 +7,10 @@ use crate::calib::health::{CameraHealth, Demands, TOOL_FORCE, ends_soon, health,
 use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
 
-/// The verifications of the cameras that end soon.
+/// The verifications of the cameras that expire soon.
 ///
 /// # Errors
-/// Where there is no store.
+/// If there is no store.
 pub fn ending(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
     let (store, demands) = (files.store()?, Demands::of(files.cell.limits()));
     let mut ending = Vec::new();
@@ -21,10 +21,10 @@ pub fn ending(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
     Ok(ending)
 }
 
-/// Reads what [`may_start`] asks for.
+/// Reads what [`may_start`] needs and judges it.
 ///
 /// # Errors
-/// Where a calibration cannot be read, or there is no store.
+/// If a calibration cannot be read, or there is no store.
 pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
     let store = files.store()?;
     let last = |subject: &str| store.last_verification(subject).map_err(Fault::stage);

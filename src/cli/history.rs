@@ -15,10 +15,10 @@ use crate::verdict::Verdict;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// Does what is asked.
+/// Runs the requested task.
 ///
 /// # Errors
-/// Where a date, a panel or a number is not known, or there is no store to read.
+/// If a date, a panel or a number is not known, or there is no store to read.
 pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     let store = match &common.store {
         // A copy somewhere else needs no cell.
@@ -51,7 +51,7 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// What was found, in the form that was asked for; all of it as one object of JSON.
+/// The results in the requested form; JSON is always one object with all of them.
 fn found(args: &History, data: &impl Serialize, table: &Table, words: Vec<String>) -> Result<Outcome, Fault> {
     let json = match serde_json::to_value(data).map_err(Fault::stage)? {
         Value::Object(object) => object,

@@ -15,10 +15,10 @@ use crate::report::inspection_page;
 use crate::report::page::Figure;
 use crate::stages::film::Setup;
 
-/// Inspects a clip and tells.
+/// Inspects a clip and reports the result.
 ///
 /// # Errors
-/// Where a file is not what it must be, or the panel was not taught.
+/// If a file is invalid, or the panel was not taught.
 pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     if let Some(folder) = args.pictures.as_ref().filter(|folder| folder.join(LABELS).exists()) {
         return Err(ClipFault::HoldsLabels { folder: folder.clone() }.into());

@@ -33,24 +33,24 @@ pub struct Inspected {
     pub score: Option<(Score, Confusion)>,
 }
 
-/// Where the panel stands in the camera's view.
+/// The pose of the panel in the camera's view.
 #[derive(Debug, Clone, Copy)]
 pub struct Placed {
     /// The camera.
     pub camera: PinholeCamera,
-    /// Where it stands.
+    /// The camera's pose.
     pub base_from_camera: Rigid<Base, Camera>,
-    /// Where the panel stands.
+    /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Did nobody say where, so that it is taken to stand in its nominal place?
+    /// Is no pose given, so that the nominal pose is assumed?
     pub is_assumed: bool,
 }
 
 impl Placed {
-    /// From the cell's files and where `locate` found the panel.
+    /// Reads the cell's files and the panel pose that `locate` found.
     ///
     /// # Errors
-    /// Where a file is not what it must be.
+    /// If a file is invalid.
     pub fn read(files: &CellFiles, located: Option<&PathBuf>) -> Result<Self, Fault> {
         Ok(Placed {
             camera: files.scanner()?.value,
@@ -101,7 +101,7 @@ struct UnknownGrid {
 /// Runs the test on the pictures of a clip folder.
 ///
 /// # Errors
-/// Where `clip.csv` or a picture is missing, damaged or of another size.
+/// If `clip.csv` or a picture is missing, damaged or of another size.
 pub fn inspect(
     setup: &Setup<'_>,
     clip: &Path,

@@ -15,10 +15,10 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Counts the signals from now on, in place of ending the program.
+    /// Counts the signals from now on, instead of ending the program.
     ///
     /// # Errors
-    /// Where the system gives no thread or no handler.
+    /// If the operating system cannot provide a thread or a handler.
     pub fn watch() -> Result<Self, Fault> {
         let interrupts = Interrupts::default();
         for signal in [SIGINT, SIGTERM] {

@@ -1,4 +1,4 @@
-//! What a cycle's page says of how long its clips and scans are kept.
+//! The section of a cycle's page about how long its clips and scans are kept.
 
 use crate::cell::{Date, Keep, KeepFor};
 use crate::record::CycleRecord;
@@ -6,7 +6,7 @@ use crate::report::page::{Row, Section};
 use crate::store::Pruned;
 use crate::verdict::Verdict;
 
-/// The section; none where everything is kept for ever.
+/// The section; `None` if everything is kept for ever.
 pub fn section(keep: &Keep, record: &CycleRecord, pruned: Option<Pruned>) -> Option<Section> {
     if keep.is_for_ever() && pruned.is_none() {
         return None;

@@ -22,11 +22,11 @@ use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Serves the page until the person is done, and says what was kept.
+/// Serves the page until the person is done, and reports what was kept.
 ///
 /// # Errors
-/// Where the folder holds no clip, labels or a draft in it are not what they must be, recipe and panel do not fit, or the page cannot
-/// be served.
+/// If the folder holds no clip, its labels or draft are invalid, recipe and panel do not fit, or the page cannot be
+/// served.
 pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     if !args.clip.join("clip.csv").exists() {
         return Err(ClipFault::NoClip { folder: args.clip.clone() }.into());
@@ -55,7 +55,8 @@ pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     told(&keeping, &args.clip, saved)
 }
 
-/// The size of the clip's pictures, as its first one says; with a recipe it must be the calibrated camera's.
+/// The size of the clip's pictures, read from the first one. With a recipe, it must be the size of the calibrated
+/// camera.
 fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -> Result<[usize; 2], Fault> {
     let Some(first) = shots.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
     let file = folder.join(&first.file);

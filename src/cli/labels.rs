@@ -1,4 +1,4 @@
-//! The labels of a clip on the disk: its mask and, where they are known, its times, by the renderer or by a person.
+//! The labels of a clip on the disk, made by the renderer or by a person: its mask and, if known, its times.
 
 use super::disk;
 use super::fault::{ClipFault, Fault};
@@ -15,10 +15,10 @@ pub struct Labels {
 }
 
 impl Labels {
-    /// Reads a folder's labels. Those that a person made must be of this clip.
+    /// Reads a folder's labels. Labels that a person made must belong to this clip.
     ///
     /// # Errors
-    /// Where there is no mask, a file is not what it must be, or the clip is not the one that a person labelled.
+    /// If there is no mask, a file is invalid, or the clip is not the one that a person labelled.
     pub fn read(folder: &Path, clip: &Path) -> Result<Self, Fault> {
         let file = folder.join(LABELS);
         if file.exists() {
@@ -37,17 +37,17 @@ impl Labels {
         Ok(Labels { mask: Mask::from_gray(&gray), times })
     }
 
-    /// When a pixel broke, s; `None` also where that is not known.
+    /// The time at which the film broke at a pixel, s; `None` also if the time is not known.
     pub fn time_s(&self, index: usize) -> Option<f64> {
         decoded(*self.times.as_ref()?.rgb.get(index)?)
     }
 }
 
-/// Where the labels of a clip of a set lie: in its folder `truth`, as the renderer writes it, or else in the clip's own folder, where
-/// a person's are kept.
+/// Finds the labels of a clip of a set. They are in its folder `truth`, where the renderer writes them, or else in
+/// the clip's own folder, where a person's labels are kept.
 ///
 /// # Errors
-/// Where it has none.
+/// If the clip has no labels.
 pub fn folder_of(clip: &Path) -> Result<PathBuf, Fault> {
     let folders = [clip.join("truth"), clip.to_owned()];
     let labelled = folders.into_iter().find(|folder| folder.join(MASK).exists());
@@ -57,16 +57,16 @@ pub fn folder_of(clip: &Path) -> Result<PathBuf, Fault> {
 /// Reads a clip's list.
 ///
 /// # Errors
-/// Where the folder holds none, or it is not what it must be.
+/// If the folder holds none, or it is invalid.
 pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
     let list = folder.join("clip.csv");
     files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))
 }
 
-/// The hash of a clip: that of what `sha256sum clip.csv FILE…` prints.
+/// The hash of a clip: the hash of the output of `sha256sum clip.csv FILE…`.
 ///
 /// # Errors
-/// Where one of its files cannot be read.
+/// If one of its files cannot be read.
 pub fn clip_hash(folder: &Path, clip: &Clip) -> Result<String, Fault> {
     let names = std::iter::once("clip.csv").chain(clip.shots().iter().map(|shot| shot.file.as_str()));
     let lines: Result<String, Fault> =

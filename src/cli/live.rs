@@ -1,8 +1,9 @@
-//! The configured cell, alive: its robot and its cameras, each by its `kind`.
+//! The configured cell in operation: its robot and its cameras, each by its `kind`.
 //!
-//! A mock robot runs inside this program, in lock step, and the simulated world is around it; a controller over
-//! EthernetKRL runs by the wall clock. Simulated cameras look at that world. In a rehearsal the mock controller is another
-//! process of this machine, `panelprep mock-robot`, and the world around it is here and follows what the controller tells.
+//! A mock robot runs inside this program, in lock step, with the simulated world around it; a controller over
+//! EthernetKRL runs by the wall clock. Simulated cameras look at that world. In a rehearsal the mock controller is
+//! another process on this machine, `panelprep mock-robot`. The world around it is in this program and follows the
+//! controller's reports.
 
 use super::args::{Simulation, real_arm};
 use super::fault::{DeviceFault, Fault};
@@ -32,17 +33,17 @@ pub struct Live {
     // Dropped in this order: the link hangs up before its controller ends.
     /// The robot.
     pub robot: LinkedRobot,
-    /// The compliant tool; none where the tool is a spring.
+    /// The compliant tool; none if the tool is a spring.
     pub tool: LinkedTool,
-    /// The thread of the tool's link, where it has one.
+    /// The thread of the tool's link, if it has one.
     pub tool_watched: Option<Watched>,
     /// The cameras.
     pub cameras: AllCameras,
     /// The mock robot in this program.
     pub simulated: Option<Simulated>,
-    /// The simulated world, where a camera looks at one.
+    /// The simulated world, if a camera looks at one.
     pub world: Option<SimulatedWorld>,
-    /// How pictures of the flange camera came, where it is to be told.
+    /// How pictures of the flange camera were transferred, if this is to be reported.
     pub flange_link: Option<FlangeLink>,
 }
 
@@ -75,8 +76,8 @@ impl Live {
     /// Starts the devices that the cell's file names. The robot's link begins to connect; nothing moves.
     ///
     /// # Errors
-    /// Where kinds do not go together, this program has no such camera, a recording cannot be opened, or a thread or
-    /// port cannot be had.
+    /// If kinds do not fit together, this program has no such camera, a recording cannot be opened, or a thread or
+    /// port is not available.
     pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
         let fails_here = cell.robot().kind() == RobotKind::Mock
             && cell.tool().compliant().is_some_and(|it| it.address.is_none());
@@ -139,8 +140,8 @@ impl Live {
         })
     }
 
-    /// The same, with a colour sensor's filters before the simulated flange camera, and GigE Vision over the loopback
-    /// interface behind it where that can be had. The pictures are the same either way.
+    /// Does the same, with a colour sensor's filters in front of the simulated flange camera and, if available,
+    /// GigE Vision over the loopback interface behind it. The pictures are the same either way.
     ///
     /// # Errors
     /// As [`Live::start`].
@@ -155,7 +156,7 @@ impl Live {
 }
 
 impl FlangeLink {
-    /// What scripts read of it.
+    /// The values for scripts.
     pub fn json(&self) -> Value {
         match self {
             #[cfg(feature = "gige")]
@@ -200,10 +201,10 @@ fn flange_sensor(simulated: &Simulated, _: &Calibrations) -> (Box<dyn FlangeCame
     (Box::new(BayerFlangeCamera::new(simulated.cameras().1)), FlangeLink::Direct(why))
 }
 
-/// The GigE Vision camera that the cell's file names.
+/// Opens the GigE Vision camera that the cell's file names.
 ///
 /// # Errors
-/// Where a file cannot be read, or there is no thread or driver.
+/// If a file cannot be read, or there is no thread or driver.
 #[cfg(feature = "gige")]
 pub fn gige_camera(cell: &Cell, gige: &cell::Gige, lens: &PinholeCamera) -> Result<Box<dyn FlangeCamera>, Fault> {
     let serial = calibrated_serial(cell.calibration().flange_camera.as_deref())?;
@@ -223,7 +224,7 @@ pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Faul
     robot_alone_at(cell, None)
 }
 
-/// The same; a mock arm stands there.
+/// The same; a mock arm starts at these joint positions.
 ///
 /// # Errors
 /// As [`Live::start`].
@@ -245,7 +246,7 @@ fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fau
     Ok(LinkedRobot::new(link, pace))
 }
 
-/// The simulated cell whose scanner is the calibrated one.
+/// The simulated cell with the calibrated scanner.
 pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<sim::Cell, Fault> {
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
     let simulated_cell =
@@ -277,12 +278,12 @@ impl Simulated {
     /// Starts both.
     ///
     /// # Errors
-    /// Where a port or thread cannot be had.
+    /// If a port or thread is not available.
     pub fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
         Self::started(cell, simulated_cell, None)
     }
 
-    /// The same with the arm parked, where the cell has such a pose, and the cell's light on where it is asked for.
+    /// Does the same with the arm parked, if the cell has a park pose, and with the cell's light on if requested.
     ///
     /// # Errors
     /// As [`Simulated::start`].

@@ -1,4 +1,4 @@
-//! `panelprep locate`: where the panel stands now, by the 3D camera.
+//! `panelprep locate`: finds the present pose of the panel with the 3D camera.
 
 use super::args::{Common, Locate};
 use super::fault::Fault;
@@ -11,10 +11,10 @@ use crate::stages::locate::{Located, locate};
 use serde_json::json;
 use std::time::Instant;
 
-/// Locates the panel and tells.
+/// Locates the panel and reports the result.
 ///
 /// # Errors
-/// Where a file is not what it must be, or the panel was not taught.
+/// If a file is invalid, or the panel was not taught.
 pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
@@ -23,7 +23,8 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let base_from_camera = files.base_from_camera()?.value;
     let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    // What depends on the taught panel alone is there before a scan is taken: in a cycle while the camera exposes.
+    // Data that depends on the taught panel alone is ready before a scan is taken; in a cycle it is made while the
+    // camera exposes.
     let model = TaughtModel::of(&taught.panel, errors.range);
     let begin = Instant::now();
     let scan = errors.corrected(scan);
@@ -40,7 +41,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// What is told of a localization whose verdict came `elapsed_ms` after the scan was in memory.
+/// The outcome of a localization; its verdict came `elapsed_ms` after the scan was in memory.
 fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     let mut outcome = Outcome::of(&located.judgement);
     outcome.put_checks(&located.checks);

@@ -1,7 +1,7 @@
-//! What the program tells while it works, on standard error. Under systemd the journal adds the time itself.
+//! The program's messages on standard error while it works. Under systemd the journal adds the time itself.
 //!
-//! An event is one line, whatever stands in it: names and texts come from files and from whoever asks, and a line feed in
-//! one of them must not begin a line that looks like another event.
+//! An event is always one line. Names and texts come from files and from clients, and a line feed in one of them
+//! must not begin a line that looks like another event.
 
 use std::io::{Result, Write};
 use tracing::level_filters::LevelFilter;
@@ -14,9 +14,9 @@ pub fn start(usual: LevelFilter) {
     let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(usual);
     let out = || OneLine(std::io::stderr());
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
-    // It would be told by `eprintln!`, which panics where nobody reads.
+    // An internal error would be printed by `eprintln!`, which panics if standard error has no reader.
     let log = log.log_internal_errors(false);
-    // What these libraries tell follows from whatever comes in from a network: it is no part of the usual log.
+    // The messages of these libraries depend on any input from a network, so they are not part of the usual log.
     let is_of_network = |target: &str| ["opcua", "async_nats"].iter().any(|name| target.starts_with(name));
     let is_told = move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !is_of_network(of.target());
     #[expect(clippy::let_underscore_must_use, reason = "set once for each process; a second one changes nothing")]

@@ -11,17 +11,18 @@ use crate::report::{missing_share, scan_picture};
 use crate::verdict::Judgement;
 use serde_json::json;
 
-/// Draws the scan and tells how much of it is missing. Neither cell nor calibration is needed, but for a PLY file that does
-/// not say how wide it is; where the cell has this camera's calibration, the scan is held against it.
+/// Draws the scan and reports how much of it is missing. It needs no cell and no calibration, except for a PLY file
+/// that does not state its width. If the cell has this camera's calibration, the scan is checked against it.
 ///
 /// # Errors
-/// Where the file is no organised scan, is in another frame or unit, or is not of the calibrated camera, or the disk refuses.
+/// If the file is not an organised scan, is in another frame or unit, or is not from the calibrated camera, or
+/// writing to the disk fails.
 pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let calibrated = CellFiles::read(common).and_then(|files| files.scanner()).ok();
     let size_px = calibrated.as_ref().map(|camera| (camera.value.width_px, camera.value.height_px));
     let read = files::read_any_cloud(&disk::read(&args.scan)?, size_px);
     let scan = read.map_err(|error| Fault::file(&args.scan, error))?;
-    // A scan of another camera may be looked at: its size says so.
+    // A scan of another camera is allowed; its size identifies it.
     let lens = calibrated.as_ref().map(|camera| &camera.value);
     let own = lens.filter(|lens| (lens.width_px, lens.height_px) == (scan.width(), scan.height()));
     let checked = own.map_or_else(|| files::check_frame(&scan), |lens| files::check_rays(&scan, lens));

@@ -17,14 +17,14 @@ use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How often what happened is told.
+/// Interval between reports of events.
 const ROUND: Duration = Duration::from_millis(100);
 
-/// Listens on the ports of the EthernetKRL files and tells what the controller does. Its inputs answer its outputs as
-/// the cell's file names them.
+/// Listens on the ports of the EthernetKRL files and reports what the controller does. Its inputs follow its
+/// outputs as configured in the cell's file.
 ///
 /// # Errors
-/// Where a file is not what it must be, or a port is taken.
+/// If a file is invalid, or a port is in use.
 pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Robot)?;
@@ -99,7 +99,7 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
     }
 }
 
-/// What was told already.
+/// What was already reported.
 #[derive(Default)]
 struct Told {
     epoch: i32,

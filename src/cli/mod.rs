@@ -1,7 +1,7 @@
-//! The command line: reads files, calls the phases, writes files and words. The only place with a clock and a disk
-//! beside the store, and the one place that turns errors into words.
+//! The command line: reads files, calls the phases, writes files and texts. It is the only place with a clock and a
+//! disk besides the store, and the one place that turns errors into text.
 //!
-//! Each command is a file of its name: `run` reads and tells, `stage` computes.
+//! Each command is in a file of its name: `run` reads and reports, `stage` computes.
 
 mod archive;
 pub mod args;
@@ -83,7 +83,7 @@ use tracing::level_filters::LevelFilter;
 
 /// Runs a command and prints what it found; gives the process's exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
-    // Commands that tell their progress log only what is wrong.
+    // Commands that report their progress log only problems.
     let usual = match &arguments.command {
         Command::Demo(_) | Command::Cycle(_) | Command::AirRun(_) | Command::Replay(_) => LevelFilter::WARN,
         _ => LevelFilter::INFO,

@@ -45,10 +45,10 @@ impl Outcome {
         self.words.push(line.into());
     }
 
-    /// Writes the object that `--json` prints to this file, where one is named.
+    /// Writes the object that `--json` prints to this file, if one is named.
     ///
     /// # Errors
-    /// Where the disk refuses.
+    /// If writing to the disk fails.
     pub fn write(&self, file: Option<&Path>) -> Result<(), Fault> {
         file.map_or(Ok(()), |file| disk::write(file, format!("{}\n", Value::Object(self.json.clone()))))
     }

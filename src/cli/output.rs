@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind, Write};
 /// Writes a line of the result to standard output.
 ///
 /// # Errors
-/// Where it cannot be written for another reason than that nobody reads: a disk that is full.
+/// If it cannot be written for a reason other than a missing reader, such as a full disk.
 pub fn print_line(line: &str) -> io::Result<()> {
     let mut stdout = io::stdout().lock();
     match writeln!(stdout, "{line}").and_then(|()| stdout.flush()) {
@@ -16,17 +16,18 @@ pub fn print_line(line: &str) -> io::Result<()> {
     }
 }
 
-/// A line that a person writes at the terminal, without the blanks around it; none where nobody writes any more.
+/// Reads a line that a person types at the terminal, without leading and trailing blanks; `None` if the input has
+/// ended.
 ///
 /// # Errors
-/// Where standard input cannot be read.
+/// If standard input cannot be read.
 pub fn answer() -> Result<Option<String>, Fault> {
     let mut line = String::new();
     let read = io::stdin().read_line(&mut line).map_err(|error| Fault::file("standard input".as_ref(), error))?;
     Ok((read > 0).then(|| line.trim().to_owned()))
 }
 
-/// Tells a line of progress, or what is wrong, on standard error. Where that cannot be written there is nobody to tell.
+/// Writes a line of progress, or a problem, to standard error. If that fails, there is no other place to report it.
 pub fn tell_line(line: &str) {
     #[expect(clippy::let_underscore_must_use, reason = "nobody reads: there is no other place to say it")]
     let _ = writeln!(io::stderr().lock(), "{line}");

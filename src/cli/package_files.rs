@@ -11,14 +11,14 @@ use clap_complete::Shell;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Shells, each with the name that its completions have where it looks for them.
+/// Shells, each with the file name under which it looks for its completions.
 const SHELLS: [(Shell, &str); 3] =
     [(Shell::Bash, "panelprep"), (Shell::Zsh, "_panelprep"), (Shell::Fish, "panelprep.fish")];
 
-/// Writes them.
+/// Writes the files.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn run(args: &PackageFiles) -> Result<Outcome, Fault> {
     let mut command = Arguments::command().disable_help_subcommand(true);
     command.build();

@@ -9,10 +9,10 @@ use crate::record::CycleId;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 
-/// Makes the page, and tells what the store no longer has of it.
+/// Makes the page, and reports what the store no longer has of the cycle.
 ///
 /// # Errors
-/// Where there is no such cycle, it does not read back, or the disk refuses.
+/// If there is no such cycle, it cannot be read back, or writing to the disk fails.
 pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let kept = Kept::read(&files.store()?, CycleId(args.cycle))?;

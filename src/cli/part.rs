@@ -9,10 +9,10 @@ use crate::words::{printable, utc_day};
 /// The longest of its names, in characters.
 const MOST_CHARACTERS: usize = 120;
 
-/// Takes the names where there is one.
+/// Returns the names if at least one is given.
 ///
 /// # Errors
-/// Where one is empty, too long, or cannot be printed as it stands.
+/// If one is empty, too long, or cannot be printed as it is.
 pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
@@ -28,7 +28,7 @@ pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
 /// The text that is kept.
 ///
 /// # Errors
-/// Where it cannot be written as TOML.
+/// If it cannot be written as TOML.
 pub fn text(part: &PartNames) -> Result<String, Fault> {
     toml::to_string(part).map_err(Fault::stage)
 }
@@ -41,10 +41,10 @@ pub fn another() -> (String, String) {
     )
 }
 
-/// That a part may be abraded once more after these cycles, where `most` passes are allowed.
+/// Checks that a part may be abraded once more after these cycles if `most` passes are allowed.
 ///
 /// # Errors
-/// Where it had that many, each cycle named.
+/// If it has had that many passes; each cycle is named.
 pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most: usize) -> Result<(), Fault> {
     let serial = part.and_then(|part| part.serial.clone()).unwrap_or_default();
     let used: usize = earlier.iter().map(|cycle| cycle.passes).sum();
@@ -63,7 +63,7 @@ pub fn history(earlier: &[PassesOfCycle]) -> String {
     earlier.iter().map(words).collect::<Vec<_>>().join("; ")
 }
 
-/// What a cycle's page says of its part; nothing where none was named.
+/// The section about the part on a cycle's page; `None` if no part was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
     let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());

@@ -1,14 +1,15 @@
-//! The person at a simulated cell, who dries the panel before saying that it is dry.
+//! The person at a simulated cell, who dries the panel before confirming that it is dry.
 //!
-//! `start` and `unhold --dried` say so; nobody else could dry it there.
+//! `start` and `unhold --dried` confirm it; no one else could dry it there.
 
 use crate::cycle::{self, At};
 use crate::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
 use crate::devices::world::SimulatedWorld;
 
-/// Passes on what is requested, and dries the panel first where that is said; does nothing more at a real cell.
+/// Passes requests on, and first dries the panel if the request confirms that it is dry. At a real cell it does
+/// nothing more.
 pub struct Person<R> {
-    /// Where requests come from.
+    /// The source of the requests.
     pub requester: R,
     /// The simulated world.
     pub world: Option<SimulatedWorld>,

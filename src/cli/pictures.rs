@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Writes a picture as PNG into a folder.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf, Fault> {
     let file = folder.join(format!("{name}.png"));
     disk::write(&file, files::write_color_png(picture).map_err(Fault::stage)?)?;
@@ -20,7 +20,7 @@ pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf
 /// Writes a stage's drawings.
 ///
 /// # Errors
-/// Where one could not be drawn, or the disk refuses.
+/// If one could not be drawn, or writing to the disk fails.
 pub fn save_all(folder: &Path, drawings: impl IntoIterator<Item = Drawing>) -> Result<(), Fault> {
     for Drawing { name, picture, .. } in drawings {
         save(folder, &name, &picture.map_err(Fault::stage)?)?;

@@ -34,10 +34,10 @@ struct Planned {
     base: KukaPose,
 }
 
-/// Plans and tells; writes the plan and the KRL program where asked.
+/// Plans and reports the result; writes the plan and the KRL program if requested.
 ///
 /// # Errors
-/// Where a file is not what it must be, a grid is unknown, or the surface cannot be fitted.
+/// If a file is invalid, a grid is unknown, or the surface cannot be fitted.
 pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
@@ -125,7 +125,7 @@ fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     name.parse().map_err(|error| Fault::file(file, error))
 }
 
-/// Where the arm follows the plan from, with what to say of that.
+/// The start from which the arm follows the plan, with a remark about it.
 fn reach<'a>(
     kinematics: &'a Kinematics,
     (files, common): (&CellFiles, &Common),
@@ -161,7 +161,8 @@ fn reach<'a>(
 }
 
 impl Planned {
-    /// Writes the plan as a program, unless it is rejected; comes with whether it did and what to say of it.
+    /// Writes the plan as a program, unless it is rejected. Returns whether the program was written, with a
+    /// message.
     fn program(
         &self,
         (file, name): (&Path, &ProgramName),
@@ -188,7 +189,7 @@ impl Planned {
         Ok((true, format!("the program is in {shown}; {words}")))
     }
 
-    /// What the plan removes, in numbers; nothing where that is not asked for, or nobody knows.
+    /// The removal of the plan in numbers; `None` if it is not requested or not known.
     fn removal(&self) -> Option<Value> {
         let found = self.stage.removed.as_ref()?.figures?;
         Some(json!({

@@ -1,7 +1,9 @@
-//! `panelprep robot prove`: what the installation page asks to be proven on a controller, one assumption after the other.
+//! `panelprep robot prove`: goes through what the installation page requires to be proven on a controller, one
+//! assumption after the other.
 //!
-//! What a client alone can see it tries itself, over the two ports; for the rest it says what to do and what to expect and
-//! takes down what the person at the controller has seen. Nothing moves by it. The answers become a page to sign.
+//! It tests over the two ports what a client alone can see. For the rest it states what to do and what to expect,
+//! and writes down what the person at the controller has seen. It causes no motion. The answers become a page to
+//! sign.
 
 mod page;
 mod proof;
@@ -20,7 +22,7 @@ use serde_json::json;
 use std::io::BufRead;
 use tries::ControllerKind;
 
-/// The installation page, whose table of assumptions is gone through.
+/// The installation page with the table of assumptions to go through.
 const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
 /// Rows that need the tool in contact, or a panel: nothing for this command.
 const IN_CONTACT: [u32; 5] = [20, 21, 22, 40, 51];
@@ -28,7 +30,7 @@ const IN_CONTACT: [u32; 5] = [20, 21, 22, 40, 51];
 /// Goes through the table and writes the page.
 ///
 /// # Errors
-/// Where the cell's robot is no controller behind two ports, another program holds the store, or the page is there
+/// If the cell's robot is not a controller with two ports, another program holds the store, or the page exists
 /// already or cannot be written.
 pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     files.require(Purpose::Robot)?;
@@ -40,7 +42,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     drop(robot);
     let mut controller = tries::controller(&files.cell)?;
     let page = |proofs: &[Proof], controller| page::of(proofs, &args.by, (files.cell.robot(), controller));
-    // Before the first question: answers that took a day at the controller are not asked for where they cannot be kept.
+    // Done before the first question: no answers are requested that cannot be kept after a day's work at the
+    // controller.
     super::disk::write_new(&args.out, page(&[], controller))?;
     if controller == ControllerKind::Mock {
         tell(
@@ -112,7 +115,7 @@ fn answer(line: &str) -> (Finding, String) {
     let evidence = evidence.trim();
     match word.to_ascii_lowercase().as_str() {
         "" => (Finding::Open, "not done".to_owned()),
-        // What nobody can look up later proves nothing.
+        // Evidence that cannot be looked up later proves nothing.
         "y" if evidence.is_empty() => (Finding::Open, "said to be as expected, without evidence".to_owned()),
         "y" => (Finding::Proven, evidence.to_owned()),
         "n" => (Finding::Wrong, if evidence.is_empty() { "not as expected" } else { evidence }.to_owned()),

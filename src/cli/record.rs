@@ -27,10 +27,10 @@ const HEAD: &str = "head.json";
 const PUBLIC_KEY: &str = "public-key.pem";
 const FILES: &str = "files";
 
-/// Does what is asked.
+/// Runs the requested task.
 ///
 /// # Errors
-/// Where a file cannot be read or written, or the store has no such cycle.
+/// If a file cannot be read or written, or the store has no such cycle.
 pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         RecordTask::Sign(args) => sign(args, common),
@@ -40,10 +40,11 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// The key by which this cell signs: the file that the cell's file names, else a credential, else one in the store.
+/// The key with which this cell signs: the file that the cell's file names, else a credential, else one in the
+/// store.
 ///
 /// # Errors
-/// Where it cannot be read or made.
+/// If it cannot be read or made.
 pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
     let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(CREDENTIAL));
     let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
@@ -54,10 +55,10 @@ pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
     store::cell_key(files.store_folder(), &place).map_err(Fault::stage)
 }
 
-/// Signs every cycle that is over and was not signed, and tells each in words; a warning is told as such.
+/// Signs every finished cycle that is unsigned, and reports each as text; a warning is reported as such.
 ///
 /// # Errors
-/// Where the key or the store cannot be used.
+/// If the key or the store cannot be used.
 pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) -> Result<(), Fault> {
     let key = key(files)?;
     let each = |cycle, signed: Result<&SignatureRow, store::StoreError>| match signed {
@@ -70,10 +71,11 @@ pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) ->
 }
 
 /// Signs the record of a cycle as this person and makes the cycle's page again, which then shows the signature. For
-/// fronts that have recognized the person.
+/// fronts that have identified the person.
 ///
 /// # Errors
-/// Where the cycle is not over, the person has signed so already, or the store or the page cannot be written.
+/// If the cycle is not over, the person has already signed with this meaning, or the store or the page cannot be
+/// written.
 pub fn sign_as(files: &CellFiles, signs: &PersonSigns) -> Result<SignatureRow, Fault> {
     let row = Store::sign_as(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
     let page = report::page_file(files.store_folder(), signs.cycle);
@@ -153,10 +155,11 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The page of a cycle as PDF with what the cell signs of it, by all signatures of that cycle; `None` where the cell has not signed it.
+/// Makes the page of a cycle as PDF, with all signatures of that cycle and what the cell signs for it. `None` if
+/// the cell has not signed the cycle.
 ///
 /// # Errors
-/// Where the store no longer has the signed record whole, or the PDF cannot be written.
+/// If the store no longer has the signed record complete, or the PDF cannot be written.
 pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, Fault> {
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = Kept::read(store, row.cycle)?;
@@ -352,8 +355,8 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
     Ok(())
 }
 
-/// A file of an export that is named by itself, with what it is verified by: the signature, and of a record or its PDF both and the
-/// signed page, where there is a PDF.
+/// Returns a named file of an export with the files that verify it: the record and its signature and, if there is a
+/// PDF, the PDF and the signed page.
 fn with_what_belongs_to_it(file: &Path) -> Vec<PathBuf> {
     let (record, pdf) = (file.with_extension("json"), file.with_extension("pdf"));
     let mut all = vec![record.clone(), record.with_extension("sig")];

@@ -16,7 +16,7 @@ impl RecordSource for StoreRecords {
     fn page(&self, cycle: CycleId) -> Result<String, String> {
         let files = &self.0;
         let page = report::page_file(files.store_folder(), cycle);
-        // One that is there has what came of the recording, too.
+        // An existing page also contains the result of the recording.
         if let Ok(text) = disk::read_text(&page) {
             return Ok(text);
         }

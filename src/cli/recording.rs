@@ -19,10 +19,10 @@ use crate::store::{TaughtCorner, Teaching};
 use crate::tape::Checked;
 use std::path::{Component, Path, PathBuf};
 
-/// What a recording of this cycle begins with.
+/// The first content of a recording of this cycle.
 ///
 /// # Errors
-/// Where what was taught cannot be read.
+/// If the teaching cannot be read.
 pub fn of(
     file: Option<PathBuf>,
     files: &CellFiles,
@@ -34,10 +34,10 @@ pub fn of(
     Ok(RecordingPlan { file, files: parts, calibrations: calibrated.values })
 }
 
-/// Looks whether a recording in this file, or without one in this store, could begin: before anything moves.
+/// Checks, before anything moves, that a recording could begin in this file or, without a file, in this store.
 ///
 /// # Errors
-/// Where there is such a file already, no folder for it, or too little room.
+/// If the file exists already, its folder does not exist, or there is too little room.
 pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     if let Some(file) = file {
         if file.exists() {
@@ -62,11 +62,11 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The same for a file that a command names, which this program writes as whoever runs it: it must not be inside the store
-/// either, where only the program names files. The store may be one that is made later.
+/// The same for a file that a command names. This program writes it with the rights of its user. The file must also
+/// be outside the store, where only the program names files. The store may be made later.
 ///
 /// # Errors
-/// As [`allowed`], and where the file is inside the store, or is a link.
+/// As [`allowed`], and if the file is inside the store or is a link.
 pub fn named_by_a_command(file: &Path, store: &Path) -> Result<(), Fault> {
     // A link is no new file, wherever it leads, and if it leads nowhere.
     if file.symlink_metadata().is_ok() {
@@ -94,11 +94,11 @@ fn refused_name(file: &Path, words: &'static str) -> Fault {
 const IN_THE_STORE: &str = "it is inside the store, where only the service names files; name a file elsewhere (`panelprep ctl \
                             start --record` without a name keeps it in the store's recordings/)";
 
-/// The place of a recording that a client of the service names: by its whole path, plain, and outside of the store, all
-/// links on the way resolved. A client may have the service write only what is the client's to ask for.
+/// The place of a recording that a client of the service names: a full, plain path outside the store, with all
+/// links on the way resolved. A client may have the service write only what the client has the right to request.
 ///
 /// # Errors
-/// Where the name is not such a one, or its folder is not there.
+/// If the name does not meet these conditions, or its folder does not exist.
 pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     let refused = |words| refused_name(file, words);
     let Some(text) = file.to_str() else { return Err(refused("it is not UTF-8")) };
@@ -128,10 +128,10 @@ pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     }
 }
 
-/// Characters of a refused name that are told.
+/// Number of characters of a refused name that are shown.
 const MOST_SHOWN: usize = 200;
 
-/// A recording in a new file, of which this is told where the disk refuses it.
+/// The fault to report if the disk refuses a recording in a new file.
 pub fn refused(file: &Path, error: std::io::Error) -> Fault {
     match error.kind() {
         std::io::ErrorKind::AlreadyExists => taken(file),
@@ -149,7 +149,7 @@ fn taken(file: &Path) -> Fault {
     Fault::file(file, "is there already; remove it, or record in another file")
 }
 
-/// What a cycle's page says of its recording.
+/// The section about the recording on a cycle's page.
 pub fn section(recorded: &Recorded) -> Section {
     let whole = recorded.is == Stands::Whole;
     let rows = vec![
@@ -207,7 +207,7 @@ pub struct RecordedCycle {
     pub taught: Taught,
     /// The calibrations.
     pub calibrations: Calibrations,
-    /// Where in its picture the flange camera's lens is known.
+    /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
     /// What earlier cycles had removed of the part.
     pub removed_before: RemovedBefore,
@@ -217,7 +217,7 @@ impl RecordedCycle {
     /// Reads and checks the files in a recording.
     ///
     /// # Errors
-    /// Where one is missing or is not what it must be.
+    /// If one is missing or invalid.
     pub fn read(file: &Path, checked: &Checked) -> Result<Self, Fault> {
         let parts = Parts { file, checked };
         let recipe = Recipe::check(RECIPE, parts.text(RECIPE)?)?;
@@ -270,7 +270,7 @@ impl Parts<'_> {
         toml::from_str(self.text(&name)?).map_err(|error| Fault::file(self.file, error))
     }
 
-    /// What the disc took off, where the cell knew it.
+    /// The removal model of the disc, if the cell had one.
     fn removal(&self) -> Result<Option<Model>, Fault> {
         if !self.checked.files.contains_key(REMOVAL) {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! `panelprep refine`: what the corner pictures say about the place found.
+//! `panelprep refine`: checks the located pose against the corner pictures.
 
 use super::args::{Common, Refine};
 use super::fault::{Fault, TeachingFault};
@@ -11,10 +11,10 @@ use crate::stages::corners::{Correction, Sighting, Taught};
 use serde_json::json;
 use std::path::Path;
 
-/// Corrects the place found and tells.
+/// Corrects the located pose and reports the result.
 ///
 /// # Errors
-/// Where a file is not what it must be, no corner was taught, or a picture shows none.
+/// If a file is invalid, no corner was taught, or a picture shows none.
 pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
@@ -40,7 +40,8 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// What the localization and both cameras' mounts claim, 95 %, mm; `None` where one of them states nothing.
+/// The uncertainties stated by the localization and by both cameras' mounts, 95 %, mm; `None` if one of them states
+/// nothing.
 fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault> {
     let scanner = files.cell.calibration().base_from_camera.is_some().then(|| files.base_from_camera());
     let scanner_mm = scanner.transpose()?.and_then(|mount| mount.uncertainty_mm);

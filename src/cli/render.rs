@@ -57,10 +57,10 @@ impl From<SceneName> for Scene {
     }
 }
 
-/// Writes the cell and says which files.
+/// Writes the cell and lists the files.
 ///
 /// # Errors
-/// Where the folder holds other things or the disk refuses.
+/// If the folder holds other files or writing to the disk fails.
 pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let spec = args.film.spec(args.seed);
     let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
@@ -161,7 +161,7 @@ fn claim(folder: &Path) -> Result<(), Fault> {
         if !ours && !empty {
             return Err(Fault::NotOurs { folder: folder.to_owned() });
         }
-        // Nobody's store is taken away under him.
+        // A store in use by another program is not removed.
         let store = folder.join("store");
         if let (true, Err(in_use @ StoreError::Leased { .. })) = (store.exists(), Store::create(&store)) {
             return Err(Fault::stage(in_use));
@@ -261,10 +261,11 @@ box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
-/// A panel that was displaced may appear so much coarser than where it was taught.
+/// Factor by which a displaced panel may appear coarser than at its taught place.
 const DISPLACED: f64 = 1.2;
 
-/// The recipe, with the smallest break that the cell's pixels surely show where the cell's own limit is finer than they are.
+/// The recipe. If the cell's own limit is finer than the cell's pixels, it contains the smallest break that the
+/// pixels surely show.
 fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) -> Result<String, Fault> {
     let text = plain_recipe(cell, seconds);
     let plain = Recipe::check("recipe.toml", &text)?;

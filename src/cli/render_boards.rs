@@ -29,7 +29,7 @@ pub(super) const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.00
 const TOUCH_MM: f64 = 0.1;
 
 impl Rendered {
-    /// A look at this camera's target, as `panelprep calibrate verify` takes it.
+    /// A look at this camera's target, in the form that `panelprep calibrate verify` accepts.
     pub fn verification(&self, camera: CameraName) -> Verify {
         let (name, flange) = match camera {
             CameraName::Scanner => ("scanner", None),
@@ -50,7 +50,7 @@ impl Rendered {
         }
     }
 
-    /// A touch of the scanner's target, as `panelprep calibrate touch` takes it.
+    /// A touch of the scanner's target, in the form that `panelprep calibrate touch` accepts.
     pub fn touch(&self) -> Touch {
         Touch {
             board: target_board().into(),
@@ -71,10 +71,10 @@ fn target_board() -> BoardArgs {
     BoardArgs { board: TARGET.0.to_owned(), square_mm: Some(TARGET.1), subpix: None }
 }
 
-/// Writes the boards that the cameras are verified on: pictures, where each is known to stand, a touch.
+/// Writes the boards on which the cameras are verified: pictures, their known poses, a touch.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
     let (scanner, flange) = (cell.scanner_target(), cell.flange_target());
     for (name, target) in [("scanner", &scanner), ("flange_camera", &flange)] {
@@ -101,10 +101,10 @@ fn reported(arm: Option<&RealArm>, base_from_flange: &Rigid<Base, Flange>) -> Re
     }
 }
 
-/// Writes what the controller reports while the flange truly is here.
+/// Writes the controller's report for this true pose of the flange.
 ///
 /// # Errors
-/// Where the arm does not come there, or the disk refuses.
+/// If the arm cannot reach the pose, or writing to the disk fails.
 pub fn write_flange(
     file: &Path,
     arm: Option<&RealArm>,
@@ -115,10 +115,10 @@ pub fn write_flange(
     disk::write(file, files::write_reported_flange(&ReportedFlange { base_from_flange, joints }))
 }
 
-/// Writes what the cell is calibrated by, a folder for each: lens, both mounts, three points, tool.
+/// Writes the data for the cell's calibrations, a folder for each: lens, both mounts, three points, tool.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &Rendered)) -> Result<(), Fault> {
     let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT).with_reduction(reduction);
     let board = Board::parse("9x6", 25.0).map_err(Fault::stage)?;
@@ -131,7 +131,7 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
     disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
     disk::write(&rendered.file("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
-    // Where the board that stands still truly is: `calibrate verify --poses` holds the pictures against it.
+    // The true pose of the fixed board: `calibrate verify --poses` compares the pictures with it.
     let mut known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&cell.base_from_board()));
     known.board = Some(BoardSize { board: "9x6".to_owned(), square_mm: 25.0 });
     disk::write(&rendered.file("boards/flange/target.toml"), known.to_toml())?;
@@ -162,7 +162,7 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
 /// Writes `boards/scanner/*.pcd`: scans of a board of 8×6 inner corners, 30 mm, all over the working volume.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn write_scans(args: &Render, distortion: Option<ScannerDistortion>, rendered: &Rendered) -> Result<(), Fault> {
     let print = BoardPrint::chessboard(8, 6, 30.0);
     let cell = BoardCell::new(args.seed, print, ROBOT).with_reduction(args.reduction as usize);
@@ -177,12 +177,12 @@ pub fn write_scans(args: &Render, distortion: Option<ScannerDistortion>, rendere
 /// Writes `boards/force.toml`: readings of a compliant tool without contact.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn write_force(rendered: &Rendered) -> Result<(), Fault> {
     disk::write(&rendered.file("boards/force.toml"), FORCE_TEXT)
 }
 
-/// So many shots to which the arm comes; an arm as it is drawn comes everywhere here.
+/// Returns this number of shots that the arm can reach; an arm as drawn reaches all shots here.
 fn within_reach<C: Frame>(
     arm: Option<&RealArm>,
     count: usize,
@@ -193,7 +193,7 @@ fn within_reach<C: Frame>(
     shots(MOST_DRAWN * count).into_iter().filter(comes).take(count).collect()
 }
 
-/// Of so many shots one is within reach, or more.
+/// Shots to draw for each one that is needed; at least one of them is within reach.
 const MOST_DRAWN: usize = 10;
 
 fn save(rendered: &Rendered, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
@@ -215,7 +215,7 @@ fn pictures<C: Frame>(
     })
 }
 
-/// The pose in a file, with the axes where the arm is not as it is drawn.
+/// The pose as text for a file, with the axes if the arm differs from its drawing.
 fn reported_text(Reported { base_from_flange, joints }: &Reported) -> String {
     pose_keys(&ReportedFlange { base_from_flange: KukaPose::from_rigid(base_from_flange), joints: *joints })
 }
@@ -228,7 +228,7 @@ fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result
     shots.iter().enumerate().map(pose).collect()
 }
 
-/// A points file with the corners that the program asks to be touched.
+/// A points file with the corners that the program asks the person to touch.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn points_text(
     board: &Board,
@@ -272,8 +272,8 @@ fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, F
     tip * flange_from_tool.inverse()
 }
 
-/// Poses that hold the tip at corners of a board that stands still; without `image`, of the one before the camera on the
-/// flange. Corners to which the arm does not come are left out.
+/// Poses that hold the tip at corners of a fixed board; without `image`, the board is the one in front of the
+/// camera on the flange. Corners that the arm cannot reach are left out.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn corners_text(
     arm: &RealArm,

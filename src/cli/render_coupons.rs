@@ -17,7 +17,7 @@ pub const TOOL: CouponTool = CouponTool {
     pad: Pad { radius_mm: DISC_DIAMETER_MM / 2.0, stiffness_n_mm3: 0.05 },
     orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
 };
-/// What it takes off, mm²/N, and how that wears, 1/mm².
+/// The disc's removal coefficient, mm²/N, and its decay with wear, 1/mm².
 const PRESTON_MM2_PER_N: f64 = 4e-4;
 const DECAY_PER_MM2: f64 = 0.8e-6;
 /// Coupons differ among themselves by up to this share either way.
@@ -26,10 +26,10 @@ const COUPONS: usize = 12;
 /// The forces on them, N.
 const FORCES_N: [f64; 2] = [20.0, 10.0];
 
-/// Writes `boards/coupons.csv`: thicknesses before and after, by discs new and worn.
+/// Writes `boards/coupons.csv`: thicknesses before and after, with new and worn discs.
 ///
 /// # Errors
-/// Where the disk refuses.
+/// If writing to the disk fails.
 pub fn write(seed: u64, rendered: &Rendered) -> Result<(), Fault> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` tells it\n\

@@ -1,4 +1,4 @@
-//! `panelprep replay`: a recorded cycle again, without devices, and where it differs.
+//! `panelprep replay`: runs a recorded cycle again without devices and finds the differences.
 
 use super::args::Replay;
 use super::fault::Fault;
@@ -13,13 +13,13 @@ use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Differences that are told to a person; the JSON has them all.
+/// Number of differences that are shown to a person; the JSON has them all.
 const MOST_TOLD: usize = 20;
 
-/// Runs the recorded cycle again and tells where it differs.
+/// Runs the recorded cycle again and reports the differences.
 ///
 /// # Errors
-/// Where the recording cannot be used: it is none, has a gap, another format, or was not finished.
+/// If the recording cannot be used: it is not a recording, has a gap, has another format, or was not finished.
 pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let file = args.recording.as_path();
     let refused = |error| Fault::file(file, error);

@@ -25,20 +25,20 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub struct Kept {
     /// The record.
     pub record: CycleRecord,
-    /// What was removed of it.
+    /// What was removed from the cycle's data.
     pub pruned: Option<Pruned>,
     pictures: BTreeMap<String, Vec<u8>>,
-    /// What is told of the part, where it was named.
+    /// The section about the part, if it was named.
     part: Option<Section>,
     /// The page to read and sign.
     sheet: Sheet,
 }
 
 impl Kept {
-    /// Reads a cycle back. A picture that is missing or damaged is left out; the page says so.
+    /// Reads a cycle back. A missing or damaged picture is left out; the page reports this.
     ///
     /// # Errors
-    /// Where there is no such cycle, or it does not read back.
+    /// If there is no such cycle, or it cannot be read back.
     pub fn read(store: &Store, cycle: CycleId) -> Result<Self, Fault> {
         let record = store.cycle(cycle).map_err(Fault::stage)?;
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
@@ -51,18 +51,18 @@ impl Kept {
         Ok(Kept { record, pruned, pictures, part, sheet })
     }
 
-    /// Writes the page into its store: with what came of its recording, and how long clips and scans are kept.
+    /// Writes the page into its store, with the result of the recording and how long clips and scans are kept.
     ///
     /// # Errors
-    /// Where the disk refuses.
+    /// If writing to the disk fails.
     pub fn write(&self, keep: &Keep, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
         self.write_with(file, recorded, kept::section(keep, &self.record, self.pruned).into_iter().collect())
     }
 
-    /// Writes the page, with `more` and what came of its recording at its end.
+    /// Writes the page, with `more` and the result of the recording at its end.
     ///
     /// # Errors
-    /// Where the disk refuses.
+    /// If writing to the disk fails.
     pub fn write_with(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
         disk::write_through(file, self.html(recorded, more))
     }
@@ -93,10 +93,10 @@ impl Kept {
         missing.map(|picture| format!("the picture {} ({}) is missing or damaged", picture.name, picture.hash))
     }
 
-    /// Writes the pictures into a folder, numbered as they came; those of an earlier cycle there go.
+    /// Writes the pictures into a folder, numbered in order; those of an earlier cycle in the folder are removed.
     ///
     /// # Errors
-    /// Where the disk refuses.
+    /// If writing to the disk fails.
     pub fn write_pictures(&self, folder: &Path) -> Result<(), Fault> {
         remove_numbered(folder).map_err(|error| Fault::file(folder, error))?;
         let named = self.record.findings.iter().flat_map(|finding| {
@@ -137,7 +137,7 @@ fn made() -> String {
     format!("This page was made on {made} by panelprep {} from the store.", env!("CARGO_PKG_VERSION"))
 }
 
-/// How the recording of a cycle stands, as its file says; none where the cycle was not recorded.
+/// The state of a cycle's recording, read from its file; `None` if the cycle was not recorded.
 pub fn recorded(store: &Path, record: &CycleRecord) -> Option<Recorded> {
     let file = match record.recording.as_ref()? {
         RecordingFile::InStore => daemon::recording_file(store, record.id),
@@ -152,11 +152,12 @@ pub fn recorded(store: &Path, record: &CycleRecord) -> Option<Recorded> {
     })
 }
 
-/// Makes the pages of cycles that are over and have none, or one that was cut short: the program, or the power, ended
-/// between a verdict and its page. Each is told by `made`; one that cannot be made does not keep the others.
+/// Makes the pages of finished cycles that have none or only an incomplete one, because the program or the power
+/// ended between a verdict and its page. Each is reported through `made`; one that cannot be made does not prevent
+/// the others.
 ///
 /// # Errors
-/// Where the store cannot be read.
+/// If the store cannot be read.
 pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fault>)) -> Result<(), Fault> {
     let store = files.store()?;
     for cycle in store.ended_cycles().map_err(Fault::stage)? {
@@ -171,7 +172,7 @@ pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fa
     Ok(())
 }
 
-/// Whether a page is there to its last line.
+/// Returns whether a page is complete to its last line.
 fn is_whole(page: &Path) -> bool {
     let end = || -> std::io::Result<Vec<u8>> {
         let mut file = crate::disk::open(page)?;
@@ -187,7 +188,7 @@ fn is_whole(page: &Path) -> bool {
 /// The last line of a page.
 const END: &[u8] = b"</html>\n";
 
-/// Where the page of a cycle stands in its store.
+/// The path of a cycle's page in its store.
 pub fn page_file(store: &Path, cycle: CycleId) -> PathBuf {
     store.join("reports").join(format!("cycle-{:06}.html", cycle.0))
 }

@@ -22,7 +22,7 @@ use std::time::Duration;
 /// Does one function and prints the controller's state after it.
 ///
 /// # Errors
-/// Where a file or a number is not what it must be, another program holds the store, or no device can be started.
+/// If a file or a number is invalid, another program holds the store, or no device can be started.
 pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     if let RobotFunction::Prove(prove) = &args.function {
@@ -30,7 +30,8 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     }
     files.require(Purpose::Robot)?;
     let action = RobotAction::read(&args.function, &files)?;
-    // Whoever holds the store may be moving the robot. To look is free, and a mock robot is this program's own.
+    // A program that holds the store may be moving the robot. Reading the state is always allowed, and a mock robot
+    // is this program's own.
     let is_shared = action != RobotAction::State && files.cell.robot().kind() == RobotKind::Eki;
     let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
@@ -56,7 +57,7 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Why no controller answers: it serves one client, and where the cell's service runs, that is the service.
+/// Why no controller answers: it serves one client, and if the cell's service runs, the service is that client.
 fn unanswered(judgement: Judgement, files: &CellFiles) -> Judgement {
     let is_served = files.cell.robot().kind() == RobotKind::Eki && UnixStream::connect(files.socket()).is_ok();
     if !is_served {
@@ -131,7 +132,7 @@ impl RobotAction {
         match self {
             // Of an arm that moves, axes and tip need not be of one moment.
             RobotAction::State if single.state().moving => Ok(()),
-            // Before its program was started the controller does not know the tip, and says 0 of everything.
+            // Before its program is started, the controller does not know the tip and reports 0 for all values.
             RobotAction::State if single.state().tip_is_unknown() => Ok(()),
             RobotAction::State => single.is_the_cells_arm(cell).map_err(not_this_arm),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
@@ -148,10 +149,10 @@ fn not_this_arm(reason: Reason) -> SingleError {
     SingleError::Gate(Judgement::of(vec![reason], vec![]))
 }
 
-/// The least speed that a controller is asked for, mm/s.
+/// The lowest speed that is requested from a controller, mm/s.
 const SLOWEST_MM_S: f64 = 1.0;
 
-/// A speed of the tip that may be asked for, mm/s; one above `most` is refused here, before anything is begun.
+/// Checks a requested speed of the tip, mm/s; one above `most` is refused here, before anything begins.
 fn speed(found: f64, option: &'static str, most: f64, cell: &Cell) -> Result<f64, Fault> {
     if (SLOWEST_MM_S..=most).contains(&found) {
         return Ok(found);

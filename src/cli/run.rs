@@ -37,11 +37,11 @@ use std::sync::mpsc::{self, Receiver};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-/// Serves until a signal ends it. What an earlier process left open is for a person to clear; nothing moves before.
+/// Serves until a signal ends it. A person must clear what an earlier process left open; nothing moves before that.
 ///
 /// # Errors
-/// Where a file is not what it must be, another process writes to the store or answers on the socket, or the store
-/// does not write.
+/// If a file is invalid, another process writes to the store or answers on the socket, or the store cannot be
+/// written.
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let supervisor = Supervisor::default();
     supervisor.notice_panics();
@@ -97,7 +97,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         cameras: lent,
     };
     let mut handler = RequestHandler::new(queue, left_open, parts);
-    // Also what an earlier start found, while nobody has cleared it.
+    // This includes what an earlier start found, until a person has cleared it.
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
@@ -134,8 +134,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&ended))
 }
 
-/// Opens the store. On a disk that is full to the last byte the service starts all the same: it answers, refuses whatever is
-/// asked, says what to delete, and goes on once there is room. None where a signal ends it before.
+/// Opens the store. If the disk is completely full, the service still starts: it answers, refuses all requests,
+/// reports what to delete, and continues when there is room. `None` if a signal ends it first.
 fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -> Result<Option<Store>, Fault> {
     let full = match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => error.to_string(),
@@ -169,7 +169,7 @@ fn signals(sender: RequestSender) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Writes the page of each cycle that has ended, beside the loop, until nobody tells of more.
+/// Writes the page of each ended cycle, in parallel to the loop, until the channel is closed.
 fn write_pages(
     files: Arc<CellFiles>,
     ended: Receiver<EndedCycle>,
@@ -254,8 +254,8 @@ fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     Ok(all)
 }
 
-/// Reads all that a cycle works by, anew for each one. The cameras go on by what they were started with, so that in the
-/// files must be the same.
+/// Reads all data of a cycle, anew for each one. The cameras keep the data with which they were started, so the
+/// files must still contain the same.
 fn loader(
     (files, common): (Arc<CellFiles>, Common),
     (cell, taken_by): (Arc<CellSetup>, Vec<(&'static str, String)>),
@@ -263,7 +263,7 @@ fn loader(
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
     Arc::new(move |StartRequest { recipe: name, text, record, part, another_part, own_text }| {
-        // A file on a disk that hangs must not take the places of those who ask for a stop.
+        // A file on a disk that hangs must not occupy the places of clients that request a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
         };
@@ -320,7 +320,7 @@ fn loader(
     })
 }
 
-/// Says so where a recipe's text is not the one that the recipes' folder has by this name.
+/// Returns a reason if a recipe's text differs from the file of this name in the recipes' folder.
 fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
     let file = folder.join(Path::new(name).file_name().unwrap_or_default());
     let there = disk::read_text(&file).ok();

@@ -32,7 +32,7 @@ pub struct Score {
     moves: Option<f64>,
     inspections: Vec<Inspected>,
     abrasions: Vec<Abraded>,
-    /// What followed from a fault of the tool, where one was asked for and the path came so far.
+    /// The effect of a tool fault, if one was requested and the path came that far.
     after_tool_fault: Option<Option<AfterToolFault>>,
     /// Why the waypoints executed are not those that were sent.
     pub lost: Option<Reason>,
@@ -183,9 +183,9 @@ impl Score {
     }
 }
 
-/// Each film against the pixels whose film was truly broken in its last picture.
+/// Compares each film with the pixels at which the film was truly broken in its last picture.
 fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mask]) -> Vec<Inspected> {
-    // A film that was left has a truth and no inspection: then nobody knows which is whose.
+    // An abandoned film has a truth but no inspection, so the truths cannot be assigned to the inspections.
     let films = if films.len() == inspections.len() { films } else { &[] };
     let watched = |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED).is_some();
     let findings = record.findings.iter().filter(watched);

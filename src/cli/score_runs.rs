@@ -1,4 +1,4 @@
-//! The paths in contact as the mock controller executed them, held against what the store knows of them.
+//! Compares the paths in contact, as the mock controller executed them, with the store's record of them.
 
 use crate::cycle::{Outcome as Ended, Path};
 use crate::devices::mock::Executed;
@@ -10,12 +10,12 @@ pub(super) fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionR
     motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
 }
 
-/// The contact paths as the controller executed them, one for each that the store knows, in order.
+/// The contact paths as the controller executed them, one for each in the store, in order.
 ///
-/// A path is a run of commands with neighbouring ids: a speed is set before each and an output switched after it.
+/// A path is a run of commands with consecutive ids: a speed is set before each and an output is switched after it.
 ///
 /// # Errors
-/// Where a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
+/// If a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
 pub(super) fn contact_runs<'a>(
     motions: &[MotionRecord],
     executed: &'a [Executed],
@@ -54,7 +54,7 @@ pub(super) fn contact_runs<'a>(
     Ok(runs)
 }
 
-/// Of a path that was ended early, so many acknowledgements at most were on their way when its epoch ended.
+/// Largest number of acknowledgements of a path that were in transit when its epoch ended early.
 const ON_THEIR_WAY: u32 = 2;
 
 #[cfg(test)]

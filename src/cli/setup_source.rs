@@ -22,7 +22,7 @@ const DAY_S: i64 = 86_400;
 /// The kind of a recipe's file, as `panelprep check` names it.
 const RECIPE: &str = "recipe";
 
-/// How the ways of records out of the cell stand.
+/// The status of the transfers of records out of the cell.
 #[derive(Debug, Clone, Default)]
 pub struct RecordsOnTheirWay {
     /// To the office.
@@ -37,7 +37,7 @@ pub struct FolderSource {
     pub recipes: PathBuf,
     /// The cell's files.
     pub files: Arc<CellFiles>,
-    /// What every command is told.
+    /// The arguments common to all commands.
     pub common: Common,
     /// How records go out.
     pub on_their_way: RecordsOnTheirWay,
@@ -82,7 +82,7 @@ impl SetupSource for FolderSource {
 
     fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
         let RecipeText { name, text } = self.recipe(name)?;
-        // What is wrong with the recipe is told beside it.
+        // The problems of the recipe are reported next to it.
         let Ok(recipe) = Recipe::check(&name, &text) else { return Ok(None) };
         Ok(self.on_their_way.office.offer(recipe.panel()).filter(|offer| offer.text != text))
     }
@@ -161,7 +161,8 @@ impl SetupSource for FolderSource {
     }
 }
 
-/// Whether a file says that it is a recipe: other files of the same folder are the cell's and its calibrations.
+/// Returns whether a file is a recipe by its content: other files of the same folder are the cell's and its
+/// calibrations.
 fn is_recipe(file: &Path) -> bool {
     disk::read_text(file).is_ok_and(|text| check::check_file("", &text).kind == Some(RECIPE))
 }

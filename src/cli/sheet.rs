@@ -22,10 +22,10 @@ const EQUIPMENT: [(&str, &str, Option<&str>); 7] = [
     ("removal", "removal, coupons", None),
 ];
 
-/// The page of a cycle.
+/// Reads the page of a cycle.
 ///
 /// # Errors
-/// Where the store cannot be read.
+/// If the store cannot be read.
 pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
     let part = store.kept_part(record);
     let recipe_text = text(store, &record.recipe_hash);
@@ -47,10 +47,10 @@ pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
     }))
 }
 
-/// The page with its annex as PDF/A-3, the signed record inside.
+/// The page with its annex as PDF/A-3, with the signed record inside.
 ///
 /// # Errors
-/// Where the store no longer has the signed record whole, or the PDF cannot be written.
+/// If the store no longer has the signed record complete, or the PDF cannot be written.
 pub fn document(
     store: &Store,
     (record, figures): (&CycleRecord, &[Figure]),
@@ -106,7 +106,8 @@ fn equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Faul
     Ok(all)
 }
 
-/// The force of a compliant tool, where the cycle pressed with one: it has no file, and its payload and zero are verified.
+/// The force of a compliant tool, if the cycle pressed with one: it has no file, but its payload and zero are
+/// verified.
 fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault> {
     let mut findings = record.findings.iter().filter(|finding| finding.number(name::FORCE_MEAN).is_some());
     let Some(one) = findings.next().and(verification_before(store, record, TOOL_FORCE)?) else { return Ok(None) };
@@ -119,7 +120,7 @@ fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault
     }))
 }
 
-/// A value of a calibration file, in whichever table it stands.
+/// A value of a calibration file, in any of its tables.
 fn named(read: &toml::Table, key: &str) -> Option<String> {
     let tables = std::iter::once(read).chain(read.values().filter_map(toml::Value::as_table));
     tables.filter_map(|table| table.get(key)).find_map(|value| match value {
@@ -129,7 +130,7 @@ fn named(read: &toml::Table, key: &str) -> Option<String> {
     })
 }
 
-/// The last verification before the cycle that nobody struck out.
+/// The last verification before the cycle that was not struck out.
 fn verification_before(store: &Store, record: &CycleRecord, subject: &str) -> Result<Option<Verification>, Fault> {
     let all = store.verifications(subject).map_err(Fault::stage)?;
     Ok(all.into_iter().rev().find(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s))

@@ -24,11 +24,10 @@ impl Shoot {
     }
 }
 
-/// Takes what is asked for and writes it; what was there already stays. Where the service has the cameras, it takes the
-/// pictures.
+/// Takes and writes what was requested; existing files stay. If the service has the cameras, it takes the pictures.
 ///
 /// # Errors
-/// Where a cycle is under way, a camera does not deliver, or the disk refuses.
+/// If a cycle is in progress, a camera does not deliver, or writing to the disk fails.
 pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let Simulation { tool_fault, line_parts, .. } = args.simulation;
     for (option, is_given) in [("--tool-fault", tool_fault.is_some()), ("--line-parts", line_parts > 0)] {
@@ -57,7 +56,7 @@ pub(super) fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<Pat
     of(free.unwrap_or(u32::MAX)).collect()
 }
 
-/// Scans need no calibration; where the cell has the camera's, they are held against it.
+/// Scans need no calibration; if the cell has the camera's calibration, they are checked against it.
 fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
@@ -158,7 +157,7 @@ fn listed(outcome: &mut Outcome, all: Vec<Value>) {
     outcome.put("shots", json!(all));
 }
 
-/// Writes a picture and tells of it.
+/// Writes a picture and reports it.
 fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s: f64) -> Result<Value, Fault> {
     let quality = PictureQuality::of(picture);
     disk::write(&names[0], files::write_color_png(picture).map_err(Fault::stage)?)?;

@@ -1,4 +1,5 @@
-//! `panelprep store`: is everything in the store what was written, and what is the office to have of it?
+//! `panelprep store`: checks that everything in the store is as written, and lists what the office is to have from
+//! it.
 
 use super::args::{Common, RenewStore, StoreCommand, StoreTask, VerifyStore};
 use super::fault::Fault;
@@ -10,10 +11,10 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Does what is asked.
+/// Runs the requested task.
 ///
 /// # Errors
-/// Where the cell's file has problems, or there is no store to read.
+/// If the cell's file has problems, or there is no store to read.
 pub fn run(args: &StoreCommand, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         StoreTask::Verify(args) => verify(args, common),

@@ -22,11 +22,11 @@ use serde_json::json;
 use std::error::Error;
 use std::path::Path;
 
-/// Learns, keeps and tells what was learnt.
+/// Learns, keeps and reports what was learnt.
 ///
 /// # Errors
-/// Where a file is not what it must be, the scan shows no panel under the region, or a cell that runs cycles is given no
-/// corner picture. Nothing is kept then.
+/// If a file is invalid, the scan shows no panel under the region, or no corner picture is given for a cell that
+/// runs cycles. Nothing is kept then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
     let args = &taking::ready(args, &cell_files)?;
@@ -120,8 +120,8 @@ fn given((args, scan): (&Teach, &Path), cell_files: &CellFiles, recipe: &Recipe)
     Ok(teaching)
 }
 
-/// Pictures of what nothing could be learnt from: the scan with the region as the recipe has it, and where a corner was not
-/// found each corner picture as it was given.
+/// Saves pictures of input that could not be learnt: the scan with the recipe's region and, if a corner was not
+/// found, each corner picture as given.
 fn save_given(
     folder: &Path,
     (scan, recipe): (&OrganizedCloud<Camera>, &Recipe),
@@ -180,7 +180,8 @@ impl Held {
     }
 }
 
-/// Says how well the panel's shape holds it, and what its corners see of a move along the normal. What to warn of comes back.
+/// Reports how well the panel's shape constrains its pose, and what its corners see of a move along the normal.
+/// Returns the warnings.
 fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &mut Outcome) -> Vec<String> {
     let Held { outline, marks_mm, found } = held;
     if let Some(outline) = outline {
@@ -244,10 +245,10 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
     outcome.put("camera_noticed_mm", json!(noticed_mm));
 }
 
-/// What was learnt, drawn.
+/// Draws what was learnt.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn picture(taught: &Taught) -> Result<crate::geometry::ColorPicture, Fault> {
     let panel = &taught.panel;
     let scan = panel.scan.picture();

@@ -7,15 +7,16 @@ use serde_json::{Value, json};
 /// What followed from the fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AfterToolFault {
-    /// From the fault until the tool's output was off, ms; `None` where it ran on for as long as the disc was on the panel.
+    /// Time from the fault until the tool's output was off, ms; `None` if it ran for as long as the disc was on the
+    /// panel.
     pub off_ms: Option<u64>,
     /// From the fault until the retract began, or the path left the panel, ms.
     pub lifted_ms: u64,
 }
 
 impl AfterToolFault {
-    /// By the waypoints that were executed and by the tool at each tick of a contact; `None` where the path did not come so far, or
-    /// nothing was in contact afterwards.
+    /// Computes this from the executed waypoints and the tool's state at each tick of a contact. `None` if the path
+    /// did not come that far, or nothing was in contact afterwards.
     pub fn of(planned: PlannedToolFault, executed: &[Executed], trace: &[Sample]) -> Option<Self> {
         let mut touching = executed.iter().filter(|command| command.contact);
         let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;

@@ -1,4 +1,4 @@
-//! `panelprep tune`: what a clip says about light and the settings of the method in use.
+//! `panelprep tune`: advice from a clip about light and the settings of the method in use.
 
 use super::args::{Common, Tune};
 use super::fault::Fault;
@@ -25,7 +25,7 @@ const LOOKED_AT: usize = 10;
 /// Looks at a clip and advises.
 ///
 /// # Errors
-/// Where a file is not what it must be, the panel was not taught, or the clip has no dry picture.
+/// If a file is invalid, the panel was not taught, or the clip has no dry picture.
 pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;

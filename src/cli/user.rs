@@ -13,10 +13,10 @@ use serde_json::json;
 use std::io::{BufRead, IsTerminal};
 use std::path::Path;
 
-/// Does what is asked.
+/// Runs the requested task.
 ///
 /// # Errors
-/// Where the cell's file has problems, the account is not what is asked for, or the store cannot be written.
+/// If the cell's file has problems, the account does not fit the request, or the store cannot be written.
 pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     // To look needs no right to write, and a mistyped folder must become a store by a new account alone.
@@ -126,7 +126,7 @@ pub(super) fn checked((name, printed_name): (&str, &str), role: Role, password: 
     Account::checked((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
 }
 
-/// Asks for the password twice at a terminal; else reads a line.
+/// Asks for the password twice at a terminal; otherwise reads a line.
 pub(super) fn password(name: &str) -> Result<String, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
     let stdin = std::io::stdin();

@@ -1,7 +1,8 @@
 //! `panelprep inspect --truth DIR`: a labelled set, scored as a whole.
 //!
-//! Each folder in DIR that holds a `clip.csv` is a clip, with its labels in `truth` or, where a person made them, beside its pictures. What is asked of a place that truly
-//! broke: was half of it found, and how late were its first 10 mm² broken? A place is a connected piece of the mask.
+//! Each folder in DIR that holds a `clip.csv` is a clip. Its labels are in `truth` or, if a person made them, next
+//! to its pictures. The score answers two questions for each place that truly broke: was half of its area found,
+//! and how late were its first 10 mm² detected as broken? A place is a connected piece of the mask.
 
 use super::fault::Fault;
 use super::inspected::{Inspected, Placed, inspect};
@@ -45,7 +46,7 @@ struct Row {
 /// Scores the set in `folder`.
 ///
 /// # Errors
-/// Where it holds no clip, or a clip or its labels cannot be read.
+/// If it holds no clip, or a clip or its labels cannot be read.
 pub fn run(
     taught: &Taught,
     folder: &Path,
@@ -164,7 +165,7 @@ fn told(rows: &[Row]) -> Outcome {
     let within = mean(broken().map(|row| row.within.iou));
     let (precision, recall) =
         (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
-    // A set says how good the method is, not how good a panel is.
+    // A set shows how good the method is, not how good a panel is.
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  places missed", "clip")];
     for row in rows {

@@ -23,8 +23,8 @@ pub const THIS_PROGRAM: &str = "/proc/self/exe";
 /// Begins to start the camera that the cell's file names; `camera` is its calibration.
 ///
 /// # Errors
-/// Where the cell does not name the camera's settings, a file cannot be read or is not what it must be, or there is no thread
-/// or program.
+/// If the cell does not name the camera's settings, a file cannot be read or is invalid, or there is no thread or
+/// program.
 pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Result<ZividScanner, Fault> {
     let [(_, scan_yaml), (_, picture_yaml)] = texts(zivid)?;
     let source = match (&zivid.serial, &zivid.file_camera) {
@@ -47,8 +47,8 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     ZividScanner::start(setup, launcher(THIS_PROGRAM.into(), arguments.into())).map_err(Fault::stage)
 }
 
-/// The camera's settings as a cycle keeps them: what each is for, and its text. None of another camera, or where the
-/// cell's file names none.
+/// The camera's settings as a cycle keeps them: the purpose of each and its text. Empty for another camera, or if
+/// the cell's file names none.
 ///
 /// # Errors
 /// As [`checked_settings`].
@@ -64,10 +64,10 @@ fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
     Ok([("zivid_settings", scan), ("zivid_settings_2d", film)])
 }
 
-/// What is known of the camera's settings: those of 3D shots, those of the film.
+/// The facts of the camera's settings: those for 3D shots, those for the film.
 ///
 /// # Errors
-/// Where a file is not named, cannot be read, or is not what it must be.
+/// If a file is not named, cannot be read, or is invalid.
 pub fn checked_settings(zivid: &ZividCamera) -> Result<[ZividSettings; 2], Fault> {
     Ok(read(zivid)?.map(|(_, settings)| settings))
 }

@@ -9,8 +9,8 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use toml::de::DeTable;
 
-/// Checks a file: `take` reads its keys and gives the checked form where it found no problem. It is called twice:
-/// the first reading learns which tables are misspelt, so that the second can list what is wrong inside them too.
+/// Checks a file: `take` reads its keys and returns the checked form if it found no problem. It is called twice:
+/// the first reading finds the misspelt tables, so that the second can also list what is wrong inside them.
 ///
 /// # Errors
 /// All problems in the order of their lines.
@@ -104,7 +104,7 @@ impl<'t> Document<'t> {
         list
     }
 
-    /// The message for an unknown key, and the keys that it may stand for.
+    /// The message for an unknown key, and the keys that may have been meant.
     fn unknown(&self, table: &str, key: &str, is_table: bool) -> (String, Vec<String>) {
         match self.meaning(table, key, is_table) {
             Meaning::Near(name, None) => (format!("unknown key; did you mean {name}?"), vec![path(table, name)]),

@@ -36,7 +36,7 @@ fn stem_and_unit(key: &str) -> (&str, Option<&'static str>) {
     UNITS.iter().find_map(split).unwrap_or((key, None))
 }
 
-/// The known name that the user most likely meant, with the unit of that name where only the unit is wrong.
+/// The known name that the user most likely meant, with the unit of that name if only the unit is wrong.
 pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<(&'k str, Option<&'static str>)> {
     let written = unknown.to_lowercase().replace(['-', ' '], "_");
     let (stem, unit) = stem_and_unit(&written);

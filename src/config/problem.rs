@@ -1,11 +1,11 @@
 //! What is wrong with a configuration file, for a person with an editor.
 
-/// One problem: where it stands, and what was found and is allowed.
+/// One problem: its place, what was found, and what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Problem {
-    /// Line in the file, from 1; 1 where the file as a whole is meant.
+    /// Line in the file, from 1; 1 if the file as a whole is meant.
     pub line: usize,
-    /// The key with its tables, `locate.max_shift_mm`; empty where the file as a whole is meant.
+    /// The key with its tables, `locate.max_shift_mm`; empty if the file as a whole is meant.
     pub key: String,
     /// What was found, what is allowed, what to do.
     pub message: String,

@@ -1,4 +1,4 @@
-//! One table of a file. The reader takes keys from it; keys that nobody took are reported as unknown.
+//! One table of a file. The reader takes keys from it; keys that were not taken are reported as unknown.
 
 use super::problem::Problem;
 use super::reading::{Document, Finding, path};
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// One table of a file. Keys are taken from it; [`Section::done`] reports those that nobody took.
+/// One table of a file. Keys are taken from it; [`Section::done`] reports those that were not taken.
 pub struct Section<'d, 't> {
     document: &'d Document<'t>,
     path: String,
@@ -52,7 +52,7 @@ impl<'d, 't> Section<'d, 't> {
         self.entry(key).is_some_and(|(_, value)| value.is_table())
     }
 
-    /// Notes a problem with one key of this table, at the key's line where it is there.
+    /// Notes a problem with one key of this table, at the key's line if the key exists.
     pub fn problem(&self, key: &str, message: impl Into<String>) {
         let line = self.entry(key).map_or(self.line, |(line, _)| line);
         self.note(Finding::Wrong(Problem { line, key: path(&self.path, key), message: message.into() }));
@@ -71,7 +71,7 @@ impl<'d, 't> Section<'d, 't> {
         T::parse(value, limits).map_err(|message| self.problem(key, message)).ok()
     }
 
-    /// Takes a key; without one the default holds, and without a default the key is missing.
+    /// Takes a key; without it the default applies, and without a default the key is missing.
     pub fn take<T: Setting>(&self, key: &'static str, limits: T::Limits, default: Option<T>) -> Option<T> {
         self.known.borrow_mut().push(key);
         match self.entry(key) {
@@ -134,18 +134,18 @@ impl<'d, 't> Section<'d, 't> {
         self.table.into_iter().flatten().map(|(name, _)| name.get_ref().as_ref())
     }
 
-    /// All entries of a table whose names the user chooses.
+    /// All entries of a table with names chosen by the user.
     pub fn take_named<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
         let parsed = |name: &str| Some((name.to_owned(), self.parse(name, self.entry(name)?.1, limits)?));
         self.names().filter_map(parsed).collect()
     }
 
-    /// All tables in a table whose names the user chooses.
+    /// All tables in a table with names chosen by the user.
     pub fn named_sections(&self) -> Vec<(String, Section<'d, 't>)> {
         self.names().map(|name| (name.to_owned(), self.inner(name, name))).collect()
     }
 
-    /// Ends the reading of this table: every key that nobody took is a problem.
+    /// Ends the reading of this table: every key that was not taken is a problem.
     pub fn done(&self) {
         let known = self.known.take();
         for key in self.names().filter(|name| !known.contains(name)) {

@@ -1,4 +1,4 @@
-//! One small kind of file, and what the reader says to every way of getting it wrong.
+//! One small kind of file, and the reader's messages for every possible mistake in it.
 
 use super::*;
 use proptest::prelude::*;
@@ -50,7 +50,7 @@ fn says(text: &str) -> Vec<String> {
     }
 }
 
-/// A right beginning in four lines; what is added stands in line 5 and below, in `[region]`'s place or after it.
+/// A correct start of four lines; the added text is in line 5 and below, inside `[region]` or after it.
 fn after_good(text: &str) -> Vec<String> {
     says(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
 }
@@ -149,7 +149,7 @@ fn what_is_missing_is_named_once() {
     assert_eq!(after_good("[[extra]]\nrows = 1"), ["5: extra[1].columns: is missing; this key has no default"]);
 }
 
-/// Who misspelt a name did not forget the key, and what stands in a misspelt table is checked all the same.
+/// A misspelt key is not also reported as missing, and the contents of a misspelt table are still checked.
 #[test]
 fn a_misspelt_name_is_not_called_missing_as_well() {
     assert_eq!(
@@ -227,7 +227,7 @@ fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
     );
 }
 
-/// The parser cannot say what a broken line was to be: nothing is called missing then, other problems stay.
+/// The parser cannot know the meaning of a broken line: nothing is reported as missing then, other problems stay.
 #[test]
 fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
     assert_eq!(

@@ -25,7 +25,7 @@ pub(super) fn found(value: &DeValue<'_>) -> String {
     }
 }
 
-/// The number in a value; `None` where it is something else. NaN and infinite numbers come out as they are.
+/// The number in a value; `None` if it is something else. NaN and infinite numbers are returned as they are.
 fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).ok().map(|n| n as f64),

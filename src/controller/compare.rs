@@ -1,5 +1,5 @@
-//! Where the controller's files and the cell's file contradict each other. Each contradiction is named with the file, the line and
-//! the key at which a person mends it; untouched files of a right cell give none.
+//! Finds contradictions between the controller's files and the cell's file. Each is named with the file, the line
+//! and the key at which a person corrects it; untouched files of a correct cell give none.
 
 use super::data::Compared;
 use super::difference::{Difference, Found};
@@ -168,7 +168,7 @@ impl Found {
 
     fn address(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, host: &str) {
         let (Some(stated), Some(address)) = (&theirs.address, ipv4(host)) else { return };
-        // What is no address, `check` of the file by itself says.
+        // A text that is not an address is reported by `check` of the file alone.
         let Some(listens) = ipv4(stated) else { return };
         if listens != address {
             let message = format!(
@@ -195,7 +195,7 @@ impl Found {
         self.note(file, line_of(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
     }
 
-    /// The numbers in the INTERRUPT DECL lines, which KRL does not take by name.
+    /// The numbers in the INTERRUPT DECL lines, in which KRL accepts no names.
     fn interrupts(&mut self, text: &str, config: &DataList) {
         for (number, variable, name) in
             [(20, "$FLAG", "CELL_F_HALT"), (21, "$FLAG", "CELL_F_STOP"), (22, "$TIMER_FLAG", "CELL_T_SUBMIT")]

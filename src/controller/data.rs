@@ -7,7 +7,7 @@ use super::stated::{DataList, Number};
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Highest number of an input or output that the cell's file takes.
+/// Highest number of an input or output that the cell's file accepts.
 const MOST_SIGNAL: i32 = 4096;
 /// Highest number of a flag.
 const MOST_FLAG: i32 = 1024;
@@ -17,7 +17,7 @@ const MOST_TIMER: i32 = 64;
 const MOST_BITS: i32 = 31;
 /// Places of the list of mapped inputs.
 const MOST_MAPPED: i32 = 8;
-/// Outputs by which a line is told.
+/// Number of outputs that report to a line.
 const LINE_OUTPUTS: i32 = 6;
 /// This many times, at most, the controller's highest speed and longest step may be the cell's.
 const SLACK: f64 = 1.25;
@@ -66,7 +66,7 @@ impl Compared<'_> {
         self.found.note(CONFIG, line, key, message);
     }
 
-    /// A single number; where it is missing, that is noted.
+    /// A single number; if it is missing, that is noted.
     fn single(&mut self, name: &str) -> Option<Number> {
         let found = self.config.get(name);
         if found.is_none() {
@@ -89,7 +89,7 @@ impl Compared<'_> {
         whole
     }
 
-    /// The places of a counted list, each with its line; `none` is what stands for an empty place.
+    /// The places of a counted list, each with its line; `none` is the value of an empty place.
     fn list(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
         let Some(places) = self.whole(count, 0, most) else { return Vec::new() };
         let stated = self.config.array(array);
@@ -257,7 +257,7 @@ impl Compared<'_> {
         }
     }
 
-    /// The outputs by which a line is told, in their order.
+    /// The outputs that report to a line, in their order.
     fn line(&mut self, outputs: &[(i32, usize)]) {
         let Some(count) = self.whole("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
         let expected = self.cell.io().line_outputs();
@@ -285,7 +285,7 @@ impl Compared<'_> {
         }
     }
 
-    /// The inputs that stand for flags.
+    /// The inputs that are mapped to flags.
     fn mapped(&mut self) {
         let inputs = self.list("CELL_VIN", "CELL_VIN_N", MOST_MAPPED, (1, MOST_SIGNAL));
         let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MOST_MAPPED, (1, MOST_FLAG));

@@ -1,4 +1,4 @@
-//! What is found where files contradict each other.
+//! The findings when files contradict each other.
 
 use crate::config::Problem;
 

@@ -8,8 +8,8 @@ pub const DATA: &str = "cell_data.dat";
 pub const COMMANDS: &str = "CELLCMD.xml";
 /// Name of the state channel's file.
 pub const STATES: &str = "CELLSTAT.xml";
-/// Name of the robot program, whose interrupts name flags and a timer by their numbers.
+/// Name of the robot program; its interrupts name flags and a timer by their numbers.
 pub const MOTION: &str = "cell_motion.src";
-/// Names of all files of the controller whose texts are compared or summed, in the order in which the sum takes them.
+/// Names of all files of the controller that are compared or included in the sum, in the order of the sum.
 pub const PROGRAMS: [&str; 6] =
     [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];

@@ -1,4 +1,4 @@
-//! Start of the program: folds the journal of the last process into a state, whichever way that process ended.
+//! Start of the program: folds the journal of the last process into a state, however that process ended.
 
 use super::{Event, Report, State, step};
 
@@ -7,10 +7,10 @@ pub fn fold(journal: impl IntoIterator<Item = Event>) -> State {
     journal.into_iter().fold(State::NEW, |state, event| step(state, event).0)
 }
 
-/// Where a program starts whose store holds this journal: Aborted, or Stopped.
+/// The state in which a program starts with this journal in its store: Aborted, or Stopped.
 ///
-/// The same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal of many
-/// starts folds as one.
+/// It is the same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal
+/// of many starts folds as one.
 pub fn recover(journal: impl IntoIterator<Item = Event>) -> State {
     step(fold(journal), Event::Told(Report::Boot)).0
 }

@@ -23,15 +23,15 @@ pub enum Effect {
         /// Which time.
         deadline: Deadline,
     },
-    /// Commit this motion to the store; stands before the [`Effect::Do`] that it permits.
+    /// Commit this motion to the store; comes before the [`Effect::Do`] that it permits.
     OpenIntent(Motion),
-    /// Commit how a motion ended: the robot stands.
+    /// Commit how a motion ended: the robot is at standstill.
     CloseIntent {
         /// The motion.
         motion: Motion,
         /// How it ended.
         outcome: Outcome,
-        /// Waypoints executed, as the robot says.
+        /// Waypoints executed, as reported by the robot.
         done: u32,
     },
     /// Commit the cycle's result.
@@ -39,20 +39,20 @@ pub enum Effect {
         /// The verdict.
         verdict: Verdict,
     },
-    /// Tell whoever asked that it is not done, and why.
+    /// Report to the requester that the request is refused, and why.
     Refuse {
-        /// What was asked.
+        /// The request.
         request: Request,
         /// Why not.
         refusal: Refusal,
     },
 }
 
-/// What takes time and is answered. At most one is under way.
+/// An operation that needs time and is answered. At most one is in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Act {
-    /// Ask the robot whether it stands; nothing else. Answered by `Stands`.
+    /// Ask the robot whether it is at standstill; nothing else. Answered by `Stands`.
     Stand,
     /// Cameras, disk, handshake, checksums. `Done`.
     SelfTest,
@@ -61,8 +61,8 @@ pub enum Act {
         /// The last epoch that this table knows.
         above: u32,
     },
-    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Stands` once the robot stands, and tool
-    /// and water are proven off.
+    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Stands` when the robot is at
+    /// standstill, and tool and water are proven off.
     EndEpoch {
         /// The epoch that ends.
         epoch: u32,
@@ -71,7 +71,7 @@ pub enum Act {
     SetFrames(Frames),
     /// Switch an output and wait for its feedback. `Done`.
     Switch(Switch),
-    /// Gate the whole path, then stream it within the window. `Progress`, then `Stands`.
+    /// Check the whole path by its gate, then stream it within the window. `Progress`, then `Stands`.
     Move(Motion),
     /// A 3D shot and the localization from it. `Graded`.
     Locate,
@@ -118,7 +118,7 @@ impl Motion {
     }
 }
 
-/// Where a path leads.
+/// The destination of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Path {

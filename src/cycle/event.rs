@@ -13,11 +13,11 @@ pub struct Id(pub u64);
 pub enum Event {
     /// A person, or systemd for one, wants something.
     Asked(Request),
-    /// The cell says what is.
+    /// The cell reports its condition.
     Told(Report),
 }
 
-/// What a person may ask for. What does not fit the state is refused with a reason.
+/// The requests of a person. A request that does not fit the state is refused with a reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
@@ -45,13 +45,13 @@ pub enum Request {
         /// A person confirms that the panel is dry: it is located again.
         dried: bool,
     },
-    /// Held for review → on: a person takes the result as good.
+    /// Held for review → on: a person accepts the result as good.
     Accept,
     /// End the cycle; ends in Stopped. SIGTERM.
     Stop,
     /// End everything at once; ends in Aborted. A second SIGTERM.
     Abort,
-    /// Aborted → Stopped: a person at the cell says that the cause is gone and the pad is off the panel.
+    /// Aborted → Stopped: a person at the cell confirms that the cause is removed and the pad is off the panel.
     Clear,
 }
 
@@ -62,7 +62,7 @@ impl Request {
     }
 }
 
-/// What the cell says. The answer to an act comes once; the rest comes when it happens.
+/// The reports of the cell. The answer to an act comes once; the other reports come when they happen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Report {
@@ -72,7 +72,7 @@ pub enum Report {
     Answered {
         /// The act.
         id: Id,
-        /// What came of it.
+        /// Its result.
         answer: Answer,
     },
     /// Time is up.
@@ -82,7 +82,7 @@ pub enum Report {
         /// Which time.
         which: Deadline,
     },
-    /// So many waypoints of a move are executed.
+    /// This number of waypoints of a move is executed.
     Progress {
         /// The move.
         id: Id,
@@ -91,9 +91,10 @@ pub enum Report {
     },
     /// The robot's condition changed.
     Robot(Robot),
-    /// Whether the controller's override is the one that contact is planned for; said at each change, and anew after a lost link.
+    /// Whether the controller's override is the one planned for contact; reported at each change, and again after a
+    /// lost link.
     FullOverride(bool),
-    /// Something went wrong that no act asked for.
+    /// Something went wrong that is not the answer to an act.
     Trouble(Trouble),
     /// The program starts on a store in which something is not what it wrote there.
     StoreChanged,
@@ -102,7 +103,7 @@ pub enum Report {
     /// The link has ended the epoch by itself: a refusal, a wrong count, silence, a stop by the controller's program. The
     /// abort frame has been sent and is not yet answered.
     EpochOver {
-        /// What it ended for; `None` where the robot's condition says it.
+        /// Why it ended; `None` if the robot's condition states it.
         trouble: Option<Trouble>,
     },
     /// What this switch had proven is not so any more, by the output or the feedback that proved it (R21).
@@ -111,23 +112,23 @@ pub enum Report {
     OutputsOff,
 }
 
-/// What comes of an act; [`crate::cycle::Act`] says which answers each one has. Any may fail.
+/// The result of an act; [`crate::cycle::Act`] states the possible answers of each. Any may fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
-    /// Done and proven by its feedback, where there is one.
+    /// Done and proven by its feedback, if there is one.
     Done,
     /// The controller accepted this epoch.
     Epoch(u32),
-    /// The robot stands; of the move it executed so many waypoints.
+    /// The robot is at standstill; this number of waypoints of the move was executed.
     Stands {
         /// Waypoints executed.
         done: u32,
     },
     /// A gate's word on a localization, a corner or a plan.
     Graded(Grade),
-    /// The corner is seen, and another view is needed: of the next corner, or since this one stood elsewhere than it was
-    /// looked for. The next corner pose is ready.
+    /// The corner is seen, and another view is needed: of the next corner, or because this one was not at its
+    /// expected place. The next corner pose is ready.
     #[serde(alias = "displaced")]
     LookOn,
     /// The film was watched to its end, or not.
@@ -162,7 +163,7 @@ pub enum Grade {
     Reject,
 }
 
-/// What the water film says.
+/// The result of the water film.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Film {
@@ -170,7 +171,7 @@ pub enum Film {
     Whole,
     /// At least one grid failed.
     Broken,
-    /// The film says nothing.
+    /// The film gives no result.
     Invalid,
 }
 
@@ -178,7 +179,7 @@ pub enum Film {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deadline {
-    /// The longest that this act may take.
+    /// The time limit of this act.
     Answer,
     /// A stop, `stop_deadline_s`.
     Stop,
@@ -194,7 +195,7 @@ pub enum Deadline {
     Token,
 }
 
-/// What the robot's link says about the robot.
+/// The robot's condition as its link reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -248,7 +249,7 @@ pub enum Trouble {
     Gate,
     /// The robot refused a command (R20).
     Refused,
-    /// The robot stood before its path's end (R3).
+    /// The robot stopped before the end of its path (R3).
     Short,
     /// Acknowledgements out of order (R12).
     Sequence,
@@ -269,7 +270,7 @@ pub enum Trouble {
 }
 
 impl Trouble {
-    /// Whether the work may go on once a person has looked; what it is not for ends in Aborted.
+    /// Returns whether the work may continue after a person has looked; all other troubles end in Aborted.
     pub fn holds(self) -> bool {
         use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Override, Picture, Slow, Starved};
         matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Override | Starved | Slow)

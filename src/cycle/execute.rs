@@ -30,7 +30,8 @@ impl Turn {
             At::Clearing { .. } => Aim::Reach(&CLEARING, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
                 (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Aim::Rest,
-                // Where the rinse has a valve of its own, its last water would prove the spray, which may not open.
+                // If the rinse has its own valve, its last water would prove the spray, although the spray valve
+                // may not open.
                 (Phase::Wet, Water::Rinsing { .. }) => Aim::Do(Act::Switch(Switch::WaterOff)),
                 (Phase::Wet, _) => Aim::Do(Act::Switch(Switch::Spray)),
                 (Phase::Rinse, _) => Aim::Do(Act::Switch(Switch::Rinse)),
@@ -49,7 +50,8 @@ impl Turn {
         }
     }
 
-    /// What a hold or a stop brings about now. Water may be told to run while the arm moves, against what was proven.
+    /// What a hold or a stop brings about now. Water may be commanded to run while the arm moves, contrary to what
+    /// was proven.
     fn leaving(&self) -> &'static [Row] {
         let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
         match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
@@ -59,7 +61,7 @@ impl Turn {
         }
     }
 
-    /// What an act's answer makes known, and where it leads.
+    /// Takes over the facts from an act's answer, and chooses the next state.
     pub fn answered(&mut self, act: Act, answer: Answer) {
         use Answer as R;
         match (act, answer) {
@@ -143,7 +145,7 @@ impl Turn {
         self.state.job.air && self.rules.keep(Rule::AirRun)
     }
 
-    /// The robot stands at the end of a move, or short of it.
+    /// The robot is at standstill at the end of a move, or before it.
     fn stands(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.keep(Rule::WholePath) {
             return self.trouble(Trouble::Short);
@@ -165,7 +167,8 @@ impl Turn {
         }
     }
 
-    /// The abort frame is answered: the robot stands, tool and water are off, nothing of the epoch is left.
+    /// The abort frame is answered: the robot is at standstill, tool and water are off, nothing of the epoch is
+    /// left.
     fn epoch_ended(&mut self, done: u32) {
         // Reported progress is never reduced by a later answer.
         let done = self.state.intent.map_or(done, |intent| done.max(intent.done));
@@ -178,7 +181,7 @@ impl Turn {
         let facts = self.facts();
         facts.end_epoch(Epoch::Closed);
         (facts.tool, facts.tool_may_run) = (Tool::Off, false);
-        // With the drives off nothing retracts: the pad is jogged off, and Clear says so.
+        // With the drives off there is no retract: a person jogs the pad off, and Clear confirms it.
         facts.touching &= facts.robot != Robot::Ready;
         if ran {
             self.water_is_off();
@@ -189,8 +192,8 @@ impl Turn {
         }
     }
 
-    /// An abort frame that was not answered, or could not be sent: nobody is left to stop but the controller itself. What
-    /// is not proven stays unknown, and is told.
+    /// The abort frame was not answered, or could not be sent: only the controller itself can still stop. What is
+    /// not proven stays unknown, and is reported.
     fn abort_failed(&mut self) {
         if let At::Aborting { cause } = self.state.at {
             self.aborted(cause);
@@ -202,11 +205,11 @@ impl Turn {
         self.graded_in(grade, (next, next));
     }
 
-    /// The same, where the phase in which the cycle is held is not the next one.
+    /// The same, if the phase in which the cycle is held is not the next one.
     fn graded_in(&mut self, grade: Grade, (next, held): (Phase, Phase)) {
         self.state.at = match grade {
             Grade::Review if self.rules.keep(Rule::ReviewHolds) => {
-                // A review may take arbitrarily long.
+                // A review may last arbitrarily long.
                 self.facts().token = None;
                 At::Holding(Hold { why: Why::Review, resume: held })
             }
@@ -280,7 +283,7 @@ impl Turn {
         }
     }
 
-    /// Leaves what is going on; nothing of it is continued.
+    /// Leaves the work in progress; no part of that work is continued.
     pub fn hold(&mut self, why: Why, phase: Phase) {
         self.state.due = None;
         self.state.job.verified = 0;
@@ -299,7 +302,7 @@ impl Turn {
         self.state.at = At::Holding(Hold { why, resume });
     }
 
-    /// Goes on through Verify, or on a dried panel through a new localization.
+    /// Continues through Verify or, with a dried panel, through a new localization.
     pub fn unhold(&mut self, hold: Hold, dried: bool) {
         let undried = hold.why == Why::NotVerified && !self.rules.keep(Rule::DriedFirst);
         if hold.is_of_contact() && self.rules.keep(Rule::ContactStays) {
@@ -309,7 +312,7 @@ impl Turn {
                 Phase::Wet | Phase::Plan | Phase::Rinse | Phase::Assess { .. } => {
                     self.state.job.after_dry = hold.resume;
                 }
-                // A path that nobody accepted is planned again.
+                // A path that was not accepted is planned again.
                 Phase::Verify => self.state.job.after_dry = Phase::Plan,
                 _ => {}
             }

@@ -1,12 +1,12 @@
-//! What is known of the cell: only what the cell has reported. A fact that is being changed is unknown.
+//! The facts about the cell: only what the cell has reported. A fact that is being changed is unknown.
 //!
-//! The facts agree with the robot link: an epoch that the link has ended is not open here, whatever the cycle was doing.
-//! Where it is not certain that an epoch has ended, it is ended before another one is opened.
+//! The facts agree with the robot link: an epoch that the link has ended is not open here, whatever the cycle was
+//! doing. If it is not certain that an epoch has ended, it is ended before another one is opened.
 
 use super::{Act, Frames, Id, Path, Robot, Switch};
 use serde::{Deserialize, Serialize};
 
-/// The facts that interlocks ask for. A fact becomes known by a report and unknown by asking for a change.
+/// The facts that interlocks need. A report makes a fact known, and a request for a change makes it unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Facts {
     /// The robot's condition.
@@ -14,15 +14,15 @@ pub struct Facts {
     /// The controller's override is the one that contact is planned for.
     #[serde(default)]
     pub full_override: bool,
-    /// The robot said that it stands, since the last Reset or Clear.
+    /// The robot has reported standstill since the last Reset or Clear.
     pub standing: bool,
     /// The self-test passed, since the last Reset.
     pub tested: bool,
-    /// Whether the controller takes commands of [`State::epoch`](super::State).
+    /// Whether the controller accepts commands of [`State::epoch`](super::State).
     pub epoch: Epoch,
     /// Base and tool as echoed in this epoch.
     pub frames: Option<Frames>,
-    /// The path at whose end the arm stands.
+    /// The path at the end of which the arm is.
     pub arm: Option<Path>,
     /// The pad may touch the panel.
     pub touching: bool,
@@ -47,13 +47,13 @@ pub struct Facts {
     pub token: Option<Id>,
 }
 
-/// Whether the controller takes commands of our epoch.
+/// Whether the controller accepts commands of our epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Epoch {
     Closed,
-    /// Opening or ending is asked and not answered.
+    /// Opening or ending is requested and not answered.
     Changing,
     Open,
 }
@@ -113,7 +113,7 @@ pub enum Extraction {
 }
 
 impl Facts {
-    /// What a program knows when it starts.
+    /// The knowledge of a program when it starts.
     pub const UNKNOWN: Facts = Facts {
         robot: Robot::Unknown,
         full_override: false,
@@ -138,7 +138,7 @@ impl Facts {
         matches!(self.water, Water::Draining { .. } | Water::Drained)
     }
 
-    /// The switches that these facts take for done.
+    /// The switches that are done according to these facts.
     pub fn proven(&self) -> impl Iterator<Item = Switch> + use<> {
         let tool = match self.tool {
             Tool::Unknown => None,

@@ -73,7 +73,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
     }
 }
 
-/// What an act needs and what does not hold, each in words; none where the act may begin. For acts that a person asks for
+/// The needs of an act that do not hold, each as text; empty if the act may begin. For acts that a person requests
 /// one at a time: they keep the interlocks of a cycle.
 pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
     needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
@@ -82,11 +82,12 @@ pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
 /// What Stopping and Holding bring about while a motion is under way: nothing comes before its end, which switches off tool and water.
 pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
 
-/// What Stopping and Holding bring about where no epoch is open, whose end would switch the tool off, and the tool is told to run.
+/// What Stopping and Holding bring about if the tool is commanded to run and no epoch is open. The end of an open
+/// epoch would switch the tool off.
 pub(super) const LEAVING_TOOL: [Row; 3] =
     [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
-/// What Stopping and Holding bring about. Water is shut while the epoch still takes commands.
+/// What Stopping and Holding bring about. Water is shut while the epoch still accepts commands.
 pub(super) const LEAVING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// What Clearing brings about.
@@ -110,7 +111,7 @@ pub(super) const STARTING: [Row; 3] =
 /// What Unholding brings about.
 pub(super) const UNHOLDING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
 
-/// What Unholding brings about where the panel had been located.
+/// What Unholding brings about if the panel had been located.
 pub(super) const UNHOLDING_LOCATED: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
 
@@ -176,7 +177,7 @@ impl Need {
         }
     }
 
-    /// The act that brings it about; `None` where only time does, or a person.
+    /// The act that brings it about; `None` if only time does, or a person.
     pub fn brought_by(self, state: &State) -> Option<Act> {
         Some(match self {
             Need::Standing => Act::Stand,

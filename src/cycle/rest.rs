@@ -2,8 +2,8 @@
 
 use super::{At, Cause, Job, State};
 
-/// Nothing that moves goes on. An open motion, tool or water that was on, or an abort that nobody cleared, is Aborted; all
-/// else is Stopped.
+/// No motion continues. An open motion, tool or water that was on, or an abort that was not cleared leads to
+/// Aborted; everything else leads to Stopped.
 pub(super) fn booted(before: State) -> State {
     let at = match (before.intent, before.at) {
         (_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },

@@ -39,7 +39,7 @@ pub(super) enum Rule {
     Frames,
     /// No command outside an open epoch.
     Epoch,
-    /// Motion ends when the robot says that it stands; nobody rests before.
+    /// A motion ends when the robot reports standstill; no state is at rest before that.
     StandsFirst,
     /// Everything off in Idle and Complete.
     AllOff,
@@ -66,7 +66,7 @@ pub(super) enum Rule {
     WholePath,
     /// An act that is not answered in time is a fault.
     AnswerDeadline,
-    /// A stop that takes too long is a fault.
+    /// A stop that lasts too long is a fault.
     StopDeadline,
     /// Trouble ends the work.
     TroubleLeaves,
@@ -81,13 +81,13 @@ pub(super) enum Rule {
     RejectEnds,
     /// A doubtful result waits for a person.
     ReviewHolds,
-    /// A film that says nothing ends the cycle.
+    /// A film without a result ends the cycle.
     InvalidEnds,
-    /// An air-run touches nothing, and needs no water to know where.
+    /// An air-run touches nothing, and needs no water to know where to go.
     AirRun,
     /// A dry picture before the first water.
     DryPicture,
-    /// Where the recipe's reference is a dry picture, a new one of the dried panel after each abrasion.
+    /// If the recipe's reference is a dry picture, a new one of the dried panel is taken after each abrasion.
     DryAfterAbrasion,
     /// Verify just before each contact.
     VerifyFirst,
@@ -101,9 +101,9 @@ pub(super) enum Rule {
     UnholdVerifies,
     /// After a spray, no 3D shot before a person confirms that the panel is dry.
     DriedFirst,
-    /// So many moves of the corner loop.
+    /// The limit for moves of the corner loop.
     MoveLimit,
-    /// So many abrasions.
+    /// The limit for abrasions.
     PassLimit,
 }
 

@@ -11,11 +11,11 @@ pub struct State {
     pub at: At,
     /// The cycle that is running, or ran last.
     pub job: Job,
-    /// What the cell told.
+    /// What the cell reported.
     pub facts: Facts,
     /// The one act that is under way.
     pub due: Option<Due>,
-    /// The motion that began and of which the robot has not yet said that it stands.
+    /// The motion that has begun and for which the robot has not yet reported standstill.
     pub intent: Option<Intent>,
     /// The last epoch that was opened.
     pub epoch: u32,
@@ -73,9 +73,9 @@ pub enum At {
     Holding(Hold),
     /// At rest inside a cycle.
     Held(Hold),
-    /// The way back: verify where the panel is.
+    /// The way back: verify the place of the panel.
     Unholding {
-        /// Where it goes on.
+        /// The phase in which it continues.
         resume: Phase,
         /// Whether the panel's place must be verified first.
         verify: bool,
@@ -92,7 +92,7 @@ pub enum At {
     },
     /// The way to Stopped: water off, epoch ended.
     Stopping {
-        /// The deadline of it all.
+        /// The deadline of the whole stop.
         until: Id,
     },
     /// The way to Aborted: the abort frame at once, which shuts the water too; whatever comes back.
@@ -105,7 +105,7 @@ pub enum At {
         /// Why.
         cause: Cause,
     },
-    /// A person cleared the cause: the robot is asked whether it stands, tool and water are proven off.
+    /// A person cleared the cause: the robot is asked whether it is at standstill, tool and water are proven off.
     Clearing {
         /// What was cleared.
         cause: Cause,
@@ -152,7 +152,7 @@ pub enum Phase {
     Retract,
     /// What the contact path did is graded. Nothing is done to the panel before that.
     Assess {
-        /// The path was cut short, so that a rest of it is left to plan.
+        /// The path was cut short, so that the rest must still be planned.
         left: bool,
     },
     /// The dust is washed off.
@@ -165,7 +165,7 @@ impl Phase {
         self.into()
     }
 
-    /// Where the cycle goes on once a person has accepted the result of this phase.
+    /// The phase in which the cycle continues after a person has accepted the result of this phase.
     pub(super) fn accepted(self) -> Phase {
         match self {
             Phase::Assess { left: true } => Phase::Plan,
@@ -180,7 +180,7 @@ impl Phase {
 pub struct Hold {
     /// Why.
     pub why: Why,
-    /// Where the cycle goes on; a path that was left is planned again.
+    /// The phase in which the cycle continues; a path that was left is planned again.
     pub resume: Phase,
 }
 
@@ -195,7 +195,7 @@ impl Hold {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Why {
-    /// A person asked.
+    /// A person requested it.
     Asked,
     /// A result waits for a person.
     Review,
@@ -213,13 +213,13 @@ pub enum Why {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// A person asked.
+    /// A person requested it.
     Asked,
     /// The robot's condition.
     Robot(Robot),
     /// Something went wrong.
     Trouble(Trouble),
-    /// A stop took too long.
+    /// A stop lasted too long.
     StopTimedOut,
     /// The program ended while a motion was open.
     Interrupted,
@@ -268,7 +268,7 @@ pub struct Job {
     pub plan: u64,
     /// Its waypoints.
     pub waypoints: u32,
-    /// Corners that the Verify under way has seen where they should be.
+    /// Number of corners that the Verify in progress has seen at their expected places.
     #[serde(default)]
     pub verified: u8,
 }
@@ -289,6 +289,6 @@ pub struct Intent {
     pub id: Id,
     /// The motion.
     pub motion: Motion,
-    /// Waypoints executed, as far as told.
+    /// Waypoints executed, as far as reported.
     pub done: u32,
 }

@@ -32,7 +32,7 @@ impl Turn {
         let robot = self.state.facts.robot;
         let ready = robot == Robot::Ready || !self.rules.keep(Rule::RobotReady);
         match (self.state.at, request) {
-            // What may lead to motion asks for a robot that is ready.
+            // A request that may lead to motion needs a robot that is ready.
             (At::Stopped | At::Complete { .. }, Q::Reset) if ready => {
                 (self.state.facts.standing, self.state.facts.tested) = (false, false);
                 self.state.at = At::Resetting;
@@ -46,7 +46,7 @@ impl Turn {
                 self.state.at = At::Starting;
             }
             (At::Held(hold), Q::Unhold { dried }) if ready => self.unhold(hold, dried),
-            // A person looked at the result and stands at the panel: no Verify before the next phase.
+            // A person looked at the result and is at the panel: no Verify before the next phase.
             (At::Held(Hold { why: Why::Review, resume }), Q::Accept) if ready => {
                 self.state.at = At::Unholding { resume: resume.accepted(), verify: false };
             }
@@ -152,7 +152,8 @@ impl Turn {
             At::Idle | At::Complete { .. } if robot != Robot::EmergencyStop => self.state.at = At::Stopped,
             // Nothing moves, and a person opens the guard to dry the panel or to mend the trouble.
             At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
-            // Nobody is left to answer the abort frame. Its intent stays open until the robot was asked.
+            // If the robot is gone, nothing can answer the abort frame. Its intent stays open until the robot has
+            // been asked.
             At::Aborting { cause } => {
                 let cause = cause.or(robot);
                 self.state.at = At::Aborting { cause };
@@ -190,7 +191,7 @@ impl Turn {
             {
                 self.drop();
             }
-            // Late but alive harms only where the pad touches.
+            // A late but live robot does harm only while the pad touches.
             _ if trouble == Trouble::Slow && !self.state.facts.touching => self.drop(),
             _ => self.trouble(trouble),
         }
@@ -212,7 +213,7 @@ impl Turn {
         }
     }
 
-    /// Leaves what is going on as this trouble asks.
+    /// Leaves the work in progress as this trouble requires.
     pub fn trouble(&mut self, trouble: Trouble) {
         if !self.rules.keep(Rule::TroubleLeaves) {
             return;
@@ -241,7 +242,8 @@ impl Turn {
         }
     }
 
-    /// The end of an abort, known or not. The cycle is concluded here: what the robot reports until it stands is part of it.
+    /// The end of an abort, known or not. The cycle is concluded here: the robot's reports until standstill are
+    /// part of it.
     pub fn aborted(&mut self, cause: Cause) {
         self.conclude(Verdict::Aborted);
         self.state.due = None;
@@ -249,11 +251,12 @@ impl Turn {
     }
 
     fn stop(&mut self) {
-        // A result that nobody accepted stays what it was.
+        // A result that was not accepted stays what it was.
         let review = matches!(self.state.at, At::Held(Hold { why: Why::Review, .. }));
         self.conclude(if review { Verdict::Review } else { Verdict::Aborted });
         self.state.due = None;
-        // At rest already, water shut and epoch ended; a robot that is not ready takes no command. Reset looks again.
+        // It is at rest already, with water shut and epoch ended; a robot that is not ready accepts no command.
+        // Reset checks again.
         if matches!(self.state.at, At::Held(_)) && self.state.facts.robot != Robot::Ready {
             self.state.at = At::Stopped;
             return;
@@ -262,7 +265,8 @@ impl Turn {
         self.state.at = At::Stopping { until };
     }
 
-    /// Told at a start, before anything moves: a person looks at it first. What the state says may not be so.
+    /// Reported at a start, before anything moves: a person looks at it first. The contents of the state may be
+    /// wrong.
     fn store_is_another(&mut self, cause: Cause) {
         match self.state.at {
             At::Stopped | At::Aborted { .. } => self.aborted(cause),

@@ -34,7 +34,7 @@ impl Turn {
         }
     }
 
-    /// The robot stands; a motion that was open is closed.
+    /// Closes an open motion: the robot is at standstill.
     pub fn close_intent(&mut self, outcome: Outcome, done: u32) {
         if let Some(Intent { motion, .. }) = self.state.intent.take() {
             self.effects.push(Effect::CloseIntent { motion, outcome, done });
@@ -98,7 +98,7 @@ impl Turn {
         }
     }
 
-    /// What brings about the first need that does not hold; `Some(None)` where only time does.
+    /// The act that brings about the first need that does not hold; `Some(None)` if only time does.
     fn unmet(&self, rows: &[Row]) -> Option<Option<Act>> {
         let missing = |(rule, need): &&Row| self.rules.keep(*rule) && !need.holds(&self.state.facts);
         rows.iter().find(missing).map(|(_, need)| need.brought_by(&self.state))

@@ -1,4 +1,4 @@
-//! What is still to be abraded, the plan over it, and what of it was executed.
+//! The area that is still to be abraded, the plan over it, and the executed part of the plan.
 
 use super::answers::{figure, figure_alone, grade, reason};
 use super::error::DaemonError;
@@ -40,15 +40,15 @@ pub(super) struct Abrasion {
     touched: BTreeMap<GridId, (usize, u8)>,
     /// The last pass in which a grid was abraded whole.
     done: BTreeMap<GridId, u8>,
-    /// How often a grid may be abraded, as the last plan's recipe says.
+    /// The limit of abrasions of a grid, from the last plan's recipe.
     most_passes: usize,
-    /// What the disc in use has swept so far, as the store says, mm².
+    /// The area that the disc in use has swept so far, from the store, mm².
     pub worn_mm2: f64,
-    /// What the passes of this cycle removed so far, where that is known.
+    /// The removal by the passes of this cycle so far, if it is known.
     removed: Option<RemovalMap>,
     /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show them as they are now.
     sanded: Option<Arc<Mask>>,
-    /// Where the tool was in earlier cycles of this panel, or may have been.
+    /// The places at which the tool was, or may have been, in earlier cycles of this panel.
     pub earlier: Vec<EarlierPass>,
     /// The cycle is an air-run.
     pub is_air: bool,
@@ -68,7 +68,7 @@ impl Abrasion {
         )
     }
 
-    /// The same on the surface that another one knows.
+    /// The same on the surface that the other one knows.
     pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
         // What was done before in the same way was done on the surface of the same scan.
         Abrasion { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
@@ -338,8 +338,8 @@ impl Abrasion {
         (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
     }
 
-    /// Of the plan's path so many waypoints of all were executed, by way of these reports. What the disc wore comes
-    /// beside the finding, mm².
+    /// Evaluates the executed part of the plan's path, from the numbers of all and of executed waypoints and these
+    /// reports. The disc wear is returned in addition to the finding, mm².
     pub fn executed(
         &mut self,
         cycle: &CycleSetup,

@@ -15,7 +15,8 @@ use crate::geometry::KukaPose;
 use crate::record::Kind;
 use crate::verdict::{Judgement, Reason, Verdict};
 
-/// A stop that waits in the queue is taken before this many states of the robot: the loop takes a request at least between every second pair.
+/// A stop that waits in the queue is processed before this many states of the robot: the loop processes a request
+/// at least between every second pair.
 const STOP_TAKEN_WITHIN: u8 = 3;
 
 impl Running<'_> {
@@ -32,7 +33,7 @@ impl Running<'_> {
             | Act::Film
             | Act::SelfTest => self.compute(id, act),
             Act::Assess => {
-                // Nobody knows what the tool did: nothing goes on by that.
+                // If it is not known what the tool did, nothing continues on that basis.
                 let unknown = Answer::Failed(Trouble::Unexpected);
                 self.answer(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
                 Ok(())
@@ -82,7 +83,7 @@ impl Running<'_> {
         self.wait(id, act, Waits::Computing);
     }
 
-    /// Takes what was computed, where it is still waited for.
+    /// Accepts a computed result if it is still waited for.
     pub(super) fn computed(&mut self, worked: Worked) -> Result<(), DaemonError> {
         let Worked { id, found, artifacts, notes, .. } = worked;
         let is_due = |pending: &mut Pending| pending.id == id && matches!(pending.waits, Waits::Computing);
@@ -152,7 +153,8 @@ impl Running<'_> {
     ) -> Result<(), DaemonError> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
-            // A stop goes to the wire before the table takes it: then the table stops, and nothing has failed.
+            // A stop is sent to the robot before the table processes it: then the table stops, and nothing has
+            // failed.
             Err(QueueError::NoEpoch) => self.wait(id, act, Waits::NoEpoch { states: STOP_TAKEN_WITHIN }),
             Err(error) => self.not_sent(id, &error)?,
         }
@@ -171,7 +173,7 @@ impl Running<'_> {
         self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
 
-    /// Keeps a finding and tells of it.
+    /// Keeps a finding and reports it.
     pub(super) fn record(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Finding { pass, judgement, .. } = &finding;
         let stage = finding.kind.word();
@@ -214,7 +216,7 @@ impl Running<'_> {
         Ok(Waits::Feedback { last, proof })
     }
 
-    /// Whether what is pending has come, as the robot's state says.
+    /// Checks by the robot's state whether the pending result has come.
     pub(super) fn look(&mut self, state: &State) -> Result<(), DaemonError> {
         let Some(Pending { id, act, waits }) = self.pending.take() else { return Ok(()) };
         let stands = !state.moving;

@@ -15,9 +15,9 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The newest cycles whose alarms are shown.
+/// Number of newest cycles for which alarms are shown.
 const CYCLES: usize = 50;
-/// The cell is looked at so often, whichever front asks for it.
+/// Shortest interval between checks of the cell, for the requests of all fronts.
 const EVERY: Duration = Duration::from_secs(60);
 
 /// An alarm as a person names it.
@@ -31,7 +31,7 @@ pub struct AlarmId {
     pub raised_unix_ms: i64,
 }
 
-/// The alarms of the cell. One of it serves all fronts.
+/// The alarms of the cell. One instance serves all fronts.
 #[derive(Debug)]
 pub struct Alarms {
     people: Arc<People>,
@@ -47,18 +47,19 @@ impl Alarms {
         Alarms { people, standing: Standing::default(), looked: Mutex::default(), troubles: Mutex::default() }
     }
 
-    /// All of them: what lasts first, then by priority and time. On the calling thread, which may wait for the disk.
+    /// All alarms: active ones first, then by priority and time. This runs on the calling thread, which may wait
+    /// for the disk.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn all(&self) -> Result<Vec<Alarm>, StoreError> {
         self.people.read(|store| self.of(store))
     }
 
-    /// As [`Alarms::all`], for whoever reads this store already.
+    /// As [`Alarms::all`], for a caller that already reads this store.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn of(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
         let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
         let mut all = self.standing.alarms(&store.acknowledgements(None)?);
@@ -71,11 +72,11 @@ impl Alarms {
         Ok(all)
     }
 
-    /// Those that last, in the order in which they were raised. An alarm of a cycle is gone when the next one begins, so that only
-    /// the newest cycle can have any.
+    /// The active alarms, in the order in which they were raised. An alarm of a cycle ends when the next cycle
+    /// begins, so only the newest cycle can have any.
     ///
     /// # Errors
-    /// Where the store cannot be read.
+    /// If the store cannot be read.
     pub fn lasting(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
         let mut all = self.standing.alarms(&store.acknowledgements(None)?);
         if let Some(newest) = store.last_cycle()? {
@@ -86,7 +87,7 @@ impl Alarms {
         Ok(all)
     }
 
-    /// Looks at the cell, where nobody has within the last minute; a camera may take its time.
+    /// Checks the cell if it was not checked within the last minute; a camera may need some time.
     pub fn look(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
         {
             let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
@@ -102,8 +103,8 @@ impl Alarms {
         self.standing.look(&found, now_unix_ms());
     }
 
-    /// A connection to the plant has this problem, or none any more. It is an alarm where it lasts until the cell is looked at. Whether it is
-    /// another one than before.
+    /// Notes that a connection to the plant has this problem, or none any more. It is an alarm if it lasts until
+    /// the cell is checked. Returns whether it differs from before.
     pub fn trouble(&self, of: &'static str, problem: Option<&str>) -> bool {
         let mut troubles = self.troubles();
         match problem {
@@ -116,11 +117,11 @@ impl Alarms {
         self.troubles.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Keeps that a person has seen an alarm, and says so in the audit trail. False where there is no such alarm, or somebody
-    /// has acknowledged it already.
+    /// Records that a person has seen an alarm, and adds this to the audit trail. Returns false if there is no such
+    /// alarm, or it was already acknowledged.
     ///
     /// # Errors
-    /// Where the store cannot be read or written.
+    /// If the store cannot be read or written.
     pub fn acknowledge(&self, alarm: &AlarmId, who: String, line: AuditEntry) -> Result<bool, StoreError> {
         let AlarmId { cycle, code, raised_unix_ms } = alarm;
         let (cycle, raised_unix_ms) = (*cycle, *raised_unix_ms);

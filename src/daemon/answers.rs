@@ -11,7 +11,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 /// What cannot be computed without what an earlier act leaves.
 pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
-/// A drawing for the record. It decides nothing: where it could not be drawn, the bare picture stands.
+/// A drawing for the record. It decides nothing: if it could not be drawn, the bare picture is used.
 pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
     let Drawing { name, caption, picture } = drawing;
     match picture {
@@ -23,7 +23,7 @@ pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
     }
 }
 
-/// A drawing that stands on no picture.
+/// A drawing without a picture below it.
 pub(super) fn figure_alone(drawing: Drawing) -> Figure {
     figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
 }

@@ -1,5 +1,5 @@
-//! Low-priority threads for web and plant interfaces: they take no time from the loop and the robot's link. If a library panics on what a
-//! network sends, its thread restarts and the cell continues.
+//! Low-priority threads for web and plant interfaces: they use no time of the loop and the robot's link. If a
+//! library panics on data from a network, its thread restarts and the cell continues.
 
 use crate::supervision;
 use std::io;
@@ -22,7 +22,7 @@ const END_WITHIN: Duration = Duration::from_secs(2);
 /// How far they step back.
 const NICE: i32 = 5;
 
-/// The calling thread takes the processor after the loop and the robot's link.
+/// Gives the calling thread a lower priority than the loop and the robot's link.
 pub(super) fn step_back() {
     #[expect(
         clippy::let_underscore_must_use,
@@ -43,7 +43,7 @@ pub(super) struct Plan {
     pub stack_bytes: Option<usize>,
 }
 
-/// The thread while it works; it is told to end when this is dropped, and waited for.
+/// The thread while it works. When this is dropped, the thread is requested to end and is waited for.
 #[derive(Debug)]
 pub(super) struct Background {
     end: Option<oneshot::Sender<()>>,
@@ -51,11 +51,11 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// Starts it. It works until `begin` returns, which it does when it is told that it is to end. Where it panics, that is no fault of the
-    /// cell, and it begins anew.
+    /// Starts the thread. It works until `begin` returns, which it does when it is requested to end. A panic in it
+    /// is not a fault of the cell: it begins anew.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the operating system cannot start a thread.
     pub fn start(
         Plan { name, what, blocking, stack_bytes }: Plan,
         begin: impl AsyncFn(&mut oneshot::Receiver<()>) + Send + 'static,
@@ -64,7 +64,7 @@ impl Background {
         let (end, ended) = oneshot::channel();
         let work = move || {
             run_apart(&runtime, what, ended, begin);
-            // A host's name that is still looked up keeps nobody waiting.
+            // A pending look-up of a host's name delays nothing.
             runtime.shutdown_timeout(END_WITHIN);
         };
         let builder = thread::Builder::new().name(name.to_owned());
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use std::cell::Cell;
 
-    /// It panics twice, works on at its third begin, and ends when it is told to.
+    /// It panics twice, continues to work at its third begin, and ends when it is requested to.
     #[test]
     fn what_panics_begins_anew_until_it_is_ended() {
         let (end, ended) = oneshot::channel();

@@ -16,7 +16,7 @@ pub fn whoever_runs_this() -> Who {
     named(Who { front: Front::Command, uid: Some(rustix::process::getuid().as_raw()), user: None })
 }
 
-/// The same with the user's name, where this computer's list of users has one.
+/// The same with the user's name, if this computer's list of users has one.
 pub(super) fn named(who: Who) -> Who {
     match who.uid {
         Some(uid) => Who { user: name(uid), ..who },
@@ -34,7 +34,7 @@ pub(super) fn in_log(who: &Who) -> String {
     }
 }
 
-/// The name that the list of users has for a number. A directory service is not asked, since it may hang.
+/// The name for a number in the list of users. A directory service is not queried, since it may hang.
 fn name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     name_in(&String::from_utf8_lossy(&list), uid)

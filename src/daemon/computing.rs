@@ -1,13 +1,14 @@
-//! Acts that see and compute, each as one piece of work that takes what it needs and gives back what it found.
+//! Acts that see and compute, each as one piece of work that receives what it needs and returns what it found.
 //!
-//! A [`Work`] owns copies of the artifacts that it reads or changes, and notes what is to be recorded instead of recording
-//! it. So work that was abandoned meanwhile is dropped whole: nothing of its [`Worked`] is installed or recorded. Work is
-//! done one piece at a time, in the order in which it was submitted, since all of it shares the cameras. The queue is
-//! emptied on a thread of its own, while the loop goes on answering, or by the loop itself where time stands.
+//! A [`Work`] owns copies of the artifacts that it reads or changes, and notes what is to be recorded instead of
+//! recording it. So work that was abandoned in the meantime is dropped completely: no part of its [`Worked`] is
+//! installed or recorded. Work is done one piece at a time, in the order in which it was submitted, since all work
+//! shares the cameras. The queue is emptied on its own thread while the loop continues to answer, or by the loop
+//! itself if time stops meanwhile.
 //!
-//! A film is watched in steps of one picture, and its state stays here. By the wall clock one step follows the other by
-//! itself, woken by the camera's next picture, whatever the robot and the loop do; in lock step the loop asks for each
-//! step, so that virtual time decides which picture is seen.
+//! A film is watched in steps of one picture, and its state stays here. By the wall clock one step follows the
+//! other automatically, woken by the camera's next picture, whatever the robot and the loop do. In lock step the
+//! loop requests each step, so that virtual time decides which picture is seen.
 
 mod memory;
 mod work;
@@ -30,19 +31,19 @@ use std::thread;
 use std::time::Duration;
 use worker::Worker;
 
-/// No piece of work takes so long: the table has long given up its answer, the robot stands, and whatever hangs in there
-/// keeps every later act from being done.
+/// No piece of work lasts this long. By then the table has long given up its answer, the robot is at standstill,
+/// and work that hangs prevents every later act.
 const LONGEST_WORK: Duration = Duration::from_secs(180);
 
 /// How far computing steps back behind the loop and the robot's link.
 pub(super) const NICE: i32 = 19;
 
-/// A film's next picture is looked for so often where the camera does not wait for it by itself.
+/// Interval at which a film's next picture is looked for if the camera itself does not wait for it.
 const LOOK_AGAIN: Duration = Duration::from_millis(2);
 
 /// The queue of work, and who empties it.
 pub struct Computing<'p> {
-    /// Whether time stands while something is computed. By the wall clock a film goes on by itself.
+    /// Whether time stops while something is computed. By the wall clock a film continues automatically.
     lock_step: bool,
     /// The piece of work that is still waited for.
     due: Arc<AtomicU64>,
@@ -53,7 +54,7 @@ pub struct Computing<'p> {
 const NONE_DUE: u64 = u64::MAX;
 
 enum Executor<'p> {
-    /// The loop itself, when it takes a result.
+    /// The loop itself, when it accepts a result.
     Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, SceneKey)> },
     /// A thread of its own.
     Thread {
@@ -66,7 +67,7 @@ enum Executor<'p> {
 }
 
 impl<'p> Computing<'p> {
-    /// Computes where the loop takes a result: the loop waits.
+    /// Computes when the loop accepts a result: the loop waits.
     pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
         // The command that runs one cycle has just read its calibrations.
         let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
@@ -74,7 +75,8 @@ impl<'p> Computing<'p> {
         Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None } }
     }
 
-    /// The same, where results that were computed before are not computed again. For simulations of many cycles of one setup.
+    /// The same, but results that were computed before are not computed again. For simulations of many cycles with
+    /// one setup.
     pub fn remembering(mut self, memory: Memory, scene_key: SceneKey) -> Self {
         if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
             worker.remember(memory.films());
@@ -83,12 +85,13 @@ impl<'p> Computing<'p> {
         self
     }
 
-    /// Starts a thread that computes; the loop's thread calls it. By the wall clock it steps back behind the loop and the robot's
-    /// link, and what the loop computes itself, it computes alone. It ends when nobody submits work any more; nobody waits for its end,
-    /// since a camera may hang. People who look on see what it sees on `view`.
+    /// Starts a thread that computes; the loop's thread calls it. By the wall clock the thread has a lower priority
+    /// than the loop and the robot's link, and what the loop itself computes, it computes alone. The thread ends
+    /// when no more work is submitted. Nothing waits for its end, since a camera may hang. Viewers see on `view`
+    /// what it sees.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the operating system cannot start a thread.
     pub fn on_thread(
         (cameras, readable, keep): (Box<dyn CameraPort + Send>, Readable, Keeper),
         lock_step: bool,
@@ -140,7 +143,7 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// Whose result can be taken; waits so long for it.
+    /// The id of the next available result; waits for this time.
     pub(super) fn ready(&mut self, patience: Duration) -> Option<Id> {
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
@@ -226,7 +229,7 @@ impl Thread {
         self.sign.done();
     }
 
-    /// Does one piece of work, by the wall clock a film to its end; an error where nobody waits for results any more.
+    /// Does one piece of work, by the wall clock a film to its end; an error if nothing waits for results any more.
     fn work(&mut self, work: Work) -> Result<(), mpsc::SendError<Option<Box<Worked>>>> {
         let (id, act, pass, setup) = (work.id, work.act, work.pass, work.setup.clone());
         let mut next = Some(work);
@@ -250,7 +253,7 @@ impl Thread {
     }
 }
 
-/// The thread has ended by a fault in it, which was reported where it happened.
+/// The thread has ended by a fault, which was reported at its place.
 fn lost(id: Id) -> Worked {
     let found = Ok(Found::Answer(Answer::Failed(Trouble::Computing)));
     Worked { id, found, artifacts: None, notes: vec![], is_of_film: false }
@@ -267,7 +270,7 @@ mod tests {
         (0..1_000).into_par_iter().map(|_| thread::current().id()).collect()
     }
 
-    /// The thread that asks for so many, and those that compute for it.
+    /// The thread that requests this number of threads, and those that compute for it.
     fn of(count: usize) -> (ThreadId, HashSet<ThreadId>) {
         let asked = move || {
             let own = own_threads(count);

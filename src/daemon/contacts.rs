@@ -1,8 +1,8 @@
-//! Contact on the record: what a path will touch and wear is kept before it begins, how far it may go before it goes
-//! there, and what it did once the robot told its end.
+//! The record of contact: what a path will touch and wear is kept before it begins, and how far it may go before it
+//! goes there. What it did is kept when the robot has reported its end.
 //!
-//! Waypoints are permitted some seconds of motion ahead of what the robot told, well beyond what may be under way, so
-//! that after a crash at any moment the record bounds what was executed.
+//! Waypoints are permitted some seconds of motion ahead of the robot's reports, well beyond what may be in
+//! progress. So after a crash at any moment the record bounds what was executed.
 
 use super::error::DaemonError;
 use super::ports::{RecordCommand, RobotPort};
@@ -46,13 +46,13 @@ impl Running<'_> {
         self.underway.permitted = wanted;
         let last = (wanted < self.underway.all()).then(|| CommandId(sent.first().0 + wanted - 1));
         if let Err(error) = self.ports.robot.permit(last) {
-            // The epoch has just ended, which is told by itself.
+            // The epoch has just ended, which is reported separately.
             tracing::debug!("no more waypoints are let go: {error}");
         }
         Ok(())
     }
 
-    /// Commits how a motion ended. Where the robot did not tell it, all that was counted beforehand stands.
+    /// Commits how a motion ended. If the robot did not report it, all that was counted beforehand remains counted.
     pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
         let underway = std::mem::take(&mut self.underway);
         if motion.path == Path::Contact && outcome != Outcome::Cleared {

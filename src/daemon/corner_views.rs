@@ -1,4 +1,5 @@
-//! A picture of a corner from a view: what all corners say about the place, and whether they still stand before contact.
+//! A picture of a corner from a view: the place according to all corners, and whether they are still there before
+//! contact.
 
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::error::DaemonError;
@@ -26,7 +27,8 @@ fn not_in_view(error: impl std::error::Error) -> Reason {
 }
 
 impl Perception {
-    /// A corner picture from `base_from_camera`, and what all of them say about the place. `moves` were made before.
+    /// Takes a corner picture from `base_from_camera`, and corrects the place by all corner pictures. `moves` were
+    /// made before.
     pub fn refine(
         &mut self,
         cycle: &CycleSetup,
@@ -72,7 +74,7 @@ impl Perception {
         Ok(Answer::Graded(grade))
     }
 
-    /// The corners again, wet or dry: do they still stand where the localization puts them?
+    /// The corners again, wet or dry: are they still at the places that the localization gives?
     pub fn verify(
         &mut self,
         cycle: &CycleSetup,
@@ -105,7 +107,7 @@ impl Perception {
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
-    /// The corner that the camera was sent to, in the picture from a view; `place` is where it was looked for.
+    /// The corner to which the camera was sent, in the picture from a view; `place` is where it was looked for.
     fn look(
         &mut self,
         (cycle, view): (&CycleSetup, u8),

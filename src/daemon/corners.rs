@@ -1,10 +1,11 @@
-//! The corner loop: which taught corners are looked at, what their pictures say together, and whether they still stand where
-//! they should just before contact.
+//! The corner loop: which taught corners are looked at, what their pictures show together, and whether they are
+//! still at their expected places just before contact.
 //!
-//! Two corners hold the panel's shift and its turn; more say little more. The first ones in the order of teaching are
-//! taken whose moves pass the gate. View n looks at the n-th of them, and round again: so both loops go on from view to view
-//! until each chosen corner was seen, and in the first loop until each stood where it was looked for. The corners that hold
-//! the place after the first loop are the ones that the second must see: what one of them alone says is not enough then.
+//! Two corners determine the panel's shift and turn; more add little. The first ones in the order of teaching with
+//! moves that pass the gate are used. View n looks at the n-th of these, and then round again. So both loops
+//! continue from view to view until each chosen corner was seen, and the first loop until each was at its expected
+//! place. The second loop must see the corners that determine the place after the first loop: one of these alone is
+//! not enough then.
 
 use super::setup::CycleSetup;
 use crate::stages::corners::{Sighting, most};
@@ -23,7 +24,7 @@ pub(super) struct Corners {
     pub(super) seen: Vec<Sighting>,
     /// Those by which the place was corrected, once that is done.
     held: Vec<usize>,
-    /// Those whose moves did not pass the gate since the loop began, and why.
+    /// Those with moves that did not pass the gate since the loop began, and why.
     left_out: Vec<(usize, String)>,
 }
 
@@ -33,7 +34,7 @@ impl Corners {
         self.aimed
     }
 
-    /// The corners that may be chosen at a view, in order; none where it was chosen before.
+    /// The corners that may be chosen at a view, in order; empty if the view's corner was chosen before.
     pub fn candidates(&self, view: u8, cycle: &CycleSetup) -> Vec<usize> {
         let view = usize::from(view);
         if view > 0 && (view >= self.wanted(cycle) || view > self.chosen.len()) {
@@ -102,7 +103,7 @@ impl Corners {
         self.seen.len() < self.wanted(cycle)
     }
 
-    /// Where no move leads to a corner that holds the place, it does not hold it any more.
+    /// If no move leads to a corner that determines the place, it does not determine it any more.
     pub fn unseen(&self) -> Option<Reason> {
         let is_seen = |corner: &&usize| self.seen.iter().any(|seen| seen.corner == **corner);
         let missing: Vec<String> =

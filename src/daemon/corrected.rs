@@ -1,8 +1,8 @@
-//! The robot in true poses: what it reports is corrected by the arm's measured errors, and so is what it is sent.
+//! The robot in true poses: its reports and its commands are corrected by the arm's measured errors.
 //!
-//! The controller computes with the drawing of its arm. With the correction that the cell's file names, everything on this
-//! side of the link is where the arm truly is; on the wire and in a recording stand the controller's own numbers. An arm
-//! without a correction passes unchanged, to the last bit. Axis angles are the same on both sides.
+//! The controller computes with the drawing of its arm. With the correction that the cell's file names, every pose
+//! on this side of the link is the arm's true pose. The wire and a recording carry the controller's own numbers. An
+//! arm without a correction passes unchanged, to the last bit. Axis angles are the same on both sides.
 
 use super::ports::{Port, RobotAnswer, RobotCommand, RobotPort};
 use crate::cell;
@@ -13,11 +13,11 @@ use crate::path::Kinematics;
 /// The robot behind the correction of its arm.
 pub(super) struct Corrected<'r> {
     robot: &'r mut dyn RobotPort,
-    /// The arm, where it has a correction.
+    /// The arm, if it has a correction.
     arm: Option<Kinematics>,
     base: Rigid<Base, Panel>,
     flange_from_tool: Rigid<Flange, Tool>,
-    /// Where the axes stand, and where they will stand after the command that was sent last.
+    /// The axis positions now, and after the command that was sent last.
     joints: Option<Joints>,
     ahead: Option<(CommandId, Joints)>,
     reported_tcp: Option<KukaPose>,
@@ -42,7 +42,7 @@ impl<'r> Corrected<'r> {
         self.reported_tcp
     }
 
-    /// Where the axes stand before the first report.
+    /// Sets the axis positions before the first report.
     pub fn stands_at(&mut self, joints: Joints) {
         self.joints = Some(joints);
     }
@@ -87,7 +87,7 @@ impl<'r> Corrected<'r> {
     }
 }
 
-/// Where the tip truly is in the active base.
+/// The true pose of the tip in the active base.
 fn tip(arm: &Kinematics, state: &State) -> KukaPose {
     let (base, tool) =
         (state.active_base.to_rigid::<Base, Base>(), state.flange_from_tool.to_rigid::<Flange, Tool>());
@@ -162,7 +162,7 @@ mod tests {
 
     const HOME: [f64; 6] = [0.0, -90.0, 90.0, 0.0, -30.0, 0.0];
 
-    /// An arm whose axis 1 stands 0.001 rad on from where it says.
+    /// An arm whose axis 1 is 0.001 rad beyond its reported position.
     fn turned() -> cell::Arm {
         let mut errors = [0.0; 32];
         errors[2] = 0.001;
@@ -186,8 +186,8 @@ mod tests {
         wire.sent.iter().filter_map(line).collect()
     }
 
-    /// By hand: the arm stands 0.001 rad too far about base Z, so at x = 480 mm it is sent 0.48 mm less along y, and turned back
-    /// by 0.0573 degrees. A report from there comes back as the place that was wanted.
+    /// Computed by hand: the arm is 0.001 rad too far about base Z. So at x = 480 mm it is sent 0.48 mm less along
+    /// y, and turned back by 0.0573 degrees. A report from there is converted back to the requested place.
     #[test]
     fn a_line_is_sent_so_that_the_real_arm_comes_where_it_should() {
         let mut wire = Wire::default();

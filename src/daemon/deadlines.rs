@@ -29,7 +29,7 @@ impl Deadlines {
         self.armed.retain(|armed| !(armed.id == id && armed.which == Deadline::Answer));
     }
 
-    /// What is armed, to be told.
+    /// The armed deadlines, for a recording.
     pub fn told(&self) -> Vec<tape::Armed> {
         let told = |armed: &Armed| {
             let at_ns = u64::try_from(armed.at.since_start().as_nanos()).unwrap_or(u64::MAX);
@@ -38,7 +38,7 @@ impl Deadlines {
         self.armed.iter().map(told).collect()
     }
 
-    /// What was told.
+    /// The deadlines from a recording.
     pub fn of(told: &[tape::Armed]) -> Self {
         let mut deadlines = Deadlines::default();
         for armed in told {
@@ -56,7 +56,7 @@ impl Deadlines {
     }
 }
 
-/// This many seconds; none where that is no time.
+/// This number of seconds; zero if it is not a valid time.
 pub(super) fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(over(&mut deadlines), None);
     }
 
-    /// A recording tells them, and a replay has them again.
+    /// A recording contains them, and a replay has them again.
     #[test]
     fn what_was_told_is_armed_again() {
         let mut deadlines = Deadlines::default();

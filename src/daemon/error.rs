@@ -1,10 +1,10 @@
-//! Why a cycle cannot begin or go on.
+//! Why a cycle cannot begin or continue.
 
 use super::ports::RecordError;
 use crate::requirements::recipe_fits::ForceMismatch;
 use crate::supervision::ThreadFault;
 
-/// Why a cycle cannot begin, or had to end where no verdict is possible.
+/// Why a cycle cannot begin, or had to end when no verdict is possible.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
     /// An input or output without a name.
@@ -24,7 +24,7 @@ pub enum DaemonError {
     /// No corner was taught.
     #[error("no corner of this panel was taught; teach it with --corner and --flange")]
     NoCorner,
-    /// A corner was taught where nothing may be measured.
+    /// A corner was taught in an area where nothing may be measured.
     #[error("a taught corner: {0}")]
     CornerOutsideOfLens(String),
     /// Recipe and tool do not agree on a force.
@@ -33,7 +33,7 @@ pub enum DaemonError {
     /// The system gives no thread to compute on.
     #[error("the thread that computes cannot start: {0}")]
     Thread(std::io::Error),
-    /// A thread of the program failed; the robot was told to stop.
+    /// A thread of the program failed; the robot was commanded to stop.
     #[error(transparent)]
     Broken(#[from] ThreadFault),
     /// The store does not write.

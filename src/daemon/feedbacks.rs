@@ -1,10 +1,11 @@
-//! What was proven of the outputs is watched while it is believed (R21).
+//! Monitors the proven facts about the outputs while the table relies on them (R21).
 //!
-//! Each fact of the table about an output was proven by a switch: the controller told the output, and the feedback what is behind it.
-//! While the fact stands, each state of the robot must tell the same. Where one has told something else for
-//! [`CONTRARY_FOR_MS`], the table hears of it: whatever is going on is held, the tool is taken off the panel, and the output is
-//! proven again before it is needed. A shorter time is left to sensors: a flow switch flutters, and a sander slows down as it touches.
-//! What is being switched is watched by its own act.
+//! Each fact of the table about an output was proven by a switch: the controller reported the output, and the
+//! feedback reported its effect. While the fact holds, each state of the robot must report the same. If the states
+//! report something else for [`CONTRARY_FOR_MS`], the table is informed. The work in progress is held, the tool is
+//! lifted off the panel, and the output is proven again before it is needed. A shorter time is tolerated because of
+//! the sensors: a flow switch flutters, and a sander slows down when it touches. An output that is being switched
+//! is monitored by its own act.
 
 use super::wiring::{Told, Wiring};
 use crate::cell::{Feedback, Output};
@@ -12,10 +13,10 @@ use crate::cycle::{Facts, Switch};
 use crate::eki::State;
 use crate::verdict::Reason;
 
-/// So long a state may tell something else than what was proven.
+/// The time for which states may report something else than what was proven.
 const CONTRARY_FOR_MS: u32 = 500;
 
-/// A switch whose proof is gone, and since when by the controller's clock, ms.
+/// A switch that has lost its proof, and since when by the controller's clock, ms.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Contrary(Option<(Switch, u32)>);
 
@@ -53,7 +54,7 @@ fn told(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// What the state tells of a switch's output and feedback.
+/// What the state reports about a switch's output and feedback.
 fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = words(switch);
     let Told { outputs, feedback, opposite } = wiring.proof(switch).told_by(state);
@@ -66,7 +67,7 @@ fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
     std::iter::once(output_words).chain(words).collect()
 }
 
-/// What was proven, and where to look now that it is not so any more.
+/// What was proven, and where to look now that it does not hold any more.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (words(switch), tells(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
@@ -75,7 +76,7 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     Reason::new("feedback", message)
 }
 
-/// What was asked and not proven by its deadline, and where to look; none where the state tells it by now.
+/// What was commanded and not proven by its deadline, and where to look; `None` if the state reports it by now.
 pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
     if wiring.proof(switch).is_told(state) {
         return None;

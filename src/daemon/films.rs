@@ -1,9 +1,10 @@
-//! A film as it is watched, and films that were watched before, for simulations of many cycles: equal pictures at equal times
-//! give equal films.
+//! A film as it is watched, and films that were watched before, for simulations of many cycles: equal pictures at
+//! equal times give equal films.
 //!
-//! A film is looked at picture by picture. Where films are remembered its pictures are only kept as they come, and the film is
-//! looked at, or remembered, when the last one is there. What a picture must fulfil to be taken is looked at as it comes; where
-//! it does not, the film is looked at from there on. With the thesis's method another fault may be told at the end instead.
+//! A film is evaluated picture by picture. If films are remembered, its pictures are only stored as they come. The
+//! film is evaluated, or recalled, when the last one has come. The conditions for accepting a picture are checked
+//! as it comes; if they fail, the film is evaluated from there on. With the thesis's method another fault may be
+//! reported at the end instead.
 
 use super::answers::figure;
 use super::ports::Note;
@@ -45,7 +46,7 @@ pub(super) struct FilmMemory {
 
 #[derive(Debug, Default)]
 struct Known {
-    /// Where a film could be begun.
+    /// The places at which a film could be begun.
     places: BTreeSet<String>,
     films: BTreeMap<String, Judged>,
 }
@@ -56,7 +57,7 @@ type Shot = (Arc<ColorPicture>, f64, Phase);
 /// The panel that is filmed.
 #[derive(Debug, Clone)]
 pub(super) struct Filmed {
-    /// Where it is.
+    /// The panel's pose.
     pub place: Rigid<Base, Panel>,
     /// The taught pixels that were sanded since the dry picture was taken.
     pub sanded: Option<Arc<Mask>>,
@@ -67,7 +68,7 @@ pub(super) struct Filmed {
 pub(super) enum Watching {
     /// Looked at as its pictures come.
     AtOnce(Box<film::Filming>),
-    /// Looked at when its last picture is there.
+    /// Looked at when its last picture has come.
     AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
 }
 
@@ -75,7 +76,7 @@ impl Watching {
     /// Begins a film of the panel at this place with its dry picture.
     ///
     /// # Errors
-    /// Where the region is not in the picture, or the picture is not the camera's.
+    /// If the region is not in the picture, or the picture is not from the camera.
     pub fn begin(
         cycle: &CycleSetup,
         panel: &Filmed,
@@ -103,10 +104,10 @@ impl Watching {
         }
     }
 
-    /// Takes the next wet picture.
+    /// Adds the next wet picture.
     ///
     /// # Errors
-    /// Where its size is not the camera's, or it comes out of order.
+    /// If its size is not the camera's, or it comes out of order.
     pub fn push(
         &mut self,
         (cycle, panel): (&CycleSetup, &Filmed),
@@ -140,7 +141,7 @@ impl Watching {
     /// Judges the film.
     ///
     /// # Errors
-    /// Where it has no picture of the wet panel.
+    /// If it has no picture of the wet panel.
     pub fn finish(
         self,
         (cycle, panel): (&CycleSetup, &Filmed),
@@ -183,7 +184,7 @@ impl FilmMemory {
 }
 
 impl Filmed {
-    /// What a film depends on of it, as text.
+    /// The panel's data on which a film depends, as text.
     fn inputs(&self) -> String {
         format!("{:?} {:x}", self.place, mask_hash(self.sanded.as_deref()))
     }
@@ -207,7 +208,8 @@ pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
     hasher.finish()
 }
 
-/// A number that other pictures do not have. It names pictures within one process, where nobody forges any.
+/// A number that other pictures do not have. It identifies pictures within one process, in which no forged pictures
+/// occur.
 fn picture_hash(picture: &ColorPicture) -> u64 {
     let mut hasher = DefaultHasher::new();
     (picture.width, picture.height, picture.rgb.as_flattened()).hash(&mut hasher);

@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// Clones are the same ones.
 #[derive(Clone)]
 pub struct FrontParts {
-    /// Where requests go.
+    /// The destination of requests.
     pub gateway: Gateway,
     /// Who may log in, and the store as fronts have it.
     pub people: Arc<People>,
@@ -20,7 +20,7 @@ pub struct FrontParts {
 }
 
 impl FrontParts {
-    /// Looks for alarms between cycles, where nobody has within the last minute; a camera may take its time.
+    /// Checks for alarms between cycles if no one has done so within the last minute; a camera may need some time.
     pub(super) fn look(&self) {
         self.alarms.look(&*self.setup, self.gateway.cameras.as_ref());
     }

@@ -16,10 +16,10 @@ use tokio::time::timeout;
 /// The loop replies within this time, or something is wrong with it.
 const LOOP_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Reads and checks the files of a cycle that is requested, or says why it cannot begin.
+/// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
 pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
 
-/// Where fronts hand over their requests. Clones are the same one.
+/// The entry point through which fronts submit requests. All clones share the same state.
 #[derive(Clone)]
 pub struct Gateway {
     queue: RequestSender,
@@ -37,7 +37,7 @@ impl Gateway {
     /// Has a request answered. It runs on a runtime of tokio that has a blocking thread for the loader.
     pub async fn request(&self, what: What, who: Who) -> Reply {
         let (what, who) = match what {
-            // The state is asked for many times a second, and the user's name is read from a file.
+            // The state is requested many times a second, and the user's name is read from a file.
             What::State => (What::State, who),
             What::Start(start) => {
                 let (recipe, who) = (start.recipe.clone(), caller::named(who));

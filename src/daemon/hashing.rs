@@ -3,7 +3,7 @@
 use std::thread;
 use tokio::sync::{Semaphore, oneshot};
 
-/// Whoever works with passwords waits here for a turn.
+/// Limits the work with passwords to one at a time; the others wait here for their turn.
 #[derive(Debug)]
 pub(super) struct Hashing(Semaphore);
 
@@ -14,8 +14,8 @@ impl Default for Hashing {
 }
 
 impl Hashing {
-    /// Works with passwords, one at a time, on a thread that ends with it: a hash takes 19 MiB and most of a processor, and each
-    /// thread that lives on would keep as much. `None` where the program ends.
+    /// Runs work with passwords, one at a time, on a thread that ends with the work. A hash needs 19 MiB and most
+    /// of a processor, and each thread that stays alive would keep as much. Returns `None` if the program ends.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         let _turn = self.0.acquire().await.ok()?;
         let (tell, told) = oneshot::channel();

@@ -1,6 +1,7 @@
-//! The newest cycle in three dimensions, for people who look on: the points that the scan saw, and the paths that were planned.
+//! The newest cycle in three dimensions, for people who watch: the points that the scan measured, and the planned
+//! paths.
 //!
-//! It lives in the service's memory alone, and is that of the newest cycle. Nothing waits for whoever looks at it.
+//! It is kept in the service's memory only and belongs to the newest cycle. Nothing waits for a viewer.
 
 use super::setup::CycleSetup;
 use crate::geometry::{Camera, OrganizedCloud, Panel, Rigid};
@@ -16,7 +17,7 @@ pub(super) struct LiveScene(Arc<Mutex<Inside>>);
 
 #[derive(Debug, Default)]
 struct Inside {
-    /// Whose scene it is: each cycle has its own.
+    /// The cycle to which the scene belongs: each cycle has its own scene.
     cycle: Weak<CycleSetup>,
     points: Option<Arc<Vec<u8>>>,
     paths: Vec<ScenePath>,
@@ -31,12 +32,13 @@ pub(super) struct ScenePath {
     pub pass: u8,
     /// The tool's point at each waypoint in the panel's frame, mm, and whether the disc is on the panel there.
     pub waypoints: Vec<([f32; 3], bool)>,
-    /// Where the panel's face looks on the whole, in the panel's frame: against the tool's axis.
+    /// The overall direction in which the panel's face points, in the panel's frame: opposite to the tool's axis.
     pub facing: [f64; 3],
 }
 
 impl LiveScene {
-    /// The points of the scan as `points` packs them, where there was one, and the paths in the order of their planning.
+    /// Returns the points of the scan as packed by `points`, if there was a scan, and the paths in the order in
+    /// which they were planned.
     pub fn newest(&self) -> (Option<Arc<Vec<u8>>>, Vec<ScenePath>) {
         let inside = self.lock();
         (inside.points.clone(), inside.paths.clone())
@@ -72,7 +74,7 @@ impl LiveScene {
         inside.paths.push(path);
     }
 
-    /// The scene of this cycle, new where it was another one's.
+    /// Returns the scene of this cycle; replaces it by a new one if it belonged to another cycle.
     fn of(&self, cycle: &Arc<CycleSetup>) -> MutexGuard<'_, Inside> {
         let mut inside = self.lock();
         if !std::ptr::eq(inside.cycle.as_ptr(), Arc::as_ptr(cycle)) {

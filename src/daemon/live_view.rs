@@ -1,7 +1,8 @@
-//! What the cameras see now, for people who look on.
+//! The present view of the cameras, for people who watch.
 //!
-//! The thread that computes offers a picture; whoever looks on takes the newest one and draws it on a thread of its own. Nothing
-//! waits for anybody: where nobody has looked lately, nothing is copied, and a picture that nobody took is replaced.
+//! The computing thread offers a picture; a viewer fetches the newest one and draws it on a separate thread.
+//! Nothing waits for a viewer: if there was no viewer recently, nothing is copied, and a picture that was not
+//! fetched is replaced.
 
 use super::live_scene::LiveScene;
 use super::perception::view;
@@ -12,7 +13,7 @@ use crate::panel::{Grid, GridId};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Pictures come at most so often.
+/// Shortest time between two pictures.
 const EVERY: Duration = Duration::from_millis(450);
 /// Who has looked within this time is still looking on.
 const LOOKING: Duration = Duration::from_secs(5);
@@ -36,7 +37,7 @@ pub struct LiveFrame {
     pub name: String,
     /// The picture.
     pub picture: Arc<ColorPicture>,
-    /// The film on it, where it is one of a film.
+    /// The film to which the picture belongs, if it is part of one.
     pub film: Option<LiveFilm>,
 }
 
@@ -54,10 +55,10 @@ pub struct LiveFilm {
 }
 
 impl LiveFrame {
-    /// The picture with what is known of it drawn on it.
+    /// Returns the picture with the known data drawn on it.
     ///
     /// # Errors
-    /// Where it cannot be drawn.
+    /// If it cannot be drawn.
     pub fn drawn(&self) -> Result<ColorPicture, ImagingError> {
         let Some(film) = &self.film else { return Ok((*self.picture).clone()) };
         let failed = |grid: &Grid| film.failed.contains(&grid.id);
@@ -66,7 +67,7 @@ impl LiveFrame {
 }
 
 impl LiveView {
-    /// The number of the newest picture, and the picture, where there is one. Whoever asks is looking on.
+    /// Returns the number of the newest picture, and the picture if there is one. The caller counts as a viewer.
     pub fn newest(&self) -> (u64, Option<Arc<LiveFrame>>) {
         let mut inside = self.lock();
         inside.looked = Some(Instant::now());
@@ -78,7 +79,7 @@ impl LiveView {
         &self.1
     }
 
-    /// Offers a picture that is made where somebody looks on and the last one is old enough.
+    /// Offers a picture; it is created only if there is a viewer and the last picture is old enough.
     pub(super) fn offer(&self, frame: impl FnOnce() -> Option<LiveFrame>) {
         let is_recent = |at: Option<Instant>, span| at.is_some_and(|at| at.elapsed() < span);
         {
@@ -87,7 +88,7 @@ impl LiveView {
                 return;
             }
         }
-        // Made without the lock, so that nobody who looks on waits for a copy.
+        // Created without the lock, so that no viewer waits for a copy.
         if let Some(frame) = frame() {
             let mut inside = self.lock();
             inside.number += 1;

@@ -1,4 +1,5 @@
-//! Motions: each path through the gate whole, then sent, then heard of until the robot stands at its end.
+//! Motions: each path passes the gate as a whole, is then sent, and is then monitored until the robot is at rest at
+//! its end.
 
 use super::deadlines::seconds;
 use super::error::DaemonError;
@@ -20,11 +21,11 @@ use crate::verdict::Reason;
 use crate::words::apart;
 use std::sync::Arc;
 
-/// How far the tip may stand from where it was sent, mm and degrees.
+/// Largest deviation of the tip from the commanded pose, mm and degrees.
 const DEVIATION_MM: f64 = 1.0;
 const DEVIATION_DEG: f64 = 0.5;
-/// The same of each axis that was sent to a named pose, degrees: ten times what a controller reports, so that the arm counts as parked
-/// here where it does in `single_interlocks`.
+/// Largest deviation of each axis from a commanded named pose, degrees: ten times the resolution that a controller
+/// reports. The arm thus counts as parked here in the same cases as in `single_interlocks`.
 const AXIS_DEVIATION_DEG: f64 = 0.1;
 
 /// Share of the axes' speed and acceleration between named poses, %.
@@ -97,7 +98,8 @@ impl Running<'_> {
         }
     }
 
-    /// Whether the axes may go to these poses, one after the other, from where they stand, and keep off obstacles on their way.
+    /// Checks whether the axes may move from their present position to these poses, one after the other, and avoid
+    /// obstacles on their way.
     fn joints_are_good(
         &mut self,
         poses: &[Joints],
@@ -119,7 +121,7 @@ impl Running<'_> {
         Ok(good)
     }
 
-    /// What stands in the way of the axes from there to these poses, one after the other, first.
+    /// Returns the first infeasibility on the way of the axes from there to these poses, one after the other.
     fn met_on_the_way(
         &self,
         from: &Joints,
@@ -150,11 +152,12 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (1, end))
     }
 
-    /// After a stop, an abort or a start of the program the arm stands anywhere, and the tool may be at the panel. The axes move from
-    /// there only if the whole way keeps clear of the panel with the cell's own tool; else a person brings the arm away.
+    /// Checks the way from an unknown place. After a stop, an abort or a start of the program the arm may be
+    /// anywhere, and the tool may be at the panel. The axes move from there only if the whole way is clear of the
+    /// panel with the cell's own tool; otherwise a person moves the arm away.
     fn leaves_an_unknown_place(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
         let state = self.robot_state;
-        // A person may have jogged it since the end of the path: the axes say if it is still there.
+        // A person may have jogged the arm since the end of the path: the axes show whether it is still there.
         let is_there =
             |pose: &Joints| state.is_some_and(|state| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
         if self.stood.iter().chain(poses).any(is_there) {
@@ -177,16 +180,17 @@ impl Running<'_> {
         Ok(false)
     }
 
-    /// The panel where the cycles before found it last; where none did, where it was taught.
+    /// Returns the panel at the place last found by the earlier cycles; if none found it, at the place at which it
+    /// was taught.
     fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         let base_from_panel: Rigid<Base, Panel> =
             self.last_place.map_or_else(|| panel_from_base_at_teaching().inverse(), |place| place.to_rigid());
         Arc::new(Obstacles::default().with("panel", cycle.panel.points().map(|(_, point)| base_from_panel * point)))
     }
 
-    /// The route of a motion. To the first look at a corner it is that of the first taught one whose way passes the gate,
-    /// to the next that of the first of the others; where no other's does, the corners go round. Verify takes only those
-    /// that hold the place.
+    /// Chooses the route of a motion. For the first view of a corner it is the route to the first taught corner
+    /// that passes the gate. For the next view it is the first such route to one of the other corners; if there is
+    /// none, the corners are repeated in turn. Verify uses only the corners that hold the place.
     fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
         let Path::Corner { view } = motion.path else { return self.route(motion) };
         self.perception.corners.begin_choice(view);
@@ -236,7 +240,7 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
     }
 
-    /// The path as it is sent; `None` where it is not known where from or where to.
+    /// Returns the path as it is sent; `None` if its start or its end is not known.
     fn route(&self, motion: Motion) -> Option<Gated> {
         let (cycle, state) = (self.setup()?, self.robot_state?);
         let place = self.perception.place();
@@ -307,7 +311,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// The epoch is over and the robot stands; in it these commands were executed.
+    /// The epoch is over and the robot is at rest; all commands of the epoch up to this one were executed.
     pub(super) fn stood_still(&mut self, done: CommandId) {
         if let Some(sent) = self.sent.take() {
             self.left_at = sent.waypoints(done).max(sent.told);
@@ -335,7 +339,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// How the arm stands elsewhere than it was sent.
+    /// Returns the deviation of the arm from its commanded end.
     fn deviation(&self, sent: Sent, state: &State) -> Vec<Reason> {
         let (off_mm, off_deg, allowed_deg) = match sent.end {
             End::Joints(end) => (0.0, state.joints.farthest_deg(&end), AXIS_DEVIATION_DEG),
@@ -362,7 +366,7 @@ impl Running<'_> {
     }
 }
 
-/// The panel's place as the base that was set, in which the tip is told.
+/// Returns the panel's place as the base that was set, in which the tip is reported.
 fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
     Rigid::claim(*place.isometry())
 }

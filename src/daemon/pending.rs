@@ -4,7 +4,7 @@ use super::wiring::Proof;
 use crate::cycle::{Act, Id};
 use crate::eki::{CommandId, Time};
 
-/// An act whose answer is still to come.
+/// An act that still waits for its answer.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pending {
     pub id: Id,
@@ -15,11 +15,11 @@ pub(super) struct Pending {
 /// What is waited for.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Waits {
-    /// A robot that stands.
+    /// The robot at rest.
     Standing,
-    /// The epoch that was asked for.
+    /// The requested epoch.
     Epoch,
-    /// The end of the epoch, tool and water proven off; waypoints executed, once it is told.
+    /// The end of the epoch, with tool and water proven off; the number of executed waypoints, once it is reported.
     EpochEnd { done: Option<u32> },
     /// Base and tool, executed and echoed.
     Frames(CommandId),

@@ -1,7 +1,8 @@
-//! People who log in, for every front that has a log-in: their accounts, the pause after wrong passwords, and the audit trail.
+//! People who log in, for every front that has a log-in: their accounts, the pause after wrong passwords, and the
+//! audit trail.
 //!
-//! One of it serves all fronts, so that whoever tries passwords at two of them is counted once. It reads and writes the store by
-//! connections of its own; nothing of the loop waits for it.
+//! One instance serves all fronts, so that a person who tries passwords at two fronts is counted once. It reads and
+//! writes the store through its own connections; no part of the loop waits for it.
 
 use super::hashing::Hashing;
 use super::store_access::StoreAccess;
@@ -22,13 +23,14 @@ pub enum LogIn {
     Right(Account),
     /// They are not, or the account is disabled; in these words for the audit trail.
     Wrong(&'static str),
-    /// The account pauses for so many seconds more. The password was not looked at.
+    /// Log-in to the account is blocked for this many more seconds. The password was not checked.
     Pauses(f64),
     /// No account has this name's form, or the program is ending.
     Unknown,
 }
 
-/// What an account is during a session of it: another role or a new password makes it another, and so does disabling it.
+/// Identifies an account during one of its sessions: another role or a new password changes the stamp, and so does
+/// disabling the account.
 pub(super) fn stamp(account: &Account) -> String {
     let Account { role, password_hash, is_enabled, .. } = account;
     let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.word()).as_bytes());
@@ -74,23 +76,23 @@ impl People {
         self.lockout().pauses_s((name, true), self.now_s())
     }
 
-    /// Reads the store, on the calling thread, which may wait for the disk.
+    /// Reads the store on the calling thread, which may wait for the disk.
     ///
     /// # Errors
-    /// Where the store cannot be opened or read.
+    /// If the store cannot be opened or read.
     pub fn read<T>(&self, read: impl FnOnce(&Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
         self.store.read(read)
     }
 
-    /// Writes a row that no cycle waits for, on the calling thread, which may wait for the disk.
+    /// Writes a row for which no cycle waits, on the calling thread, which may wait for the disk.
     ///
     /// # Errors
-    /// Where the store cannot be opened or written.
+    /// If the store cannot be opened or written.
     pub fn write<T>(&self, write: impl FnOnce(&mut Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
         self.store.write(write)
     }
 
-    /// Keeps a line of the audit trail; where the disk refuses, the service's log has it.
+    /// Writes a line of the audit trail; if the disk refuses, the line is in the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.keep_audit(entry)) {
             let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("nobody who is logged in"));
@@ -155,7 +157,7 @@ impl People {
         if accounts::checked_name(name).is_err() {
             return LogIn::Unknown;
         }
-        // Whoever has to wait anyway takes nobody's turn.
+        // A person who has to wait anyway does not use another person's turn.
         if let Some(left_s) = self.pauses_s(name) {
             return LogIn::Pauses(left_s);
         }

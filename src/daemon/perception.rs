@@ -1,4 +1,4 @@
-//! What is seen of the panel: where it stands, and what the film did. The artifacts live here.
+//! Perception of the panel: its place, and the result of the film. The artifacts are kept here.
 
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::corners::Corners;
@@ -20,7 +20,7 @@ use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Where the panel stands and what its film did.
+/// The place of the panel and the result of its film.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Perception {
     /// By the 3D scan.
@@ -29,9 +29,9 @@ pub(super) struct Perception {
     pub(super) located_mm: Option<f64>,
     /// By the corners too.
     pub(super) place: Option<Rigid<Base, Panel>>,
-    /// Which of the taught corners are looked at, and what they said.
+    /// The taught corners that are viewed, and their results.
     pub corners: Corners,
-    /// The panel where it was found and what else the scan showed, for the arm to keep off.
+    /// The panel at its found place and everything else in the scan, as obstacles for the arm.
     obstacles: Option<Arc<Obstacles>>,
     /// The points of the panel's region in that scan.
     todays_points: Arc<Vec<TodaysPoint>>,
@@ -64,23 +64,23 @@ impl Filming {
 }
 
 impl Perception {
-    /// Where the panel stands, as well as is known.
+    /// Returns the place of the panel, as well as it is known.
     pub fn place(&self) -> Option<Rigid<Base, Panel>> {
         self.place
     }
 
-    /// A cycle is over, and its pictures are on the record; where the panel stands stays.
+    /// A cycle is over and its pictures are on the record; the place of the panel is kept.
     pub fn forget_pictures(&mut self) {
         (self.dry, self.film_picture) = (None, None);
         self.inspections.clear();
     }
 
-    /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
+    /// Returns the pose in which the flange camera should see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, cycle: &CycleSetup) -> Option<Rigid<Base, FlangeCamera>> {
         Some(self.place? * cycle.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
     }
 
-    /// Where the panel stands before the arm, by way of the corners that hold it.
+    /// Returns the place of the panel relative to the arm, with the corners that hold it.
     pub fn approach(&self) -> Option<Approach<'_>> {
         let (corners, obstacles) = (self.corners.held(), self.obstacles());
         self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
@@ -103,7 +103,7 @@ impl Perception {
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")
     }
 
-    /// The same with what the film said.
+    /// Returns the same with the result of the film.
     pub(super) fn inputs(&self) -> String {
         let inspections = &self.inspections;
         let failed: Vec<_> = inspections
@@ -126,7 +126,7 @@ impl Perception {
         }
     }
 
-    /// A 3D shot, and the panel in it. What films said of the panel's grids stays.
+    /// Takes a 3D shot and locates the panel in it. The film results of the panel's grids are kept.
     pub fn locate(
         &mut self,
         cycle: &CycleSetup,
@@ -225,7 +225,8 @@ impl Perception {
         }
     }
 
-    /// Takes the film's next picture where one is due; after the last one judges the film. Times are the camera's own.
+    /// Fetches the film's next picture if one is due; after the last one, judges the film. Times are the camera's
+    /// own.
     pub fn watch(
         &mut self,
         cycle: &CycleSetup,
@@ -283,7 +284,7 @@ impl Perception {
     }
 }
 
-/// The view of the 3D camera, with the panel where it stands.
+/// Returns the view of the 3D camera, with the panel at its place.
 pub(super) fn view<'a>(
     cycle: &'a CycleSetup,
     picture: &'a ColorPicture,

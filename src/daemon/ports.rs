@@ -1,8 +1,10 @@
-//! What the loop needs from outside: a robot, a compliant tool where there is one, cameras, a record, and somebody who requests something.
+//! The loop's interfaces to the outside: a robot, a compliant tool if there is one, cameras, a record, and a source
+//! of requests.
 //!
-//! Each of them is a [`Port`]: it performs one command of its enum at a time and gives one answer of another enum. So what
-//! stands between the loop and a port (a recording, a replay, the correction of the arm) is written once for all commands.
-//! The traits `RobotPort`, `ToolPort`, `CameraPort`, `RecordPort` and `RequestPort` give the commands as functions.
+//! Each of them is a [`Port`]: it performs one command of its enum at a time and gives one answer of another enum.
+//! A layer between the loop and a port (a recording, a replay, the correction of the arm) is thus written once for
+//! all commands. The traits `RobotPort`, `ToolPort`, `CameraPort`, `RecordPort` and `RequestPort` offer the
+//! commands as functions.
 
 mod cameras;
 mod port;

@@ -1,4 +1,4 @@
-//! What the loop knows of the compliant tool: its last reading, what it was told, and the contact path under way.
+//! The loop's data about the compliant tool: its last reading, its last command, and the contact path under way.
 
 use crate::cell::CompliantTool;
 use crate::devices::acf::ToolNews;
@@ -10,9 +10,9 @@ use std::time::Duration;
 
 /// A reading that is older than the tool's deadlines by this much is none: the thread of its link does not work.
 const SLACK: Duration = Duration::from_millis(150);
-/// The force may follow its set-point by so much later.
+/// Time by which the force may lag behind its set-point.
 const FOLLOWS: Duration = Duration::from_millis(100);
-/// The tool is told anew once its attitude changes its share of the weight by so much, N.
+/// The tool is commanded anew once its attitude changes its share of the weight by this much, N.
 const ATTITUDE_N: f64 = 0.2;
 
 /// Memory of the tool.
@@ -33,7 +33,7 @@ struct Contact {
     landing_n: f64,
     ramp_s: f64,
     aim: Aim,
-    /// The contact force that the tool was told, N.
+    /// The commanded contact force of the tool, N.
     ramp: Ramp,
     watch: Watch,
 }
@@ -53,8 +53,8 @@ impl Pressing {
         });
     }
 
-    /// What the tool is to be told now, where that is something else than it was told last. `under_way` is how many waypoints
-    /// the arm has reached on a contact path.
+    /// Returns the command that the tool needs now, if it differs from the last one. `under_way` is the number of
+    /// waypoints that the arm has reached on a contact path.
     pub fn wanted(
         &mut self,
         tool: &CompliantTool,
@@ -80,7 +80,7 @@ impl Pressing {
         Some(wanted)
     }
 
-    /// Takes what is new; a lost link is given back.
+    /// Processes the news; returns a lost link as a reason.
     pub fn hear(&mut self, news: Option<ToolNews>, now: Time) -> Option<Reason> {
         match news? {
             ToolNews::Reading { reading, age_ms } => {
@@ -90,7 +90,7 @@ impl Pressing {
                 None
             }
             ToolNews::Lost(loss) => {
-                // Whoever connects again is held back, and must be told anew.
+                // A tool that connects again is held back and must be commanded anew.
                 (self.last, self.told) = (None, None);
                 Some(lost(self.loss.insert(loss)))
             }
@@ -145,7 +145,7 @@ impl Pressing {
 }
 
 impl Contact {
-    /// What the tool is to press with where the arm has reached so many waypoints.
+    /// Returns the force that the tool is to apply when the arm has reached this many waypoints.
     fn press(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> Press {
         let aim = aim_of_leg(&self.on_panel, reached);
         let target_n = match aim {

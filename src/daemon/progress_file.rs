@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
 
-/// What the file of this name in this folder says; the beginning where it says nothing.
+/// Returns the content of the file with this name in this folder; the initial value if it has no content.
 pub(super) fn read<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> T {
     let bytes = crate::disk::read(&folder.join(name)).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()
@@ -15,7 +15,7 @@ pub(super) fn read<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> 
 /// Writes it: completely or not at all.
 ///
 /// # Errors
-/// Where the disk refuses, with the file's name.
+/// If the disk refuses, with the file's name.
 pub(super) fn write(folder: &Path, name: &str, progress: &impl Serialize) -> Result<(), String> {
     let (path, part) = (folder.join(name), folder.join(format!("{name}.part")));
     let written = || -> std::io::Result<()> {

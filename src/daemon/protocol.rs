@@ -26,7 +26,7 @@ pub(super) fn may_be_long(beginning: &[u8]) -> bool {
     searched.windows(word.len()).any(|part| part == word)
 }
 
-/// A request as it stands on the line: its word, and what belongs to it.
+/// A request as written on the line: its word and its parameters.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase", deny_unknown_fields)]
 enum Line {
@@ -54,7 +54,7 @@ enum Line {
     },
 }
 
-/// Why a line says nothing.
+/// Why a line was not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// Too long.
@@ -63,7 +63,7 @@ pub enum ProtocolError {
         /// The longest that is read.
         most: usize,
     },
-    /// It took too long.
+    /// The line took too long.
     #[error("the line did not come whole in time; write it at once")]
     Slow,
     /// Others needed the place.
@@ -88,7 +88,7 @@ pub enum ProtocolError {
 /// Reads a line, with its end.
 ///
 /// # Errors
-/// Where it is too long, has no end, or is not exactly one allowed object.
+/// If it is too long, has no end, or is not exactly one allowed object.
 pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
     if line.len() > MOST_BYTES {
         return Err(ProtocolError::TooLong { most: MOST_BYTES });
@@ -111,10 +111,10 @@ pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
     })
 }
 
-/// The line that requests this, with its end.
+/// Returns the line that makes this request, with its end.
 ///
 /// # Errors
-/// Where it is nothing that a client of the socket may request.
+/// If a client of the socket may not make this request.
 pub fn request_line(what: &What) -> Result<String, ProtocolError> {
     let line = match what {
         What::State => Line::State {},

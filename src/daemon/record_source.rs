@@ -1,9 +1,9 @@
-//! Where the pages of cycles come from, and who signs them.
+//! The source of the pages of cycles, and of their signatures.
 
 use crate::record::CycleId;
 use crate::store::PersonSigns;
 
-/// A cycle's page as PDF, with what the cell signs of it.
+/// A cycle's page as PDF, with the part that the cell signs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordPdf {
     /// The PDF.
@@ -14,23 +14,24 @@ pub struct RecordPdf {
     pub signature: Vec<u8>,
 }
 
-/// Where the pages of cycles come from, and who signs them.
+/// The source of the pages of cycles, and of their signatures.
 pub trait RecordSource: Send + Sync {
-    /// The page of a cycle, as it stands in the store or as it is so far.
+    /// Returns the page of a cycle, as it is in the store or as it is so far.
     ///
     /// # Errors
-    /// Where it cannot be made, in words.
+    /// If it cannot be made, in words.
     fn page(&self, cycle: CycleId) -> Result<String, String>;
 
-    /// The signed record with its page as PDF/A-3; `None` where the cycle is not signed yet.
+    /// Returns the signed record with its page as PDF/A-3; `None` if the cycle is not signed yet.
     ///
     /// # Errors
-    /// Where it cannot be made, in words.
+    /// If it cannot be made, in words.
     fn pdf(&self, cycle: CycleId) -> Result<Option<RecordPdf>, String>;
 
-    /// Signs a record as a person; the number of the signature comes back.
+    /// Signs a record as a person; returns the number of the signature.
     ///
     /// # Errors
-    /// Where the cycle is not over, the person signed so already, or the store cannot be written, in words.
+    /// If the cycle is not over, the person has already signed in this way, or the store cannot be written, in
+    /// words.
     fn sign(&self, signs: &PersonSigns) -> Result<u64, String>;
 }

@@ -21,18 +21,18 @@ const AT_ONCE: usize = 8;
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
-    /// The last line of the journal that somebody asked, until the answer is kept.
+    /// The last line of the journal with a request, until the answer is recorded.
     line: Option<AskedLine>,
     pages: Pages,
     is_full_told: bool,
 }
 
-/// Where the journal has a request.
+/// The position of a request in the journal.
 #[derive(Debug, Clone, Copy)]
 struct AskedLine {
     line: u64,
     cycle: Option<CycleId>,
-    /// Findings of the cycle when it was asked: its effects may add some before its answer is kept.
+    /// Findings of the cycle when the request was made: its effects may add some before its answer is recorded.
     findings: u64,
 }
 
@@ -56,7 +56,7 @@ impl<'a> StoreRecord<'a> {
         StoreRecord { store, cycle: cycle.into(), line: None, pages: Pages::default(), is_full_told: false }
     }
 
-    /// Keeps a picture; none where the disk is full.
+    /// Stores a picture; returns `None` if the disk is full.
     fn keep(&self, picture: &ColorPicture) -> Result<Option<String>, RecordError> {
         self.store.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
     }
@@ -85,10 +85,10 @@ impl<'a> StoreRecord<'a> {
     }
 }
 
-/// Keeps pictures in this store from any thread.
+/// Stores pictures in this store from any thread.
 ///
 /// # Errors
-/// Where the store is open for reading.
+/// If the store is open for reading.
 pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
     let writer = store.blob_writer()?;
     Ok(Box::new(move |picture| writer.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))

@@ -12,7 +12,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Exit {
-    /// The table took it.
+    /// The table accepted it.
     Done,
     /// Not now, or not so.
     Refused,
@@ -37,9 +37,9 @@ impl Exit {
 pub struct Reply {
     /// How it went.
     pub answer: Exit,
-    /// The PackML word; none where the loop was not asked.
+    /// The PackML word; `None` if the loop was not asked.
     pub state: Option<String>,
-    /// The phase inside Execute; where the cycle is held, the one in which it goes on.
+    /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
     /// The panel of the cycle that runs or ran last.
     pub panel: Option<String>,
@@ -53,7 +53,7 @@ pub struct Reply {
     pub of: Option<u32>,
     /// The page of the last cycle, once it is written.
     pub page: Option<PathBuf>,
-    /// Where the arm's axes stand, degrees, while it stands and the link to it lives.
+    /// Position of the arm's axes, degrees, while the arm is at rest and the link to it works.
     #[serde(default)]
     pub axes_deg: Option<[f64; 6]>,
     /// The robot's last epoch.
@@ -65,9 +65,9 @@ pub struct Reply {
     pub cycle_id: Option<i64>,
     /// Its verdict, once it has one.
     pub verdict: Option<Verdict>,
-    /// Its recording, where it has one.
+    /// Its recording, if it has one.
     pub recording: Option<Recorded>,
-    /// What was done, where the state does not say it.
+    /// The action that was done, if the state does not show it.
     pub done: Option<String>,
     /// Why it was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
@@ -81,7 +81,7 @@ pub struct Reply {
 pub struct Extras {
     /// The state of the cycle's table.
     pub table: Option<State>,
-    /// Words of the requests that the table would take now.
+    /// Words of the requests that the table would accept now.
     pub possible: Vec<&'static str>,
     /// The panel's grids; none before the first cycle.
     pub grids: Arc<[GridId]>,
@@ -92,7 +92,7 @@ pub struct Extras {
 }
 
 impl Reply {
-    /// An answer of which the loop knows nothing.
+    /// Creates an answer that does not come from the loop.
     pub fn refused(answer: Exit, reasons: Vec<Reason>) -> Self {
         Reply {
             answer,

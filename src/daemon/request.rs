@@ -1,8 +1,8 @@
-//! The one request: what every front hands to the service, and what the loop takes up.
+//! The single request type: every front submits it to the service, and the loop processes it.
 //!
-//! A front (the socket today) says what is requested and by whom; [`super::Gateway`] prepares a start, queues the request and
-//! waits for the reply. Signals and scripted runs hand over the same type. What the table of the cycle decides about is a
-//! [`cycle::Request`] inside of it.
+//! A front (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues the
+//! request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
+//! table decides contains a [`cycle::Request`].
 
 use super::lending::ShotRequest;
 use super::replay::RecordingPlan;
@@ -25,12 +25,12 @@ pub struct Request {
     pub what: What,
     /// Who requests it, and through which front.
     pub who: Who,
-    /// Where the reply goes; `None` where nobody waits for one.
+    /// The channel for the reply; `None` if no client waits for one.
     pub reply: Option<oneshot::Sender<Reply>>,
 }
 
 impl Request {
-    /// A request whose reply nobody waits for.
+    /// Creates a request for whose reply no client waits.
     pub fn new(what: What, who: Who) -> Self {
         Request { what, who, reply: None }
     }
@@ -47,7 +47,7 @@ pub enum What {
     State,
     /// A cycle, as a front names it. The loop sees it as `Begin` or `Unprepared`.
     Start(StartRequest),
-    /// A cycle whose files were read.
+    /// A cycle; its files have been read.
     Begin(Box<PreparedCycle>),
     /// A cycle that was refused when its files were read. The loop only records it.
     Unprepared {
@@ -56,7 +56,7 @@ pub enum What {
         /// Why the cycle cannot begin.
         reasons: Vec<Reason>,
     },
-    /// To record that a new disc was mounted. Possible where the cell rests.
+    /// To record that a new disc was mounted. Possible while the cell is at rest.
     NewDisc,
     /// What the table of the cycle decides about.
     Table(cycle::Request),
@@ -76,7 +76,7 @@ pub enum What {
     },
     /// Pictures of the cell's cameras, while the cell rests without a cycle.
     Shoot(ShotRequest),
-    /// To end the program, where the cell rests.
+    /// To end the program, if the cell is at rest.
     Leave,
 }
 
@@ -87,7 +87,7 @@ impl std::fmt::Debug for What {
 }
 
 impl What {
-    /// What is requested, as it stands in the log.
+    /// Returns the request as text for the log.
     pub(super) fn words(&self) -> String {
         match self {
             What::State => "state".to_owned(),
@@ -104,7 +104,7 @@ impl What {
         }
     }
 
-    /// What it asks of the table, if it asks anything of it.
+    /// Returns the request to the table, if it contains one.
     pub(super) fn of_table(&self) -> Option<cycle::Request> {
         match self {
             What::Table(request) => Some(*request),
@@ -127,17 +127,18 @@ pub struct StartRequest {
     pub recipe: String,
     /// Its text.
     pub text: String,
-    /// Where the cycle is recorded, where it is.
+    /// The place in which the cycle is recorded, if it is recorded.
     #[serde(default)]
     pub record: Option<RecordIn>,
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
-    /// A person says that another part than in the cycles before lies in the fixture: abrasions count from zero.
+    /// A person states that the part in the fixture is not the part of the earlier cycles: abrasions count from
+    /// zero.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub another_part: bool,
-    /// Whether the text may be another than the recipes' folder has. The front decides it by the person's role; no line of a
-    /// client can say so.
+    /// Whether the text may differ from the text in the recipes' folder. The front decides this by the person's
+    /// role; a client's line cannot state it.
     #[serde(skip)]
     pub own_text: OwnText,
 }
@@ -148,11 +149,11 @@ pub enum OwnText {
     /// Only a recipe of the folder, by name and content.
     #[default]
     Refused,
-    /// Any text; the record says that it is none of the folder's.
+    /// Any text; the record states that it is not from the folder.
     Allowed,
 }
 
-/// Where a cycle is recorded.
+/// The place in which a cycle is recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecordIn {
@@ -162,17 +163,17 @@ pub enum RecordIn {
     File(PathBuf),
 }
 
-/// A cycle whose files were read and checked; the loop can begin it.
+/// A cycle with its files read and checked; the loop can begin it.
 #[derive(Debug)]
 pub struct PreparedCycle {
-    /// How the table is asked to begin.
+    /// The request to the table to begin.
     pub request: cycle::Request,
     /// Recipe, taught panel and calibrations.
     pub setup: CycleSetup,
     /// What the cycle's record begins with.
     pub start: CycleStart,
-    /// How it is recorded, where it is.
+    /// How the cycle is recorded, if it is recorded.
     pub recording: Option<RecordingPlan>,
-    /// What the record says of the start, though it is taken.
+    /// Remarks on the start for the record, although the start is accepted.
     pub remarks: Vec<Reason>,
 }

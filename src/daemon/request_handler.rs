@@ -1,8 +1,9 @@
-//! What the service does with requests: it hands them to the loop, answers who waits, and tells systemd how the cell stands.
+//! Processing of requests in the service: passes them to the loop, answers the clients that wait, and reports the
+//! state of the cell to systemd.
 //!
-//! The loop calls it each time it comes round. It then also asks the supervisor about the other threads, so that what systemd
-//! hears (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a second one aborts; the service ends
-//! from Stopped or Aborted only.
+//! The loop calls it in every iteration. It then also asks the supervisor about the other threads, so that the sign
+//! to systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a second one aborts;
+//! the service ends from Stopped or Aborted only.
 
 use super::lending::SharedCameras;
 use super::ports::{News, Requester};
@@ -38,9 +39,9 @@ pub struct EndedCycle {
 pub struct ServiceParts {
     /// Which cycle is recorded.
     pub recording: RecordingSwitch,
-    /// Asks all threads whether they work.
+    /// Checks whether all threads work.
     pub supervisor: Supervisor,
-    /// Where the page of a cycle that has ended is ordered.
+    /// The channel by which the page of an ended cycle is ordered.
     pub pages: Sender<EndedCycle>,
     /// The page that was written last.
     pub written: WrittenPage,
@@ -48,7 +49,7 @@ pub struct ServiceParts {
     pub cameras: Option<SharedCameras>,
 }
 
-/// The phase inside Execute, and the one in which a cycle that is held goes on.
+/// Returns the phase inside Execute; for a held cycle, the phase in which it continues.
 fn phase(at: At) -> Option<Phase> {
     match at {
         At::Execute(phase) => Some(phase),
@@ -58,12 +59,13 @@ fn phase(at: At) -> Option<Phase> {
     }
 }
 
-/// systemd hears of a loop that works so many times in what its watchdog allows: one that comes late leaves more than half of it.
+/// Number of signs that a working loop gives systemd within the time of its watchdog: if one is late, more than
+/// half of this time is left.
 const SIGNS: u32 = 4;
 /// How long the loop waits for a request while the cell rests.
 const REST: Duration = Duration::from_millis(20);
 
-/// So many requests for the state are answered in one round of the loop.
+/// Largest number of requests for the state that are answered in one iteration of the loop.
 const MOST_ANSWERED: usize = 64;
 
 /// Of this many steps of the table it is known what they showed: more than a cycle has between two holds.
@@ -81,14 +83,14 @@ struct Ordered {
 #[derive(Debug)]
 pub struct RequestHandler {
     queue: RequestQueue,
-    /// Where the reply to the request that the loop has taken goes.
+    /// The channel for the reply to the request that the loop has accepted.
     waiting: Option<oneshot::Sender<Reply>>,
     /// Whether that request is a reset.
     waits_for_reset: bool,
     signals: u8,
-    /// For how many of the signals the table was asked.
+    /// The number of signals for which the table was asked.
     obeyed: u8,
-    /// The state that systemd was told last.
+    /// The state that was last reported to systemd.
     told: Option<At>,
     /// How often systemd wants to hear from the loop, and when it last did.
     watchdog: Option<(Duration, Instant)>,
@@ -107,7 +109,7 @@ pub struct RequestHandler {
     film_s: Option<f64>,
     /// What was done, for the reply.
     done: Option<String>,
-    /// The cycle whose page is due once the cell rests.
+    /// The cycle whose page is due once the cell is at rest.
     ended: Option<CycleId>,
     /// What was last found wrong, and what was found before something new was requested.
     noted: Vec<Reason>,
@@ -119,8 +121,8 @@ pub struct RequestHandler {
 }
 
 impl RequestHandler {
-    /// Handles the requests of this queue. `left` is the cycle that an earlier process did not end. It tells systemd that the
-    /// loop works while the supervisor finds that all threads do.
+    /// Handles the requests of this queue. `left` is the cycle that an earlier process did not end. Reports to
+    /// systemd that the loop works, as long as the supervisor finds that all threads work.
     pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
         let (sign, _) = supervised("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / SIGNS, Instant::now()));
@@ -210,7 +212,7 @@ impl RequestHandler {
         }
     }
 
-    /// Tells systemd; without it nobody listens.
+    /// Notifies systemd; has no effect without systemd.
     fn notify(states: &[NotifyState<'_>]) {
         if let Err(error) = sd_notify::notify(states) {
             tracing::warn!("systemd cannot be told: {error}");
@@ -288,7 +290,7 @@ impl RequestHandler {
         request
     }
 
-    /// What the signals so far ask for.
+    /// Returns the request that follows from the signals so far.
     fn leaving(&mut self, state: &State) -> Option<Request> {
         if self.signals == 0 {
             return None;
@@ -335,7 +337,7 @@ impl RequestHandler {
             return Ok(Some(request));
         }
         let mut patience = if state.at.rests() { REST } else { Duration::ZERO };
-        // All who ask for the state are answered in one round: they take no turns from those who request more.
+        // All requests for the state are answered in one iteration: they use no turns of other requests.
         for _ in 0..MOST_ANSWERED {
             let Some(request) = self.queue.next(patience) else { break };
             match request.what {

@@ -1,4 +1,4 @@
-//! Requests on the record: what was requested, by whom, and what came of it.
+//! Requests on the record: the request, its author, and its result.
 
 use super::ports::{News, RecordCommand, RobotPort};
 use super::running::Running;
@@ -8,8 +8,8 @@ use crate::record::{Answer, Clock, Front, RequestRecord, Wanted, Who};
 use crate::verdict::Reason;
 
 impl Running<'_> {
-    /// After an event's effects: what was asked by it, and whether it was refused. A reset that fails on its way is a
-    /// line of its own, since it was taken before.
+    /// Records a request after an event's effects: what the event requested, and whether it was refused. A reset
+    /// that fails later is a separate line, since it was accepted before.
     pub(super) fn keep_request(
         &mut self,
         event: Event,
@@ -49,7 +49,7 @@ impl Running<'_> {
         Ok(self.ports.record.keep(RecordCommand::Asked(asked))?)
     }
 
-    /// Keeps that a new disc was mounted, where the cell rests.
+    /// Records that a new disc was mounted, if the cell is at rest.
     pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
         if self.state.at.rests() {
             self.ports.record.keep(RecordCommand::MountDisc)?;
@@ -62,7 +62,7 @@ impl Running<'_> {
         self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 
-    /// Keeps what the clock says: where a cycle begins, and where it is concluded.
+    /// Records the clock's time: when a cycle begins, and when it is concluded.
     pub(super) fn keep_clock(&mut self) -> Result<(), DaemonError> {
         let clock = match self.lock_step {
             true => {

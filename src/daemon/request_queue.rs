@@ -1,10 +1,12 @@
 //! Requests on their way to the loop, in the order of their urgency.
 //!
-//! A stop, an abort and a signal go before everything else and always find a place. Of other requests only a few of each
-//! user wait at one time, so that nobody who sends requests without end can take the loop's turns from the others.
+//! A stop, an abort and a signal go before everything else and always find a place. Of the other requests, only a
+//! few of each user wait at one time, so that a client that sends requests without end cannot use the other
+//! clients' turns.
 //!
-//! What is urgent goes to the wire as it is put in: the abort frame waits neither for the loop nor for a disk on which the loop waits.
-//! The loop then finds the request, writes it to the journal and does whatever else a stop is.
+//! An urgent request is sent on the wire when it is put in: the abort frame waits neither for the loop nor for a
+//! disk on which the loop waits. The loop then finds the request, writes it to the journal and does everything else
+//! that belongs to a stop.
 
 use super::reply::Reply;
 use super::request::{Request, What};
@@ -18,11 +20,11 @@ use tokio::sync::oneshot;
 const MOST_OF_USER: usize = 8;
 const MOST: usize = 32;
 
-/// The end of the queue where requests are put in, from any thread.
+/// The end of the queue at which requests are put in, from any thread.
 #[derive(Debug, Clone)]
 pub struct RequestSender(Arc<Shared>);
 
-/// The end where the loop takes them out. Once it is dropped, no request is taken any more.
+/// The end at which the loop takes requests out. Once it is dropped, no more requests are accepted.
 #[derive(Debug)]
 pub struct RequestQueue(Arc<Shared>);
 
@@ -35,7 +37,7 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct Inside {
-    /// Each with whoever else waits for the same stop or abort.
+    /// Each with the other clients that wait for the same stop or abort.
     urgent: VecDeque<(Request, Followers)>,
     others: VecDeque<Request>,
     /// Who waits for the same as the urgent request that was taken last.
@@ -43,7 +45,7 @@ struct Inside {
     is_closed: bool,
 }
 
-/// Where more replies to one request go.
+/// The channels for more replies to one request.
 type Followers = Vec<oneshot::Sender<Reply>>;
 
 impl Inside {
@@ -66,7 +68,7 @@ impl Inside {
         Some(request)
     }
 
-    /// The next of the others that somebody waits for, or whose reply nobody ever wanted.
+    /// Returns the next of the other requests for which a client waits, or which never needed a reply.
     fn waited_for(&mut self) -> Option<Request> {
         loop {
             let request = self.others.pop_front()?;
@@ -116,7 +118,7 @@ impl RequestSender {
     /// Puts a request in its place.
     ///
     /// # Errors
-    /// Where the loop has ended or too many requests wait.
+    /// If the loop has ended or too many requests wait.
     pub fn send(&self, request: Request) -> Result<(), NotTaken> {
         let mut inside = self.0.lock();
         if inside.is_closed {
@@ -134,7 +136,8 @@ impl RequestSender {
             inside.others.push_back(request);
         }
         drop(inside);
-        // The request waits already when the robot's answer to the frame comes, so that the loop knows what stopped it.
+        // The request is already in the queue when the robot's answer to the frame comes, so that the loop knows
+        // the cause of the stop.
         if let Some(line) = self.0.stop_line.get().filter(|_| is_urgent) {
             line.stop();
         }
@@ -150,8 +153,9 @@ impl RequestSender {
 }
 
 impl RequestQueue {
-    /// The most urgent request; waits at most this long for one. Requests whose client timed out are discarded and never executed late: the
-    /// operator was informed of the failure and may be at the panel. Stop and Abort are executed in any case.
+    /// Returns the most urgent request; waits at most this long for one. Requests whose client timed out are
+    /// discarded and never executed late: the operator was informed of the failure and may be at the panel. Stop
+    /// and Abort are executed in any case.
     pub fn next(&self, patience: Duration) -> Option<Request> {
         let until = Instant::now() + patience;
         let mut inside = self.0.lock();
@@ -177,7 +181,7 @@ impl Drop for RequestQueue {
     fn drop(&mut self) {
         let mut inside = self.0.lock();
         inside.is_closed = true;
-        // Dropping a request tells whoever waits for its reply that there is none.
+        // Dropping a request informs the client that waits that there is no reply.
         (inside.urgent, inside.others, inside.followers) = Default::default();
     }
 }

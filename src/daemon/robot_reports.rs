@@ -43,7 +43,7 @@ impl Running<'_> {
                 self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
             }
             R::Progress { done } => self.executed(done)?,
-            // The state says that it stands there.
+            // The state reports that the robot is at rest there.
             R::PathDone { .. } => {}
             R::Standstill { done } => self.stood_still(done),
             R::Refused { refusal, id } => {
@@ -101,7 +101,7 @@ impl Running<'_> {
         self.look(state)
     }
 
-    /// Holds what a state tells against what was proven.
+    /// Compares the reported state with what was proven.
     fn watch_outputs(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         let contrary = self.contrary.of(&self.cell.wiring, &self.state.facts, state);
         let Some(switch) = contrary else { return Ok(()) };
@@ -117,7 +117,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// A switch whose deadline is over is told with what was waited for.
+    /// Names, for a switch whose deadline is over, the feedback that was missing.
     pub(super) fn name_unproven(&mut self, over: Report) -> Result<(), DaemonError> {
         let Report::Deadline { id: over, which: Deadline::Answer } = over else { return Ok(()) };
         let switch = self.pending.as_ref().filter(|pending| pending.id == over).map(|pending| pending.act);
@@ -149,7 +149,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Keeps where the tool is on a contact path, as it is measured, and leaves the path where that is far from the plan.
+    /// Records the measured position of the tool on a contact path, and leaves the path if the position is far from
+    /// the plan.
     fn follow(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         let contact = |pending: &Pending| match (pending.act, &pending.waits) {
             (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
@@ -169,8 +170,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// How far the tip is measured off the planned path, and how far it may be, mm, where it is farther: a little more is left to the
-    /// grade of the whole path.
+    /// Returns the measured distance of the tip from the planned path, and its limit, mm, if the distance is
+    /// larger. Smaller excesses are left to the grade of the whole path.
     fn far_off_path(&self, sent: Sent, done: u32, state: &eki::State) -> Option<(f64, f64)> {
         let cycle = self.setup()?;
         let allowed_mm = FAR_OFF_LIMITS * off_limit_mm(cycle.recipe.path());

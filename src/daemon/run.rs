@@ -25,18 +25,18 @@ use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A stop or an abort that changes nothing is recorded so often, of each person.
+/// For each person, the shortest time between two recorded stops or aborts that change nothing.
 const REFUSED_AGAIN: Duration = Duration::from_secs(1);
 
 /// What the loop is connected to.
 pub struct Ports<'a> {
     /// The robot.
     pub robot: &'a mut dyn RobotPort,
-    /// The compliant tool; asked for nothing where the tool is a spring.
+    /// The compliant tool; not used if the tool is a spring.
     pub tool: &'a mut dyn ToolPort,
     /// The record.
     pub record: &'a mut dyn RecordPort,
-    /// Where requests come from.
+    /// The source of requests.
     pub requests: &'a mut dyn RequestPort,
     /// The queue of what is seen and computed, which has the cameras.
     pub computing: Computing<'a>,
@@ -44,11 +44,11 @@ pub struct Ports<'a> {
     pub lock_step: bool,
 }
 
-/// Where the loop begins.
+/// The start of the loop.
 pub struct LoopStart {
     /// The cell.
     pub cell: Arc<CellSetup>,
-    /// The one cycle that is run; none where cycles are requested, one after the other.
+    /// The one cycle that is run; `None` if cycles are requested, one after the other.
     pub cycle: Option<Arc<CycleSetup>>,
     /// The state to which the journal leads.
     pub state: State,
@@ -61,21 +61,22 @@ pub struct LoopStart {
 pub struct LoopOutcome {
     /// The state that was left.
     pub state: State,
-    /// The last verdict, where a cycle ran.
+    /// The last verdict, if a cycle ran.
     pub verdict: Option<Verdict>,
-    /// Where the panel stands.
+    /// The place of the panel.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
     /// The films, in order.
     pub inspections: Vec<Arc<Inspection>>,
-    /// In how many passes each grid was abraded, where it was.
+    /// The number of passes in which each grid was abraded, for the grids that were abraded.
     pub passes: Vec<(GridId, usize)>,
 }
 
-/// Runs the loop until somebody requests to leave a state that rests. A service, a single cycle and a replay are this same loop
-/// on other ports.
+/// Runs the loop until a request to leave comes in a state of rest. A service, a single cycle and a replay are this
+/// same loop on other ports.
 ///
 /// # Errors
-/// Where the record cannot be written, or a thread of the program failed: the robot is told to stop, and nothing more is done.
+/// If the record cannot be written, or a thread of the program failed: the robot is commanded to stop, and nothing
+/// more is done.
 pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonError> {
     let LoopStart { cell, cycle, state, before } = start;
     let Ports { robot, tool, record, requests, computing, lock_step } = ports;
@@ -168,8 +169,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Whether this is a stop or an abort that changes nothing, and the same person's last one was refused and recorded just now. Anybody
-    /// may ask for one at any time, and each line of the record takes the disk.
+    /// Checks whether this is a stop or an abort that changes nothing, and the same person's last one was refused
+    /// and recorded just now. Anyone may request one at any time, and each line of the record uses the disk.
     fn refused_just_now(&mut self, event: Event) -> Option<(cycle::Request, Refusal)> {
         let Event::Asked(request @ (cycle::Request::Stop | cycle::Request::Abort)) = event else { return None };
         let (_, effects) = step(self.state, event);
@@ -226,7 +227,7 @@ impl Running<'_> {
             }
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
             if computes && self.lock_step {
-                // Time stands, so that how fast the machine is cannot matter.
+                // Time does not pass here, so that the speed of the computer cannot matter.
                 self.comes_in(GLANCE)?;
                 continue;
             }
@@ -276,7 +277,7 @@ impl Running<'_> {
         Ok(TakenUp::Done)
     }
 
-    /// Whether the disk was found full and still is; whoever asks is told.
+    /// Returns whether the disk was found full and still is; if so, informs the client.
     fn lacks_room(&mut self) -> bool {
         let wrong = if self.is_disk_full { self.ports.record.check() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
@@ -286,7 +287,7 @@ impl Running<'_> {
         self.is_disk_full
     }
 
-    /// Takes what was computed, where it is there; waits so long for it.
+    /// Accepts the result of the computation, if it is ready; waits at most this long for it.
     fn comes_in(&mut self, patience: Duration) -> Result<bool, DaemonError> {
         let ready = self.computing.ready(patience);
         if !ready.is_some_and(|id| self.ports.requests.lets_in(id)) {
@@ -298,8 +299,8 @@ impl Running<'_> {
         Ok(true)
     }
 
-    /// Takes a prepared cycle and asks the table to begin it. Where the table refuses, or the record cannot begin, nothing
-    /// of it is taken.
+    /// Accepts a prepared cycle and asks the table to begin it. If the table refuses, or the record cannot begin,
+    /// nothing is changed.
     fn begin_cycle(&mut self, prepared: PreparedCycle) -> Option<Event> {
         let event = Event::Asked(prepared.request);
         let (_, effects) = step(self.state, event);
@@ -321,7 +322,7 @@ impl Running<'_> {
         self.cycle = Some(Arc::new(prepared.setup));
         self.remarks = prepared.remarks;
         (self.perception, self.abrasion, self.verdict) = (Perception::default(), Abrasion::default(), None);
-        // What was heard of the tool before is no part of this cycle's recording: it is heard and told anew.
+        // Earlier reports of the tool are not part of this cycle's recording: the tool is read and commanded anew.
         (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());
         self.left_at = 0;
         Some(event)
@@ -337,7 +338,7 @@ impl Running<'_> {
             Effect::OpenIntent(motion) => self.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => self.close_intent(&motion, outcome, done)?,
             Effect::Conclude { verdict } => {
-                // A cycle that an earlier process left is concluded before this one's clock says anything.
+                // A cycle that an earlier process left is concluded before this process's clock gives a time.
                 if self.condition != cycle::Robot::Unknown {
                     self.keep_clock()?;
                 }
@@ -376,7 +377,7 @@ impl Running<'_> {
         })
     }
 
-    /// The longest that the act that is due may take, s.
+    /// Returns the time limit of the act that is due, s.
     fn answer_s(&self) -> f64 {
         match self.state.due.map(|due| due.act) {
             Some(Act::Move(motion)) => {
@@ -403,7 +404,7 @@ enum TakenUp {
     Happens(Event),
     /// It was dealt with.
     Done,
-    /// The program is to end, where the cell rests.
+    /// The program is to end, if the cell is at rest.
     Leave,
 }
 
@@ -413,9 +414,9 @@ const FEEDBACK_S: f64 = 5.0;
 const COMPUTING_S: f64 = 60.0;
 const MOVE_S: f64 = 120.0;
 const FILM_SPARE_S: f64 = 10.0;
-/// What no recipe says, as before the first cycle, takes the longest that a recipe may say.
+/// Time limit if no recipe states one, as before the first cycle: the longest that a recipe may state.
 const LONGEST_S: f64 = 600.0;
 /// How long the loop waits for a computation before it looks elsewhere.
 const GLANCE: Duration = Duration::from_millis(5);
-/// A contact path may take this many times what it takes at its feed: turns are slower.
+/// A contact path may last this many times its duration at its feed: turns are slower.
 const SLOWEST: f64 = 5.0;

@@ -23,7 +23,7 @@ use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// The ports but the cameras, which are where it is computed.
+/// All ports except the cameras, which are used by the computing thread.
 pub(super) struct Outside<'a> {
     pub robot: Corrected<'a>,
     pub tool: &'a mut dyn ToolPort,
@@ -32,7 +32,7 @@ pub(super) struct Outside<'a> {
 }
 
 impl Outside<'_> {
-    /// What the robot's clock says.
+    /// Returns the time of the robot's clock.
     pub fn robot_now(&mut self) -> Time {
         self.robot.now()
     }
@@ -58,19 +58,20 @@ pub(super) struct Running<'p> {
     pub pressing: Pressing,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
-    /// Where the panel of the cycles before stood last, as far as it is known.
+    /// The last place of the panel in the earlier cycles, as far as it is known.
     pub last_place: Option<KukaPose>,
     /// The axes at the end of the last path. After a stop, an abort, a lost robot and a start of the program, and on the way, there are none.
     pub stood: Option<Joints>,
-    /// What the record says of the start that was taken up last.
+    /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,
-    /// Waypoints of the path whose epoch was ended last, until the next motion: an answer that tells them may be given up for something else.
+    /// Executed waypoints of the path whose epoch was ended last, until the next motion: an answer that reports
+    /// them may be dropped for something else.
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
     /// What was reported to the table of the override; `None` before that.
     pub full_override: Option<bool>,
-    /// What a state told otherwise than it was proven.
+    /// Contradictions between a reported state and what was proven.
     pub contrary: Contrary,
     pub verdict: Option<Verdict>,
     /// Who made the request that was taken up last.
@@ -83,7 +84,7 @@ pub(super) struct Running<'p> {
     pub is_disk_full: bool,
     /// A request was taken up, and the robot has not had its turn since.
     pub has_taken_up: bool,
-    /// The stop or abort that was refused last, whose it was, and when that came on the record.
+    /// The last refused stop or abort, its author, and when it was recorded.
     pub last_refused: Option<(cycle::Request, Who, Time)>,
 }
 
@@ -129,7 +130,7 @@ impl<'p> Running<'p> {
         }
     }
 
-    /// Goes on where another loop began a cycle.
+    /// Continues from the point at which another loop began a cycle.
     pub(super) fn remember(&mut self, before: Begin) {
         if let Begin::Cycle { robot, armed, place } = before {
             self.last_place = place;
@@ -140,7 +141,7 @@ impl<'p> Running<'p> {
         }
     }
 
-    /// What the phases of the cycle take.
+    /// Returns the data that the phases of the cycle use.
     pub(super) fn setup(&self) -> Option<&CycleSetup> {
         self.cycle.as_deref()
     }

@@ -4,7 +4,7 @@ use crate::cycle::{Id, Motion, Path};
 use crate::eki::CommandId;
 use crate::geometry::{Base, Joints, Rigid, Tool};
 
-/// Where a path ends.
+/// The end of a path.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum End {
     Joints(Joints),
@@ -33,7 +33,7 @@ impl Sent {
         self.first
     }
 
-    /// Waypoints executed, where all commands up to this one are.
+    /// Returns the number of executed waypoints if all commands up to this one are executed.
     pub fn waypoints(&self, done: CommandId) -> u32 {
         if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)

@@ -15,26 +15,26 @@ use crate::requirements::recipe_fits::force_fits;
 use crate::stages::removal::RemovedBefore;
 use std::sync::{Arc, OnceLock};
 
-/// Where cameras and tool are, as calibrated.
+/// Poses of the cameras and the tool, as calibrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibrations {
     /// The 3D camera.
     pub scanner: PinholeCamera,
     /// Its own errors.
     pub scan_errors: ScanErrors,
-    /// Where it stands.
+    /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
     /// The flange camera.
     pub flange_camera: PinholeCamera,
     /// How it is mounted.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// Where the sanding tool's contact is.
+    /// Pose of the sanding tool's contact.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// Error of both camera mounts at the panel, mm, 95 %, where their files state it.
+    /// Error of both camera mounts at the panel, mm, 95 %, if their files state it.
     pub hand_eye_mm: Option<f64>,
-    /// Error of robot and tool, mm, 95 %, where the tool was touched against known points.
+    /// Error of robot and tool, mm, 95 %, if the tool was touched against known points.
     pub robot_mm: Option<f64>,
-    /// What the disc takes off, where that is calibrated.
+    /// The removal by the disc, if it is calibrated.
     pub removal: Option<Model>,
 }
 
@@ -51,21 +51,21 @@ pub struct CellSetup {
     pub control_bit: Option<u32>,
     /// The output that warns before the first motion, with its bit of the state message's `Out`.
     pub warning_output: Option<(u16, u32)>,
-    /// The compliant tool, where the sanding tool is one.
+    /// The compliant tool, if the sanding tool is one.
     pub tool: Option<CompliantTool>,
-    /// The sum of the controller's programs with which the cell was accepted, where one was kept.
+    /// The checksum of the controller's programs with which the cell was accepted, if one was kept.
     pub programs_sum: Option<i32>,
-    /// Where the arm parks.
+    /// The pose in which the arm parks.
     pub park: Joints,
-    /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
+    /// `[poses.ready]`: on the way to and from the park pose, if the cell names one.
     pub ready: Option<Joints>,
 }
 
 impl CellSetup {
-    /// Takes what the cell's file states.
+    /// Reads the values that the cell's file states.
     ///
     /// # Errors
-    /// Where the cell does not name what a cycle needs.
+    /// If the cell does not name what a cycle needs.
     pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
         cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
         Ok(CellSetup {
@@ -86,7 +86,7 @@ impl CellSetup {
     }
 }
 
-/// What one cycle works with: the loop and the thread that computes share it, and nothing of it changes while the cycle runs.
+/// The data of one cycle: the loop and the computing thread share it, and it does not change while the cycle runs.
 #[derive(Debug, Clone)]
 pub struct CycleSetup {
     /// The cell.
@@ -96,23 +96,23 @@ pub struct CycleSetup {
     /// What was taught.
     pub panel: TaughtPanel,
     taught_model: Arc<OnceLock<Result<TaughtModel, LocateError>>>,
-    /// Its corners; the corner loop takes the first ones whose moves pass the gate.
+    /// Its corners; the corner loop uses the first ones whose moves pass the gate.
     pub corners: Vec<TaughtCorner>,
     /// The calibrations.
     pub calibrations: Calibrations,
-    /// Where in its picture the flange camera's lens is known.
+    /// The area of its picture in which the flange camera's lens is known.
     pub lens: LensExtent,
     /// What earlier cycles removed of this part.
     pub removed_before: RemovedBefore,
 }
 
 impl CycleSetup {
-    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations with what is known of the flange
-    /// camera's lens.
+    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations with the known extent of
+    /// the flange camera's lens.
     ///
     /// # Errors
-    /// Where no corner was taught, or one where the lens is not known: the camera looks at it there again. Where the recipe
-    /// states a force and the tool has none, or the other way round.
+    /// If no corner was taught, or one was taught at a place where the lens is not known: the camera views it there
+    /// again. If the recipe states a force and the tool has none, or the other way round.
     pub fn new(
         cell: Arc<CellSetup>,
         recipe: Recipe,
@@ -132,7 +132,7 @@ impl CycleSetup {
         Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before })
     }
 
-    /// The same for a part of which earlier cycles removed so much.
+    /// Returns the same for a part from which earlier cycles removed this amount.
     #[must_use]
     pub fn after(self, removed_before: RemovedBefore) -> Self {
         CycleSetup { removed_before, ..self }
@@ -167,7 +167,7 @@ impl CycleSetup {
         }
     }
 
-    /// What is asked of a film.
+    /// Returns the demands on a film.
     pub fn demands(&self) -> Demands {
         Demands::of(&self.recipe, &self.cell.limits)
     }

@@ -1,4 +1,4 @@
-//! Where recipes and calibrations come from.
+//! The source of recipes and calibrations.
 
 use crate::files::content_hash;
 use crate::geometry::ColorPicture;
@@ -21,10 +21,10 @@ impl RecipeText {
         content_hash(self.text.as_bytes())
     }
 
-    /// The recipe, if it is the one that a person decided upon.
+    /// Returns the recipe if it is the one on which a person decided.
     ///
     /// # Errors
-    /// Where it has another text by now.
+    /// If its text has changed since then.
     pub fn decided_upon(self, sha256: &str) -> Result<Self, String> {
         let found = self.sha256();
         if sha256.trim().eq_ignore_ascii_case(&found) {
@@ -38,7 +38,7 @@ impl RecipeText {
     }
 }
 
-/// A camera, the tool or another thing whose calibration has an age.
+/// A camera, the tool or another item with a calibration that has an age.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Equipment {
     /// What it is.
@@ -49,7 +49,7 @@ pub struct Equipment {
     pub verification: String,
 }
 
-/// A thing that was looked at, as `panelprep doctor` tells it.
+/// An item that was examined, as `panelprep doctor` reports it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Examined {
     /// What it is.
@@ -58,55 +58,55 @@ pub struct Examined {
     pub is_right: bool,
     /// What was found.
     pub found: String,
-    /// What to do about it; empty where it is right.
+    /// What to do about it; empty if it is right.
     pub advice: String,
 }
 
-/// Where recipes and calibrations come from. Names of recipes are those of files in one folder.
+/// The source of recipes and calibrations. Names of recipes are those of files in one folder.
 pub trait SetupSource: Send + Sync {
-    /// The recipes that are offered.
+    /// Returns the recipes that are offered.
     ///
     /// # Errors
-    /// Where the folder cannot be read, in words.
+    /// If the folder cannot be read, in words.
     fn recipes(&self) -> Result<Vec<String>, String>;
 
-    /// One of them.
+    /// Returns one of them.
     ///
     /// # Errors
-    /// Where there is no such recipe or it cannot be read, in words.
+    /// If there is no such recipe or it cannot be read, in words.
     fn recipe(&self, name: &str) -> Result<RecipeText, String>;
 
-    /// The recipe that the office offers in the place of this one; `None` where it offers none, or the same.
+    /// Returns the recipe that the office offers in place of this one; `None` if it offers none, or the same.
     ///
     /// # Errors
     /// As [`SetupSource::recipe`].
     fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
-    /// What is wrong with a recipe, as `panelprep check` says it; nothing where it is right.
+    /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is right.
     fn problems(&self, name: &str, text: &str) -> Vec<String>;
 
-    /// Writes a recipe in place of the one with this name; the former text comes back.
+    /// Writes a recipe in place of the one with this name; returns the former text.
     ///
     /// # Errors
-    /// Where it is wrong or the disk refuses, in words.
+    /// If it is wrong or the disk refuses, in words.
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String>;
 
-    /// The picture of the scan by which the recipe's panel was taught.
+    /// Returns the picture of the scan by which the recipe's panel was taught.
     ///
     /// # Errors
-    /// Where there is no such recipe, it is wrong, or its panel was not taught, in words.
+    /// If there is no such recipe, it is wrong, or its panel was not taught, in words.
     fn taught_picture(&self, name: &str) -> Result<ColorPicture, String>;
 
     /// What is or will soon be in the way of a cycle, apart from the cameras: the disk, and the age of verifications.
     fn standing(&self) -> Vec<Reason>;
 
-    /// Looks at the whole cell, as `panelprep doctor` does; nothing moves. It may take some seconds.
-    /// What cannot be read is a finding.
+    /// Examines the whole cell, as `panelprep doctor` does; nothing moves. It may need some seconds. If something
+    /// cannot be read, that is a finding.
     fn examine(&self) -> Vec<Examined>;
 
-    /// The equipment, and whether a cycle may start with it.
+    /// Returns the equipment, and whether a cycle may start with it.
     ///
     /// # Errors
-    /// Where a file cannot be read, in words.
+    /// If a file cannot be read, in words.
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
 }
 

@@ -22,16 +22,17 @@ use crate::supervision::ThreadFault;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
-/// How long a controller may take to answer at all, by the wall clock: it may still be closing the client before.
+/// Time limit for a controller to answer at all, by the wall clock: it may still be closing the connection of the
+/// previous client.
 const CONNECT: Duration = Duration::from_secs(4);
-/// How long a switch, a frame or a subroutine may take, and a way through air, by the robot's clock.
+/// Time limits for a switch, a frame or a subroutine, and for a way through air, by the robot's clock.
 const SHORT: Duration = Duration::from_secs(30);
 const LONG: Duration = Duration::from_secs(300);
-/// How long the next state may take, by the robot's clock.
+/// Time limit for the next state, by the robot's clock.
 const HEARD: Duration = Duration::from_secs(1);
-/// Reports that may wait before the one that says why the link was lost.
+/// Largest number of reports that may wait before the one that states why the link was lost.
 const MOST_REPORTS: usize = 32;
-/// How long the arm may take to stand before a function, by the robot's clock.
+/// Time limit for the arm to come to rest before a function, by the robot's clock.
 const REST: Duration = Duration::from_secs(5);
 
 /// Why a function was not done.
@@ -46,7 +47,7 @@ pub enum SingleError {
     /// It cannot be sent.
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The gate says no.
+    /// The gate refuses it.
     #[error("the gate refuses: {}", words(.0))]
     Gate(Judgement),
     /// The robot did not do it.
@@ -55,7 +56,7 @@ pub enum SingleError {
     /// The link was lost on the way.
     #[error("the link to the controller was lost: {0}; the controller stops by itself")]
     LinkLost(LinkLoss),
-    /// It takes too long.
+    /// It exceeds its time limit.
     #[error("not done after {} s of the robot's time; it was told to stop", .0.as_secs())]
     Late(Duration),
 }
@@ -67,7 +68,7 @@ fn words(judgement: &Judgement) -> String {
 /// A straight line, in a base and with a tool of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// Where the tip goes, in `base`.
+    /// The target of the tip, in `base`.
     pub to: KukaPose,
     /// The base, in the robot's own.
     pub base: KukaPose,
@@ -82,7 +83,7 @@ pub struct Line {
 pub struct Mounted {
     /// What it is, such as the sanding tool.
     pub name: &'static str,
-    /// Where its end is.
+    /// The pose of its end.
     pub flange_from_tip: Rigid<Flange, Tool>,
 }
 
@@ -97,7 +98,7 @@ impl<'r> Single<'r> {
     /// Waits until the controller has answered. Nothing moves.
     ///
     /// # Errors
-    /// Where none answers.
+    /// If no controller answers.
     pub fn connect(robot: &'r mut dyn RobotPort, arm: &Arm) -> Result<Self, SingleError> {
         let mut robot = Corrected::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
@@ -113,36 +114,39 @@ impl<'r> Single<'r> {
         Err(why.map_or(SingleError::Silent, SingleError::NoController))
     }
 
-    /// With what is mounted on the flange: every motion keeps it clear of what stands in the cell, whatever tool the controller has.
+    /// Adds the items mounted on the flange: every motion keeps them clear of the objects in the cell, regardless
+    /// of the controller's tool.
     #[must_use]
     pub fn carrying(self, mounted: Vec<Mounted>) -> Self {
         Single { mounted, ..self }
     }
 
-    /// Whether the arm is the one of the cell's file: its tip stands where the axes put it.
+    /// Checks whether the arm is the one of the cell's file: its tip must be where the axes put it.
     ///
     /// # Errors
-    /// How far apart the two are.
+    /// The distance between the two.
     pub fn is_the_cells_arm(&self, cell: &Cell) -> Result<(), Reason> {
         let state = &self.state;
         let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
         routes::is_the_arm(&Kinematics::new(cell.arm()), &state.joints, state.flange_from_tool.to_rigid(), tip)
     }
 
-    /// What the controller said last; where the arm has a correction, with the tip where it truly is.
+    /// Returns the last state that the controller reported; if the arm has a correction, with the true position of
+    /// the tip.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// Where the tip is by the controller, in the active base, where the arm has a correction and it is thus another place.
+    /// Returns the tip as the controller reports it, in the active base, if the arm has a correction and the two
+    /// therefore differ.
     pub fn reported_tcp(&self) -> Option<KukaPose> {
         self.robot.reported_tcp()
     }
 
-    /// Any function but a motion, an output or a subroutine, which have gates of their own below.
+    /// Executes any function except a motion, an output or a subroutine; these have their own gates below.
     ///
     /// # Errors
-    /// Where it cannot be sent, is refused, or is not done in time.
+    /// If it cannot be sent, is refused, or is not done in time.
     pub fn set(&mut self, command: Command) -> Result<(), SingleError> {
         match command {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
@@ -158,7 +162,7 @@ impl<'r> Single<'r> {
     /// Calls a subroutine of the controller. It may move, and has the gates of a motion.
     ///
     /// # Errors
-    /// As [`Single::set`], and where the gate refuses.
+    /// As [`Single::set`], and if the gate refuses.
     pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
         self.may_move(cell)?;
         self.is_the_cells_arm(cell).map_err(gate)?;
@@ -171,7 +175,7 @@ impl<'r> Single<'r> {
     /// Moves the axes.
     ///
     /// # Errors
-    /// As [`Single::set`], and where the gate refuses.
+    /// As [`Single::set`], and if the gate refuses.
     pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
         self.may_move(cell)?;
         accepted(judge_joints(&joints))?;
@@ -207,7 +211,7 @@ impl<'r> Single<'r> {
         self.send(Command::SetBase(line.base))?;
         let id = self.send(Command::SetTcp(line.tool))?;
         self.executed(id, SHORT)?;
-        // From where the controller, with these frames, says that the tip stands.
+        // From the position of the tip that the controller, with these frames, reports.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
         let standing = Standing {
             limits,
@@ -236,10 +240,10 @@ impl<'r> Single<'r> {
         self.executed(id, LONG)
     }
 
-    /// Sets an output, and waits as long as it is to be kept by this epoch.
+    /// Sets an output, and waits for the time that this epoch is to keep it.
     ///
     /// # Errors
-    /// As [`Single::set`], and where an interlock is open.
+    /// As [`Single::set`], and if an interlock is open.
     pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
         let number = number_of(name, cell.io())?;
         self.open_epoch()?;
@@ -255,7 +259,8 @@ impl<'r> Single<'r> {
         Ok(())
     }
 
-    /// What the cycle asks for before this act, by the feedbacks as they are now, not as they were when the epoch began.
+    /// Checks the cycle's conditions for this act against the present feedbacks, not those at the start of the
+    /// epoch.
     fn held_to_interlocks(&mut self, name: &str, act: Act, cell: &Cell) -> Result<(), SingleError> {
         let told = self.state.sequence;
         while self.state.sequence == told {
@@ -264,7 +269,7 @@ impl<'r> Single<'r> {
         accepted(single_interlocks::judge(name, act, &self.state, cell))
     }
 
-    /// A person, or nobody, must be able to let it move.
+    /// Checks that a motion is permitted, under a person's control or without one.
     fn may_move(&self, cell: &Cell) -> Result<(), SingleError> {
         let state = &self.state;
         let is_accepted = cell.robot().programs_sum().is_none_or(|accepted| accepted == state.programs_checksum);
@@ -299,7 +304,7 @@ impl<'r> Single<'r> {
     }
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
-        // A controller whose last client has just left is still coming to rest.
+        // After its last client has just left, a controller is still coming to rest.
         let rests_until = self.robot.now() + REST;
         while self.state.moving && self.robot.now() < rests_until {
             self.hear()?;
@@ -315,7 +320,7 @@ impl<'r> Single<'r> {
         Ok(())
     }
 
-    /// Waits until a command is executed and the arm stands.
+    /// Waits until a command is executed and the arm is at rest.
     fn executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
         let until = self.robot.now() + allowed;
         while self.state.done < id || self.state.moving {
@@ -340,7 +345,7 @@ impl<'r> Single<'r> {
         sent.map_err(|error| self.not_sent(error))
     }
 
-    /// Why nothing was sent: where there is no link any more, what ended it.
+    /// Returns why nothing was sent: if there is no link any more, the reason for its loss.
     fn not_sent(&mut self, error: QueueError) -> SingleError {
         if error == QueueError::NotConnected {
             for _ in 0..MOST_REPORTS {
@@ -352,7 +357,7 @@ impl<'r> Single<'r> {
         SingleError::Queue(error)
     }
 
-    /// The robot did not do it for this reason; what it says of itself after that is heard first, so that it is what is shown.
+    /// The robot did not do it for this reason. Its next report about itself is read first, so that it is shown.
     fn stopped(&mut self, why: String) -> SingleError {
         let (before, until) = (self.state.sequence, self.robot.now() + HEARD);
         while self.state.sequence == before && self.robot.now() < until {
@@ -428,7 +433,7 @@ mod tests {
 
     const AT: Joints = Joints { a1_deg: 20.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
 
-    /// A controller that says this of itself, and is never sent anything.
+    /// A controller that reports this state, and is never sent anything.
     struct Says(State);
 
     impl Port<RobotCommand> for Says {

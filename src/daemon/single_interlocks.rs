@@ -1,7 +1,8 @@
-//! The interlocks of single functions: the cycle's own list, held against what the controller says now.
+//! The interlocks of single functions: the cycle's own list, compared with the controller's present reports.
 //!
-//! A single function knows less than a cycle: no drain time, no approach point, no localization. What is not known does not
-//! hold, so the tool's output is switched on by a cycle alone, and water only while the arm stands at the pose `park`.
+//! A single function has less information than a cycle: no drain time, no approach point, no localization. A
+//! condition that is not known counts as not satisfied. So the tool's output is switched on by a cycle alone, and
+//! water only while the arm is at the pose `park`.
 
 use super::wiring::{RINSE, Reading, Wiring};
 use crate::cell::{Cell, Feedback, Output};
@@ -12,10 +13,11 @@ use crate::eki::{CONTACT_OVERRIDE_PERCENT, State};
 use crate::geometry::Joints;
 use crate::verdict::{Judgement, Reason};
 
-/// So far from `park` an axis may stand and the arm counts as parked, degrees: ten times what a controller reports.
+/// Largest distance of an axis from `park` at which the arm counts as parked, degrees: ten times the resolution
+/// that a controller reports.
 const PARKED_DEG: f64 = 0.1;
 
-/// The cycle's switch that an output's name stands for; off is always allowed.
+/// Returns the cycle's switch that belongs to an output's name; switching off is always allowed.
 pub(super) fn switched_on(name: &str) -> Option<Switch> {
     let known = [
         (Output::Light.name(), Switch::LightOn),
@@ -33,14 +35,15 @@ pub(super) fn motion(path: Path) -> Act {
     Act::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
 
-/// Rejects where an interlock of the act is open; `name` is what the person asked for.
+/// Rejects if an interlock of the act is open; `name` is the function that the person requested.
 pub(super) fn judge(name: &str, act: Act, state: &State, cell: &Cell) -> Judgement {
     let open = open_interlocks(act, &facts(state, cell));
     let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
     Judgement::of(open.iter().map(reason).collect(), vec![])
 }
 
-/// What a single function knows of the cell: its epoch is open, and base and tool were echoed in it.
+/// Returns the facts that a single function has about the cell: its epoch is open, and base and tool were echoed in
+/// it.
 fn facts(state: &State, cell: &Cell) -> Facts {
     let io = cell.io();
     let wiring = Wiring::as_far_as(io);

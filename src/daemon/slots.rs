@@ -1,8 +1,9 @@
-//! Slots of connections that wait for somebody: the service's socket and the pages give them out.
+//! Slots for connections that wait for a peer: the service's socket and the pages assign them.
 //!
-//! There are enough for people and programs that mean well. Where they run out, a new connection is never sent away: of
-//! the user, or the address, that holds most slots, the connection that has been silent for longest gives up its own. A client
-//! that asks for a stop writes its line at once, so it is read before its turn to give way can come.
+//! There are enough for people and programs that mean well. If no slot is free, a new connection is still never
+//! refused. The user, or the address, with the most slots must then give up one: that of its connection that has
+//! been silent for longest. A client that requests a stop writes its line at once, so it is read before it has to
+//! give way.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
@@ -16,7 +17,7 @@ pub(super) struct Most {
     pub of_all: usize,
 }
 
-/// All slots; `Of` says whose a connection is. Clones are the same ones.
+/// All slots; `Of` is the owner of a connection. All clones share the same slots.
 #[derive(Debug)]
 pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
 
@@ -63,7 +64,7 @@ impl<Of> Clone for Heard<Of> {
 }
 
 impl<Of> Slots<Of> {
-    /// So many slots, all of them free.
+    /// Creates this many slots, all of them free.
     pub fn new(most: Most) -> Self {
         Slots(Arc::new(Mutex::new(Inside { most, last: 0, taken: Vec::new() })))
     }
@@ -74,7 +75,7 @@ impl<Of> Slots<Of> {
 }
 
 impl<Of: Copy + PartialEq> Slots<Of> {
-    /// A slot for a connection of this one; another connection gives way where there is none.
+    /// Assigns a slot to a connection of this owner; if there is none, another connection gives way.
     pub fn take(&self, of: Of) -> Slot<Of> {
         let mut inside = self.lock();
         let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.of == of).count();
@@ -101,13 +102,13 @@ impl<Of: PartialEq> Inside<Of> {
 }
 
 impl<Of> Slot<Of> {
-    /// Waits until somebody else needs the slot.
+    /// Waits until another connection needs the slot.
     pub async fn is_wanted(&mut self) {
         #[expect(clippy::let_underscore_must_use, reason = "a slot whose giver has gone is wanted back as well")]
         let _ = (&mut self.wanted).await;
     }
 
-    /// What says that this slot's connection was heard.
+    /// Returns the handle that marks this slot's connection as active.
     pub fn heard(&self) -> Heard<Of> {
         Heard { number: self.number, slots: self.slots.clone() }
     }

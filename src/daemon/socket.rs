@@ -1,12 +1,13 @@
-//! The service's Unix socket: a front whose clients send one line and get one line back for each connection.
+//! The service's Unix socket: a front whose clients send one line and receive one line for each connection.
 //!
-//! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is replaced once
-//! nobody answers on it; any other file is not touched.
+//! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is
+//! replaced if no service answers on it; any other file is not touched.
 //!
-//! A client may be slow, silent or endless, by a fault or on purpose, and a stop must come through all of it. One thread reads
-//! all connections at once and never waits for one of them. Each connection has one deadline for its whole line. Where slots
-//! run out, the connection that has been silent for longest gives up its own (`slots`). Only a start may be a long line. What
-//! was read goes to the `gateway`, which queues it by its urgency and reads recipes on a thread of their own.
+//! A client may be slow, silent or endless, by a fault or on purpose, and a stop must come through in every case.
+//! One thread reads all connections at once and never waits for one of them. Each connection has one deadline for
+//! its whole line. If no slot is free, the connection that has been silent for longest gives up its own (`slots`).
+//! Only a start may be a long line. Each line that was read goes to the `gateway`, which queues it by its urgency
+//! and reads recipes on a thread of their own.
 
 mod role;
 
@@ -34,18 +35,18 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::runtime::{Builder, Runtime};
 use tokio::time::{interval, sleep, timeout};
 
-/// Owner and group may ask.
+/// Owner and group may send requests.
 const MODE: u32 = 0o660;
-/// A client says its whole line within this time, and takes its answer within the same time again.
+/// Time limit for a client to send its whole line, and the same again to receive its answer.
 const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
-/// Connections of one user, and of all, whose lines are listened to at one time.
+/// Largest number of connections of one user, and of all, that are read at one time.
 const SLOTS: Most = Most { of_one: 64, of_all: 256 };
 /// How long a connection that has to give way is still listened to.
 const LAST_WORD: Duration = Duration::from_millis(50);
-/// The socket's thread says so often that it works, and is silent for at most so long.
+/// Interval at which the socket's thread reports that it works, and its longest permitted silence.
 const SIGN: Duration = Duration::from_millis(250);
 const LONGEST_SILENCE: Duration = Duration::from_secs(4);
-/// Recipes that are read at one time: one, and one more thread that says so.
+/// Recipes that are read at one time: one, and one more thread that reports that a recipe is being read.
 const READERS: usize = 2;
 /// How far the socket's thread goes before what the machine does beside: it has little to do, and a stop may be in it.
 const NICE: i32 = -5;
@@ -72,7 +73,7 @@ pub enum SocketError {
         doing: &'static str,
         /// The socket.
         path: PathBuf,
-        /// What it says.
+        /// The system's message.
         source: std::io::Error,
     },
 }
@@ -84,11 +85,11 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens, and hands what is requested to the gateway. The supervisor watches its thread. Users whom the socket's group lets in
-    /// have this role; without one they may request everything.
+    /// Listens, and passes the requests to the gateway. The supervisor watches its thread. Users who have access
+    /// through the socket's group have this role; without a role they may request everything.
     ///
     /// # Errors
-    /// Where somebody answers on this socket already, the file is another, or the system refuses.
+    /// If a service already answers on this socket, the file is another, or the system refuses.
     pub fn listen(
         path: &Path,
         role: Option<Role>,
@@ -173,14 +174,14 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
                     let rule = Rule { role, service_uid };
                     tokio::spawn(attend((stream, who), slot, gateway.clone(), rule));
                 }
-                // Such as no file descriptor left: whoever asks tries again.
+                // For example, no file descriptor is left: the client tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
             }
         }
     });
 }
 
-/// Reads one line, has it answered, and tells the answer.
+/// Reads one line, has it answered, and sends the answer.
 async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, gateway: Gateway, rule: Rule) {
     let heard = {
         let mut reading = pin!(read(&stream));
@@ -258,7 +259,7 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Lends the cameras to whoever is at the other end, on a thread of its own.
+/// Lends the cameras to the client at the other end, on a thread of its own.
 fn lend(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: Who) {
     tracing::info!("{} asks: {}", caller::in_log(&caller::named(who)), shot.word());
     let lent = stream.into_std().and_then(|stream| {

@@ -17,7 +17,7 @@ const CAMERA: &str = "camera";
 #[derive(Debug, Default)]
 pub(super) struct Standing(Mutex<Vec<Alarm>>);
 
-/// What was found wrong; of the cameras nothing where they were not looked at.
+/// The problems found; for the cameras `None` if they were not examined.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     pub cell: Vec<Reason>,
@@ -62,7 +62,7 @@ impl Standing {
     }
 }
 
-/// Whether both say the same: their numbers change with time, their words do not.
+/// Returns whether both state the same: their numbers change with time, their words do not.
 fn is_same(alarm: &Alarm, reason: &Reason) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
     alarm.code == reason.code && words(&alarm.message) == words(&reason.message)

@@ -41,6 +41,6 @@ impl StoreAccess {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Where a reader panicked, its connection is gone, and the next one opens another.
+    // If a reader panicked, its connection is gone, and the next reader opens another.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

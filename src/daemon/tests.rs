@@ -54,7 +54,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!((hand_eye_mm, robot_mm), (None, None), "nobody measured or stated them");
 }
 
-/// What the gates decide by stands in the record with its limit, and each corner by itself.
+/// The record contains every value on which the gates decide with its limit, and each corner separately.
 fn limits_are_told(story: &fake::Story) {
     let last = |kind: Kind| story.findings.iter().rfind(|finding| finding.kind == kind).expect("found");
     let unlimited = |kind: Kind| -> Vec<&str> {
@@ -141,8 +141,8 @@ fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
     assert_eq!(contact[1].1, Outcome::Done);
 }
 
-/// With the recipe's reference `wet` the second film holds what was sanded against its wet look alone; with `dry` a person dries the panel
-/// after the rinse, and all of it has a dry look of its own again.
+/// With the recipe's reference `wet`, the second film compares the sanded areas with their wet look alone. With
+/// `dry`, a person dries the panel after the rinse, and all of it has its own dry look again.
 #[test]
 fn a_new_dry_picture_is_the_reference_of_what_was_sanded() {
     let wet = Fake::new(Scene::Good).run(Asks::one_cycle());
@@ -201,7 +201,8 @@ fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
     assert!(why.contains("corner 2: ") && why.contains("post"), "{why}");
 }
 
-/// The plan's disc leaves the panel by more than the recipe allows: a person must look, and nobody does.
+/// The plan's disc extends beyond the panel by more than the recipe allows: a person must review it, and no one
+/// does.
 #[test]
 fn a_doubtful_plan_is_held_for_review_without_contact() {
     let mut fake = Fake::new(Scene::Good);

@@ -1,7 +1,9 @@
-//! The compliant tool in the loop: it is told what the arm's place asks for, and what it says may end a contact path.
+//! The compliant tool in the loop: it receives the command that the arm's position requires, and its reports may
+//! end a contact path.
 //!
-//! In each round of the loop what is new is taken, and held against what is expected where the arm is. What is not as it must be
-//! is kept as a finding, the tool is held back, and the table ends the path: tool off and retract by the robot's own program.
+//! In each iteration of the loop the news is read and compared with the state expected at the arm's position. A
+//! deviation is recorded as a finding, the tool is held back, and the table ends the path: tool off and retract by
+//! the robot's own program.
 
 use super::error::DaemonError;
 use super::pending::{Pending, Waits};
@@ -16,7 +18,7 @@ use crate::record::Kind;
 use crate::verdict::Reason;
 
 impl Running<'_> {
-    /// Hears the tool and tells it what is due; true where something came of it.
+    /// Reads the tool's reports and sends it the command that is due; returns true if an event results.
     pub(super) fn attend_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
         let cell = self.cell.clone();
         let Some(tool) = &cell.tool else { return Ok(false) };
@@ -43,7 +45,8 @@ impl Running<'_> {
         Ok(true)
     }
 
-    /// How many waypoints of a contact path the arm has reached; none where none is under way.
+    /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is
+    /// under way.
     fn contact_reached(&self) -> Option<usize> {
         let is_contact = |pending: &Pending| match (pending.act, &pending.waits) {
             (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,

@@ -13,10 +13,11 @@ const LEAST_AHEAD: u32 = 16;
 pub(super) struct Underway {
     /// Counted as worn of the disc already, mm².
     pub reserved_mm2: f64,
-    /// When each waypoint is reached at the planned feed, s; the first of them is the air point where it begins.
+    /// The time at which each waypoint is reached at the planned feed, s; the first is the air point at which the
+    /// path begins.
     reached_s: Vec<f64>,
     window_s: f64,
-    /// So many waypoints may be sent.
+    /// Number of waypoints that may be sent.
     pub permitted: u32,
 }
 
@@ -35,7 +36,7 @@ impl Underway {
         self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
     }
 
-    /// How many may be sent once so many are executed, where that is more than now.
+    /// Returns how many waypoints may be sent once this many are executed, if that is more than now.
     pub fn wanted(&self, done: u32) -> Option<u32> {
         let (all, now_s) = (self.all(), self.at_s(done));
         let ahead_s = self.at_s(self.permitted) - now_s;

@@ -1,6 +1,6 @@
 //! What waits for its way out of the cell: how much, since when, and why it does not go.
 
-/// How it stands.
+/// The state of the queue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Waiting {
     /// Why nothing goes now.
@@ -11,20 +11,21 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    /// How it goes; whether a problem is told for the first time.
+    /// Records the present problem, if any; returns whether it is reported for the first time.
     pub fn goes(&mut self, problem: Option<&str>) -> bool {
         let is_new = problem.is_some() && self.problem.as_deref() != problem;
         self.problem = problem.map(str::to_owned);
         is_new
     }
 
-    /// So many wait, the oldest since then.
+    /// Records that this many wait, the oldest since then.
     pub fn is_behind(&mut self, count: u64, since_unix_ms: Option<i64>) {
         (self.count, self.since_unix_ms) = (count, since_unix_ms);
     }
 
-    /// That something waits for `behind_min` minutes or longer, with the cause: "3 … ; the oldest waits for …", where `what` says what is not
-    /// where; `usual` is the cause where none is known.
+    /// Returns the text of the alarm if something waits for `behind_min` minutes or longer, with the cause: "3 … ;
+    /// the oldest waits for …". `what` states what has not arrived, and at which place; `usual` is the cause if
+    /// none is known.
     pub fn late(&self, behind_min: usize, now_unix_ms: i64, (what, usual): (&str, &str)) -> Option<String> {
         let Waiting { problem, count, since_unix_ms } = self;
         let waits_min = since_unix_ms.map_or(0, |since| (now_unix_ms - since).max(0) / 60_000);

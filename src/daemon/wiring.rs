@@ -1,18 +1,19 @@
 //! Switches by the names of the cell's inputs and outputs.
 //!
-//! A switch is proven where the state message tells its outputs as they were set, and its feedback as it must then read. The outputs
-//! alone tell of the controller, the feedback of the valve, the fan or the tool behind it.
+//! A switch is proven if the state message reports its outputs as they were set, and its feedback with the value
+//! that it must then have. The outputs alone show the state of the controller; the feedback shows the state of the
+//! valve, the fan or the tool behind it.
 
 use super::DaemonError;
 use crate::cell::{Feedback, InputsOutputs, Output};
 use crate::cycle::Switch;
 use crate::eki::{Signal, State};
 
-/// The output that washes off the dust, where there is one of its own.
+/// The output that rinses off the dust, if it has its own.
 pub(super) const RINSE: &str = "rinse";
 
-/// An output with its bit of the state message's `Out`, the bit of the feedback that proves it, and of the one that always reads the
-/// opposite, where there is one.
+/// An output with its bit of the state message's `Out`, the bit of the feedback that proves it, and the bit of the
+/// opposite feedback, if there is one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Wire {
     output: u16,
@@ -35,15 +36,15 @@ pub struct Wiring {
 /// How something that is switched on and off is, by its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reading {
-    /// The cell has no such output, and no feedback says that it is on.
+    /// The cell has no such output, and no feedback reports that it is on.
     NotThere,
     /// Nothing proves it: there is no feedback, or output and feedback contradict each other.
     Open,
-    /// Both say that it is on, or off.
+    /// Both report that it is on, or off.
     Is(bool),
 }
 
-/// What a state message tells of a switch that was proven.
+/// The content that a state message has for a switch that was proven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Proof {
     /// The switch's bits of `Out`, and those of them that are on.
@@ -53,19 +54,19 @@ pub(super) struct Proof {
     opposite: Option<(u32, bool)>,
 }
 
-/// What a state tells of a switch.
+/// The content of a state about a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Told {
     /// The outputs are as they were set.
     pub outputs: bool,
-    /// What the feedback reads, where there is one.
+    /// The value of the feedback, if there is one.
     pub feedback: Option<bool>,
-    /// What the feedback of the opposite reads, where there is one.
+    /// The value of the opposite feedback, if there is one.
     pub opposite: Option<bool>,
 }
 
 impl Proof {
-    /// Whether the state tells the outputs so, and the feedbacks as they read in it.
+    /// Returns whether the state reports the outputs as set, and the feedbacks as they read in it.
     pub(super) fn told_by(&self, state: &State) -> Told {
         let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| reads(state, bit));
         Told {
@@ -75,7 +76,7 @@ impl Proof {
         }
     }
 
-    /// Whether this state tells it.
+    /// Returns whether this state proves the switch.
     pub(super) fn is_told(&self, state: &State) -> bool {
         let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
         let told = self.told_by(state);
@@ -84,12 +85,12 @@ impl Proof {
 }
 
 impl Wiring {
-    /// Takes `light`, `spray`, `lens_shutter`, `extraction` and `tool` with the feedbacks `water_off`, `lens_shut`,
-    /// `extraction_flow` and `tool_running`; an output `rinse` where there is one, else the spray rinses. The feedback `light_on`
-    /// proves the light where there is one.
+    /// Uses `light`, `spray`, `lens_shutter`, `extraction` and `tool` with the feedbacks `water_off`, `lens_shut`,
+    /// `extraction_flow` and `tool_running`. Uses an output `rinse` if there is one, otherwise the spray rinses.
+    /// The feedback `light_on` proves the light if there is one.
     ///
     /// # Errors
-    /// Where the cell has no such name.
+    /// If the cell lacks one of these names.
     pub fn of(io: &InputsOutputs) -> Result<Self, DaemonError> {
         let wiring = Wiring::as_far_as(io);
         let needed = [
@@ -132,7 +133,8 @@ impl Wiring {
         }
     }
 
-    /// How the thing is that these two switch on and off; `feedback_on` is what the cell's feedback reads where it is on.
+    /// Returns the state of the device that these two switches control; `feedback_on` is the value of the cell's
+    /// feedback while it is on.
     pub(super) fn reading(
         &self,
         (on, off): (Switch, Switch),
@@ -155,7 +157,7 @@ impl Wiring {
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
     }
 
-    /// What a state message tells once a switch is proven.
+    /// Returns the content of a state message once a switch is proven.
     pub(super) fn proof(&self, switch: Switch) -> Proof {
         let mut proof = Proof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
         for (wire, on) in self.wires(switch).into_iter().flatten() {
@@ -184,7 +186,7 @@ impl Wiring {
             Switch::Spray => (self.spray, true),
             Switch::WaterOff => (self.spray, false),
         };
-        // One feedback tells of both nozzles: what flows from the other one must not pass for this one's.
+        // One feedback covers both nozzles: flow from the other nozzle must not be mistaken for flow from this one.
         let other = match switch {
             Switch::Rinse => Some(self.spray),
             Switch::Spray | Switch::WaterOff => Some(self.rinse),
@@ -195,12 +197,12 @@ impl Wiring {
         [other, wire.map(|wire| (wire, on))]
     }
 
-    /// Both nozzles' outputs and the feedback say that no water runs.
+    /// Returns whether both nozzles' outputs and the feedback report that no water runs.
     pub(super) fn water_is_off(&self, state: &State) -> bool {
         self.proof(Switch::WaterOff).is_told(state)
     }
 
-    /// The tool's output and its feedback say that it stands.
+    /// Returns whether the tool's output and its feedback report that it has stopped.
     pub(super) fn tool_is_off(&self, state: &State) -> bool {
         self.proof(Switch::ToolOff).is_told(state)
     }
@@ -243,7 +245,7 @@ mod tests {
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
-    /// The controller tells the output, and the feedback what is behind it: each alone is no proof.
+    /// The controller reports the output, and the feedback reports the device behind it: each alone is no proof.
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
@@ -276,12 +278,13 @@ mod tests {
         assert_eq!(proof(Switch::WaterOff), both(0, true));
     }
 
-    /// An output that is on is not off, whatever its feedback says, and the other way round.
+    /// An output that is on does not count as off, whatever its feedback reports, and the other way round.
     #[test]
     fn off_needs_the_output_and_the_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
         let wiring = Wiring::of(cell.io()).expect("complete");
-        // Of `Out` bit 4 is the tool and bit 1 the spray; of `In` bit 2 says that the tool runs and bit 0 that the water is off.
+        // In `Out`, bit 4 is the tool and bit 1 the spray; in `In`, bit 2 reports that the tool runs and bit 0 that
+        // the water is off.
         for (outputs, inputs, tool_off, water_off) in [
             (0b0_0000, 0b0001, true, true),
             (0b1_0000, 0b0001, false, true),
@@ -295,7 +298,8 @@ mod tests {
         }
     }
 
-    /// A broken wire of `tool_running` reads like a tool that stands. With `tool_stands` beside it off is a signal that is there.
+    /// A broken wire of `tool_running` reads like a tool that has stopped. With `tool_stands` in addition, off is a
+    /// signal that is present.
     #[test]
     fn the_absence_of_a_signal_proves_no_tool_off() {
         let wiring = |io: &str| Wiring::of(Cell::check("cell.toml", io).expect("good").io()).expect("complete");

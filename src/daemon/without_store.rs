@@ -10,8 +10,8 @@ use std::time::Duration;
 /// From one attempt to the next.
 const EVERY: Duration = Duration::from_secs(1);
 
-/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` where a signal ends the wait.
-/// The state in the reply is aborted: nothing moves, and what the cell did last cannot be read.
+/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends
+/// the wait. The state in the reply is aborted: nothing moves, and the last action of the cell cannot be read.
 pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
     let mut told = false;
     loop {
@@ -38,7 +38,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
     }
 }
 
-/// Tells systemd; without it nobody listens.
+/// Notifies systemd; has no effect without systemd.
 fn notify(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
         tracing::warn!("systemd cannot be told: {error}");

@@ -3,7 +3,7 @@
 use crate::cycle::{At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
-/// The word by which `panelprep ctl` asks for this.
+/// Returns the word by which `panelprep ctl` requests this.
 pub fn request_word(request: Request) -> &'static str {
     match request {
         Request::Reset => "reset",
@@ -18,7 +18,7 @@ pub fn request_word(request: Request) -> &'static str {
     }
 }
 
-/// The command of `panelprep ctl` that asks for this.
+/// Returns the command of `panelprep ctl` that requests this.
 pub fn command(request: Request) -> &'static str {
     match request {
         Request::Unhold { dried: true } => "unhold --dried",
@@ -26,7 +26,7 @@ pub fn command(request: Request) -> &'static str {
     }
 }
 
-/// A decision that does not say upon what it was taken.
+/// Returns the reason for a decision that does not state the step on which it was made.
 pub(super) fn no_step(request: Request) -> Reason {
     let message = format!(
         "{} needs the step that it was decided upon, and none is given; read the state, then request it with the step that it shows",
@@ -65,7 +65,7 @@ pub(super) fn place(at: At) -> String {
     }
 }
 
-/// What the table would take now.
+/// Returns the requests that the table would accept now.
 fn possible(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
@@ -177,12 +177,12 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
     Reason::new(code, message)
 }
 
-/// A cycle that was ended on request: no fault, and nobody has to clear anything.
+/// Returns the reason for a cycle that was ended on request: it is no fault, and no one has to clear anything.
 pub(super) fn stopped() -> Reason {
     Reason::new("stopped", "stopped on request before the cycle's end")
 }
 
-/// Why a cycle was ended by this event, where it did not come to its own end. `at` is the state that it led to.
+/// Returns why this event ended a cycle, if the cycle did not reach its own end. `at` is the resulting state.
 pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
     match (event, at) {
         (Event::Told(Report::Boot), _) => {
@@ -194,7 +194,8 @@ pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
     }
 }
 
-/// Why the cycle stands in this state, where that is not plain, and the way out; and what may still run or move.
+/// Returns why the cycle is in this state, if that is not obvious, with the way out, and what may still run or
+/// move.
 pub fn why(state: &State) -> Vec<Reason> {
     let why = match state.at {
         At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
@@ -204,7 +205,7 @@ pub fn why(state: &State) -> Vec<Reason> {
     why.into_iter().chain(not_proven(state)).collect()
 }
 
-/// What was asked of the robot before it came to rest here, and is not confirmed by it.
+/// Returns the commands to the robot before it came to rest here that it has not confirmed.
 fn not_proven(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();
@@ -307,7 +308,7 @@ mod tests {
         );
     }
 
-    /// Drying is no way out where the tool's work waits for a person.
+    /// Drying is no way out if the tool's work waits for a person.
     #[test]
     fn a_review_of_contact_offers_accept_and_stop_alone() {
         let at = |resume| At::Held(Hold { why: Why::Review, resume });
@@ -330,7 +331,7 @@ mod tests {
         assert_eq!(why(&State { at: At::Idle, ..State::NEW }), []);
     }
 
-    /// Told until a feedback or a person says otherwise, beside the cause.
+    /// Reported in addition to the cause, until a feedback or a person states otherwise.
     #[test]
     fn what_is_not_proven_is_told() {
         let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::NEW };

@@ -4,7 +4,7 @@ use crate::record::CycleId;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The page that was written last, and whose it is. Clones are the same one.
+/// The last written page, and its cycle. All clones share the same page.
 #[derive(Debug, Clone, Default)]
 pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
 

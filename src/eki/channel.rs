@@ -1,13 +1,14 @@
-//! A classic EthernetKRL file: what one channel of the controller is. The only reader of such files in the product; the
-//! mock controller has one of its own on purpose.
+//! A classic EthernetKRL file: the description of one channel of the controller. This is the only reader of such
+//! files in the product; the mock controller has its own on purpose.
 //!
-//! One file describes one channel: who listens and where, how much is buffered, and which tags travel. `RECEIVE`
-//! and `SEND` are seen from the controller. `TYPE` names the other machine: `Client` means that the controller
-//! listens.
+//! One file describes one channel: which machine listens and where, how much is buffered, and which tags are sent.
+//! `RECEIVE` and `SEND` are seen from the controller. `TYPE` names the other machine: `Client` means that the
+//! controller listens.
 //!
-//! `tree` makes a tree of the text, `manual` compares it with the manual and notes every problem with its line, `stated`
-//! is what the file states, each value with its line, and `file` is the channel that the client speaks. `panelprep
-//! check` uses what is stated and all notes; the client refuses a file with a problem, and a RAW channel.
+//! `tree` makes a tree of the text, and `manual` compares it with the manual and notes every problem with its line.
+//! `stated` contains the file's statements, each value with its line, and `file` is the channel that the client
+//! uses. `panelprep check` uses the statements and all notes; the client refuses a file with a problem, and a RAW
+//! channel.
 
 mod file;
 mod findings;

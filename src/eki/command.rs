@@ -1,7 +1,7 @@
 //! Commands to the robot: the nine functions of thesis Table 3.1, as values of one type.
 //!
-//! Numbers carry their unit and are checked where a command is queued, against what any controller of this kind
-//! can do; the gate checks the cell's own limits. Nothing is clamped.
+//! Numbers carry their unit. They are checked when a command is queued, against the abilities of any controller of
+//! this kind; the gate checks the cell's own limits. Nothing is clamped.
 
 use super::ids::Epoch;
 use super::word::{Word, word};
@@ -17,18 +17,18 @@ pub enum Command {
     MoveLin(MoveLin),
     /// `move_j(joints_pose)`: each axis to its angle, all arriving together.
     MoveJ(MoveJ),
-    /// `get_current_state()`: joints, flange and tip; asked on the state channel.
+    /// `get_current_state()`: joints, flange and tip; requested on the state channel.
     GetCurrentState,
-    /// `set_base(base_frame)`: where poses are measured from, in the robot's base; the panel's place.
+    /// `set_base(base_frame)`: the origin of poses, in the robot's base; the panel's place.
     SetBase(KukaPose),
-    /// `set_tcp(tcp_frame)`: where the tool's tip is, in the flange.
+    /// `set_tcp(tcp_frame)`: the tool's tip, in the flange.
     SetTcp(SetTcp),
     /// `set_acc_speed(acceleration, speed)`.
     SetAccSpeed(SetAccSpeed),
     /// `set_digin(number, value)`: inputs of a KRC are read-only, so it is refused unless the controller maps the input
     /// to a flag ([`MappedInputs`]).
     SetDigin(Signal),
-    /// `set_digout(number, value)`: when the arm stands at the end of what was sent before.
+    /// `set_digout(number, value)`: when the arm has stopped at the end of the commands sent before.
     SetDigout(Signal),
     /// `set_digout(number, value)` on the way: with the end of the motion before it, which is blended all the same.
     #[strum(serialize = "set_digout")]
@@ -43,11 +43,11 @@ pub enum Command {
 /// A straight line to a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveLin {
-    /// Where the tip goes, in the active base.
+    /// The tip's target, in the active base.
     pub pose: KukaPose,
     /// How far before the pose the path may be rounded, mm; 0 stops exactly.
     pub blend_mm: f64,
-    /// True where the tool touches the panel on the way.
+    /// True if the tool touches the panel on the way.
     pub contact: bool,
     /// Speed of the tip from here on, m/s; `None` keeps the one that was set.
     pub speed_m_s: Option<f64>,
@@ -56,7 +56,7 @@ pub struct MoveLin {
 /// All axes to their angles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveJ {
-    /// Where the axes go.
+    /// The target of the axes.
     pub joints: Joints,
     /// Share of the axes' full speed, %.
     pub axis_speed_percent: f64,
@@ -111,7 +111,7 @@ impl MappedInputs {
     /// As many as the controller's list has places.
     pub const MOST: usize = 8;
 
-    /// These inputs, by their numbers; `None` where there are too many.
+    /// Returns these inputs, by their numbers; `None` if there are too many.
     pub fn new(numbers: impl IntoIterator<Item = u16>) -> Option<Self> {
         let mut mapped = MappedInputs::default();
         let mut places = mapped.0.iter_mut();
@@ -127,14 +127,14 @@ impl MappedInputs {
     }
 }
 
-/// What is asked on the state channel.
+/// A request on the state channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Request {
     /// The state, now.
     State,
     /// We are here, and have sent commands up to this one.
     Heartbeat {
-        /// The last command sent in this epoch, 0 where none was.
+        /// The last command sent in this epoch, 0 if none was sent.
         last_sent: u32,
     },
     /// Tool off, brake, discard, retract if in contact; then this epoch.
@@ -142,7 +142,7 @@ pub enum Request {
         /// The epoch after it.
         next: Epoch,
     },
-    /// What a line is told, as bits of the outputs that the controller has for it; nothing moves.
+    /// The signals to a line, as bits of the controller's outputs for it; nothing moves.
     Line {
         /// The first output is the lowest bit.
         bits: u32,
@@ -183,12 +183,12 @@ pub enum CommandError {
         /// The input.
         number: u16,
     },
-    /// Asked on the wrong channel.
+    /// Requested on the wrong channel.
     #[error("get_current_state is asked on the state channel, it has no place in the ring")]
     NotACommand,
 }
 
-/// What a command says on the wire, after its head: operation, N1, N2, R1, R2 and the six numbers of P.
+/// The content of a command on the wire, after its head: operation, N1, N2, R1, R2 and the six numbers of P.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fields {
     pub operation: i32,

@@ -7,14 +7,14 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use serde::{Deserialize, Serialize};
 
-/// Why a document is not what its schema says. `field` is a tag of the EthernetKRL file.
+/// Why a document does not match its schema. `field` is a tag of the EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum DecodeError {
     /// Not well-formed.
     #[error("not XML: {problem}")]
     NotXml {
-        /// What the parser says.
+        /// The parser's message.
         problem: String,
     },
     /// What no controller sends: text, comments, instructions, entities.
@@ -34,7 +34,7 @@ pub enum DecodeError {
         /// What it must be.
         expected: String,
     },
-    /// Two documents where one is due.
+    /// Two documents instead of one.
     #[error("a second root <{found}> behind the first")]
     SecondRoot {
         /// What it is.
@@ -85,7 +85,7 @@ pub enum DecodeError {
         /// Its path.
         #[serde(deserialize_with = "word")]
         field: Word,
-        /// What stands there.
+        /// The text found.
         found: String,
         /// What it must be.
         #[serde(deserialize_with = "word")]
@@ -97,7 +97,7 @@ pub enum DecodeError {
         /// Its path.
         #[serde(deserialize_with = "word")]
         field: Word,
-        /// What stands there.
+        /// The number found.
         found: f64,
         /// Smallest allowed.
         low: f64,
@@ -107,10 +107,10 @@ pub enum DecodeError {
 }
 
 impl Schema {
-    /// The values of a document, one for each field, in the order of the fields.
+    /// Returns the values of a document, one for each field, in the order of the fields.
     ///
     /// # Errors
-    /// The first thing in it that is not as the schema says.
+    /// The first part that does not match the schema.
     pub(super) fn decode(&self, document: &str) -> Result<Vec<f64>, DecodeError> {
         let mut reading = Reading { fields: self.fields, values: vec![None; self.fields.len()], open: Vec::new() };
         reading.open.push((&self.above, Vec::new()));
@@ -207,7 +207,7 @@ impl Reading<'_> {
     }
 }
 
-/// Whether white space stands behind every attribute's value, which the parser does not ask for.
+/// Returns whether white space follows every attribute's value, which the parser does not require.
 fn is_spaced(tag: &str) -> bool {
     let (mut quote, mut is_valued) = (None, false);
     tag.bytes().all(|byte| {

@@ -1,13 +1,13 @@
 //! Finds the documents in a stream of bytes, at any cut of the stream.
 //!
-//! EthernetKRL sends documents back to back, without length or delimiter; one read may hold half of one or three.
-//! A document ends where the depth of its tags comes back to zero, counted outside quotes, byte by byte: what the
-//! stream was cut into cannot matter. Between documents white space, NUL, byte order marks and XML prologs are
-//! skipped. Whatever a controller never sends (a document type, comments, entities, instructions, anything but
-//! printable ASCII, more than [`MAX_DOCUMENT_BYTES`]) breaks the framer for good: the stream has no mark by which
-//! to find the next document, so the only way on is a new connection.
+//! EthernetKRL sends documents back to back, without length or delimiter; one read may contain half a document or
+//! three. A document ends where the depth of its tags returns to zero, counted outside quotes, byte by byte: the
+//! cuts of the stream cannot matter. Between documents white space, NUL, byte order marks and XML prologs are
+//! skipped. Some content is never sent by a controller: a document type, comments, entities, instructions, anything
+//! but printable ASCII, more than [`MAX_DOCUMENT_BYTES`]. It breaks the framer for good: the stream has no mark by
+//! which to find the next document, so only a new connection can continue.
 //!
-//! Does not look at names or values, not even whether tags match: see `schema`.
+//! Does not check names or values, nor whether tags match: see `schema`.
 
 #[cfg(test)]
 mod tests;
@@ -27,7 +27,7 @@ pub enum FrameError {
     /// Text or rubbish between documents.
     #[error("byte {at}: {byte:#04x} stands between documents, where only < may")]
     Stray {
-        /// Where.
+        /// The position.
         at: u64,
         /// What.
         byte: u8,
@@ -35,7 +35,7 @@ pub enum FrameError {
     /// A control character, or what is not ASCII.
     #[error("byte {at}: {byte:#04x} is no printable ASCII character")]
     Byte {
-        /// Where.
+        /// The position.
         at: u64,
         /// What.
         byte: u8,
@@ -43,25 +43,25 @@ pub enum FrameError {
     /// A document type, a comment or CDATA.
     #[error("byte {at}: a document type, comment or CDATA, which no controller sends")]
     Declaration {
-        /// Where.
+        /// The position.
         at: u64,
     },
     /// A processing instruction other than a prolog before a document.
     #[error("byte {at}: a processing instruction, which no controller sends")]
     Instruction {
-        /// Where.
+        /// The position.
         at: u64,
     },
     /// An entity, or a bare ampersand.
     #[error("byte {at}: an entity, which no controller sends")]
     Entity {
-        /// Where.
+        /// The position.
         at: u64,
     },
     /// A tag that is none.
     #[error("byte {at}: {byte:#04x} has no place in a tag")]
     Tag {
-        /// Where.
+        /// The position.
         at: u64,
         /// What.
         byte: u8,
@@ -69,13 +69,13 @@ pub enum FrameError {
     /// An end without a start.
     #[error("byte {at}: an end tag without its start")]
     Unopened {
-        /// Where.
+        /// The position.
         at: u64,
     },
     /// Nested too deep.
     #[error("byte {at}: nested deeper than {limit} tags")]
     TooDeep {
-        /// Where.
+        /// The position.
         at: u64,
         /// The deepest allowed.
         limit: usize,
@@ -83,7 +83,7 @@ pub enum FrameError {
     /// Longer than any message.
     #[error("byte {at}: a document of more than {limit} bytes")]
     TooLong {
-        /// Where.
+        /// The position.
         at: u64,
         /// The longest allowed.
         limit: usize,
@@ -95,7 +95,7 @@ pub enum FrameError {
 enum ScanState {
     /// Outside of tags: between documents or between the tags of one.
     Outside,
-    /// In a byte order mark, this many bytes of it seen.
+    /// In a byte order mark, after this many of its bytes.
     Mark(usize),
     /// Behind `<`.
     Opened,
@@ -139,7 +139,7 @@ impl Default for Framer {
 }
 
 impl Framer {
-    /// Takes the stream's next bytes. What stands behind an error is not looked at.
+    /// Accepts the stream's next bytes. Bytes after an error are ignored.
     pub fn push(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while let (Some((&byte, behind)), None) = (rest.split_first(), self.broken) {
@@ -158,7 +158,7 @@ impl Framer {
         }
     }
 
-    /// How many bytes from here on only lengthen the document, wherever in it they stand.
+    /// Returns how many bytes from here on only lengthen the document, at any position in it.
     fn plain(&self, bytes: &[u8]) -> usize {
         match self.state {
             ScanState::Outside if self.depth > 0 => {}
@@ -170,10 +170,11 @@ impl Framer {
         bytes.iter().take(room).take_while(|byte| is_plain(byte)).count()
     }
 
-    /// The next whole document; `None` while more bytes are needed. Documents before an error come first.
+    /// Returns the next complete document; `None` while more bytes are needed. Documents before an error come
+    /// first.
     ///
     /// # Errors
-    /// Where the stream cannot be cut any further; for ever after.
+    /// If the stream cannot be cut any further; also on every later call.
     pub fn next_document(&mut self) -> Result<Option<String>, FrameError> {
         match (self.ready.pop_front(), self.broken) {
             (Some(document), _) => Ok(Some(document)),
@@ -182,7 +183,7 @@ impl Framer {
         }
     }
 
-    /// True where a document has begun and has not ended.
+    /// Returns true if a document has begun and has not ended.
     pub fn is_inside(&self) -> bool {
         self.broken.is_none() && !(self.state == ScanState::Outside && self.document.is_empty())
     }

@@ -27,9 +27,9 @@ impl std::fmt::Display for Epoch {
     }
 }
 
-/// By so much, at most, one request may raise the controller's epoch, and one message may be ahead of what is known of
-/// it. A cell opens a few thousand epochs a day, so that nothing real is farther away, and two thousand wrong messages
-/// would be needed to use the count up.
+/// The maximum by which one request may raise the controller's epoch, and by which one message may be ahead of the
+/// known epoch. A cell opens a few thousand epochs a day, so no real epoch is farther away. Two thousand wrong
+/// messages would be needed to use the count up.
 pub const EPOCH_STEP: u32 = 1_000_000;
 /// A controller that begins a connection with a higher epoch is refused: hardly any would be left to count.
 pub(super) const HIGHEST_EPOCH: u32 = 2_000_000_000;

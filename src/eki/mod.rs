@@ -1,12 +1,12 @@
 //! The robot's protocol without sockets: the client's half of EthernetKRL (EKI).
 //!
-//! Bytes and commands in, bytes and reports out; `now` comes from outside, so one session runs on the wall clock
-//! or in virtual time. Two channels: commands with their acknowledgements, and the controller's state with
-//! heartbeat and abort, which no motion can hold up. Tags and their order come from the EthernetKRL files of the
-//! controller itself, `config/kuka/`.
+//! Bytes and commands in, bytes and reports out; `now` comes from outside, so one session runs on the wall clock or
+//! in virtual time. Two channels: commands with their acknowledgements, and the controller's state with heartbeat
+//! and abort, which no motion can delay. Tags and their order come from the EthernetKRL files of the controller
+//! itself, `config/kuka/`.
 //!
-//! Read in this order: [`channel`](ChannelFile) (what a file says) · [`command`](Command) (what the robot can be
-//! asked) · [`framer`](Framer) and [`wire`](Wire) (bytes to documents to values) · [`session`](Session) (epochs,
+//! Read in this order: [`channel`](ChannelFile) (the content of a file) · [`command`](Command) (the robot's
+//! commands) · [`framer`](Framer) and [`wire`](Wire) (bytes to documents to values) · [`session`](Session) (epochs,
 //! ids, credits, the watchdog).
 //!
 //! Does not open sockets and reads no clock: see `devices::robot`.

@@ -30,7 +30,7 @@ impl std::fmt::Display for Channel {
     }
 }
 
-/// What a session tells. Ids and `done` are of the epoch at hand.
+/// A report of a session. Ids and `done` are of the current epoch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Report {
@@ -46,7 +46,7 @@ pub enum Report {
     },
     /// The controller did not enter the new epoch.
     EpochNotOpened {
-        /// The epoch asked for.
+        /// The requested epoch.
         asked: Epoch,
         /// The epoch that it is in.
         found: Epoch,
@@ -72,7 +72,7 @@ pub enum Report {
     },
     /// Base or tool on the controller are not what was set; the epoch is being ended.
     EchoMismatch(Box<EchoMismatch>),
-    /// The robot cannot go on with what is queued; the epoch is being ended.
+    /// The robot cannot continue with the queued commands; the epoch is being ended.
     Interrupted {
         /// Why.
         cause: StopCause,
@@ -81,13 +81,13 @@ pub enum Report {
     SequenceError(SequenceError),
     /// Silence while commands were queued; the epoch is being ended.
     WatchdogExpired {
-        /// Where nothing came.
+        /// The silent channel.
         channel: Channel,
         /// For how long.
         silence: Duration,
     },
-    /// The robot is far behind its plan: a point took more than half a second beyond twice its time. Told once for
-    /// each path; in contact the epoch is being ended.
+    /// The robot is far behind its plan: a point needed more than half a second beyond twice its time. Reported
+    /// once for each path; in contact the epoch is being ended.
     Slow {
         /// The point.
         id: CommandId,
@@ -96,9 +96,9 @@ pub enum Report {
         /// How long it has taken so far.
         waited: Duration,
     },
-    /// After an abort the robot stands.
+    /// The robot has stopped after an abort.
     Standstill {
-        /// The last command of the ended epoch that was executed, as far as the controller has told.
+        /// The last executed command of the ended epoch, as far as the controller has reported.
         done: CommandId,
     },
     /// The controller was started again, or its programs were changed; the epoch is gone.
@@ -113,7 +113,7 @@ pub enum Report {
     },
 }
 
-/// Why a robot cannot go on.
+/// Why a robot cannot continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum StopCause {
@@ -141,7 +141,7 @@ pub enum StopCause {
     /// The controller's program has stopped the epoch.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
-    /// Nobody takes the link's reports: the program that should look after the robot stands still.
+    /// The link's reports are not fetched: the program that should look after the robot has stalled.
     #[error("the program that looks after the robot has not asked for news for too long")]
     Unattended,
 }
@@ -193,7 +193,7 @@ pub enum SequenceError {
         /// The one that came.
         found: u32,
     },
-    /// An answer to what was not asked.
+    /// An answer without a request.
     #[error("the controller answers request {found}; {first} to {last} may be answered")]
     Answer {
         /// What it answers.
@@ -209,11 +209,11 @@ pub enum SequenceError {
         /// Received or executed.
         #[serde(deserialize_with = "word")]
         what: Word,
-        /// What it says.
+        /// The reported command.
         found: CommandId,
-        /// The least that it may say.
+        /// The lowest command that it may report.
         first: CommandId,
-        /// The most that it may say.
+        /// The highest command that it may report.
         last: CommandId,
     },
     /// An epoch that we did not open.
@@ -241,7 +241,7 @@ pub enum LinkLoss {
         /// Host and port.
         address: String,
     },
-    /// Nobody is there.
+    /// The controller does not answer.
     #[error(
         "{address} does not answer within {waited_ms} ms ({channel}): is the controller on, the cable in, the subnet the \
          controller's, the port open in its firewall?"
@@ -281,7 +281,7 @@ pub enum LinkLoss {
     EpochJump {
         /// Which connection.
         channel: Channel,
-        /// The epoch that it tells of.
+        /// The reported epoch.
         found: Epoch,
         /// The highest that was known.
         known: Epoch,
@@ -348,12 +348,12 @@ pub enum LinkLoss {
         /// Which connection.
         channel: Channel,
     },
-    /// The system says no.
+    /// The system reports an error.
     #[error("the {channel} failed: {problem}")]
     System {
         /// Which connection.
         channel: Channel,
-        /// What the system says.
+        /// The system's error.
         problem: String,
     },
     /// Bytes that are no documents.
@@ -361,7 +361,7 @@ pub enum LinkLoss {
     Frame {
         /// Which connection.
         channel: Channel,
-        /// What and where.
+        /// The error and its position.
         error: FrameError,
     },
     /// A document that is no message.

@@ -1,12 +1,12 @@
-//! One kind of document: the tags of an EthernetKRL file, tied to the fields that this program knows.
+//! One kind of document: the tags of an EthernetKRL file, connected to the fields that this program knows.
 //!
-//! Names and order come from the file; which fields there must be, their ranges and their meaning from the caller.
-//! `decode` reads a document by it.
+//! Names and order come from the file. The required fields, their ranges and their meaning come from the caller.
+//! `decode` reads a document by this schema.
 
 use super::channel::{Element, Kind};
 use std::fmt::Write;
 
-/// A field that the program knows: its tag, whether it is whole, and its range.
+/// A field that the program knows: its tag, whether it is a whole number, and its range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Field {
     pub tag: &'static str,
@@ -45,7 +45,7 @@ pub enum SchemaError {
         tag: String,
         /// What the field is.
         needed: &'static str,
-        /// What the file says.
+        /// The kind that the file states.
         found: Kind,
     },
     /// A tag twice.
@@ -74,7 +74,7 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// The child of this name, made where there is none.
+    /// Returns the child of this name, which is created if there is none.
     fn child(&mut self, name: &str) -> &mut Node {
         let at = self.children.iter().position(|child| child.name == name).unwrap_or_else(|| {
             let path = if self.path.is_empty() { name.to_owned() } else { format!("{}/{name}", self.path) };
@@ -89,7 +89,7 @@ impl Node {
         let _ = write!(text, "<{}", self.name);
         for (name, field) in &self.attributes {
             let value = values[*field];
-            // The same digits, but exact decimals of a float take ten times as long.
+            // The same digits, but writing exact decimals of a float needs ten times as long.
             let is_plain =
                 value.fract() == 0.0 && value.abs() < 1e15 && !(value == 0.0 && value.is_sign_negative());
             let _ = match fields[*field].whole {
@@ -115,10 +115,10 @@ pub(super) struct Schema {
 const FRAME: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 
 impl Schema {
-    /// Ties a channel's tags to the fields of one kind of document.
+    /// Connects a channel's tags to the fields of one kind of document.
     ///
     /// # Errors
-    /// Where the two differ.
+    /// If the two differ.
     pub(super) fn new(elements: &[Element], fields: &'static [Field]) -> Result<Self, SchemaError> {
         let mut above = Node::default();
         let mut seen = vec![false; fields.len()];

@@ -75,7 +75,7 @@ pub struct State {
     pub underruns: u32,
     /// The program override, `$OV_PRO`: the share of each commanded speed at which the arm moves, %.
     pub override_percent: u8,
-    /// Where the axes are, measured.
+    /// The measured axis angles.
     pub joints: Joints,
     /// The tool's tip in the active base, measured.
     pub base_from_tcp: KukaPose,
@@ -132,17 +132,18 @@ pub(super) const STATE: [Field; 37] = [
 const BOOTS_OF_MOCKS: std::ops::Range<i32> = 0..86_400;
 
 impl State {
-    /// Whether a mock controller says this: what is seen on it proves nothing of a real one.
+    /// Returns whether a mock controller sent this state: observations on it prove nothing about a real one.
     pub fn is_of_mock(&self) -> bool {
         BOOTS_OF_MOCKS.contains(&self.boot)
     }
 
-    /// Whether the controller does not know the tip: before its program was started it says 0 of every number.
+    /// Returns whether the controller does not know the tip: before its program is started it reports 0 for every
+    /// number.
     pub fn tip_is_unknown(&self) -> bool {
         self.base_from_tcp == KukaPose::default()
     }
 
-    /// From the values of [`STATE`], which are in range and whole where they must be.
+    /// Creates a state from the values of [`STATE`], which are in range, and whole if required.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let (whole, poses) = values.split_at_checked(WHOLE)?;
         let [

@@ -22,7 +22,7 @@ impl Time {
         self.0
     }
 
-    /// How long `earlier` is ago; zero where it is not.
+    /// Returns the time since `earlier`; zero if `earlier` is not in the past.
     pub fn since(self, earlier: Time) -> Duration {
         self.0.saturating_sub(earlier.0)
     }

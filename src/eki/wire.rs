@@ -1,7 +1,9 @@
-//! Values to documents and back: the four kinds of message, with tags and order from the EthernetKRL files.
+//! Converts values to documents and back: the four kinds of message, with tags and order from the EthernetKRL
+//! files.
 //!
 //! `Cmd` and `Req` go out, `Ack` and `St` come in. Numbers are written as the controller writes them, `%d` and
-//! `%f`: six decimals, no exponent. A number that cannot be written so is refused where the command is queued.
+//! `%f`: six decimals, no exponent. A number that cannot be written in this form is refused when the command is
+//! queued.
 
 use super::ack::{ACK, Ack};
 use super::channel::ChannelFile;
@@ -44,10 +46,10 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// The messages as these two files name them.
+    /// Creates the messages as these two files name them.
     ///
     /// # Errors
-    /// Where a file lacks a tag, or has one that this program does not know.
+    /// If a file lacks a tag, or has one that this program does not know.
     pub fn new(command_channel: &ChannelFile, state_channel: &ChannelFile) -> Result<Self, SchemaError> {
         Ok(Wire {
             command: Schema::new(&command_channel.received, &COMMAND)?,
@@ -57,10 +59,10 @@ impl Wire {
         })
     }
 
-    /// A command as bytes; `to_come` is how many points of the same path follow.
+    /// Returns a command as bytes; `to_come` is how many points of the same path follow.
     ///
     /// # Errors
-    /// Where a number is not finite or out of range, or the function has no place on this channel.
+    /// If a number is not finite or out of range, or the function is not allowed on this channel.
     pub fn encode_command(
         &self,
         id: CommandId,
@@ -87,18 +89,18 @@ impl Wire {
         self.request.encode(&[id, epoch.0, operation, number].map(f64::from))
     }
 
-    /// An acknowledgement from its document.
+    /// Reads an acknowledgement from its document.
     ///
     /// # Errors
-    /// Where the document is not exactly one `Ack`.
+    /// If the document is not exactly one `Ack`.
     pub fn decode_ack(&self, document: &str) -> Result<Ack, DecodeError> {
         Ack::from_values(&self.ack.decode(document)?).ok_or(DecodeError::Missing { field: "Ack" })
     }
 
-    /// A state from its document.
+    /// Reads a state from its document.
     ///
     /// # Errors
-    /// Where the document is not exactly one `St`.
+    /// If the document is not exactly one `St`.
     pub fn decode_state(&self, document: &str) -> Result<State, DecodeError> {
         State::from_values(&self.state.decode(document)?).ok_or(DecodeError::Missing { field: "St" })
     }

@@ -1,7 +1,7 @@
-//! `clip.csv`: which picture of a clip was taken when.
+//! `clip.csv`: when each picture of a clip was taken.
 //!
-//! Header `file,time_s,phase`, or `file,time_s` where every picture shows the wet panel. A clip is evidence: its
-//! times are those of the camera, so they must increase, and its files lie in the clip's own folder.
+//! Header `file,time_s,phase`, or `file,time_s` if every picture shows the wet panel. A clip is evidence: its times
+//! are those of the camera, so they must increase, and its files are in the clip's own folder.
 
 use crate::phase::Phase;
 use std::collections::HashMap;
@@ -29,7 +29,7 @@ pub enum ClipError {
     /// Another header.
     #[error("line 1: found the header '{found}', allowed is file,time_s,phase or file,time_s")]
     Header {
-        /// The header as it stands.
+        /// The header found.
         found: String,
     },
     /// A line that cannot be taken.
@@ -65,7 +65,7 @@ pub enum LineProblem {
     Duplicate {
         /// Its name.
         file: String,
-        /// Where it stands first.
+        /// The line of its first entry.
         first: u64,
     },
     /// A time that is no number.
@@ -107,7 +107,7 @@ impl Clip {
 /// Reads a `clip.csv`.
 ///
 /// # Errors
-/// Where header, names, times or phases are not as allowed, or no picture is wet. The first problem is told.
+/// If header, names, times or phases are not as allowed, or no picture is wet. The first problem is reported.
 pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(bytes);
     let mut records = reader.records();

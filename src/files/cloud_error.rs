@@ -2,7 +2,7 @@
 
 use crate::geometry::{CloudError, PinholeCamera};
 
-/// Why a PCD or PLY file was refused: where, what was found, what is allowed.
+/// Why a PCD or PLY file was refused: the position, what was found, what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudFileError {
     /// Neither form.
@@ -28,7 +28,7 @@ pub enum CloudFileError {
     Header {
         /// Line, from 1.
         line: usize,
-        /// The line as it stands.
+        /// The line found.
         found: String,
         /// What is wrong with it.
         problem: String,
@@ -76,9 +76,9 @@ pub enum CloudFileError {
     /// The file ends early.
     #[error("the file is truncated: {needed} bytes of points from byte {start} on were expected, found {found}")]
     Truncated {
-        /// Where the data begin.
+        /// The byte where the data begin.
         start: usize,
-        /// Bytes that the header asks for.
+        /// Bytes that the header requires.
         needed: usize,
         /// Bytes there are.
         found: usize,
@@ -86,7 +86,7 @@ pub enum CloudFileError {
     /// The text ends early.
     #[error("the file is truncated: {needed} points were expected, found {found}")]
     TooFewLines {
-        /// Points that the header asks for.
+        /// Points that the header requires.
         needed: usize,
         /// Points there are.
         found: usize,
@@ -110,12 +110,12 @@ pub enum CloudFileError {
     /// Compressed data that cannot be unpacked.
     #[error("the compressed data from byte {start} on cannot be unpacked: {problem}")]
     Compressed {
-        /// Where the compressed data begin.
+        /// The byte where the compressed data begin.
         start: usize,
         /// What is wrong with them.
         problem: String,
     },
-    /// A list of points that does not say how wide its picture is.
+    /// A list of points that does not state the width of its picture.
     #[error(
         "the file does not say how wide and high its picture is, and no calibration says it: write the lines 'comment width W' \
          and 'comment height H' into its header, or name a cell whose [calibration] has this scanner"
@@ -163,7 +163,7 @@ pub enum CloudFileError {
         /// Largest z.
         to: String,
     },
-    /// The points stand in another order than the pixels.
+    /// The points are in another order than the pixels.
     #[error(
         "the points lie on this camera's rays where {order}: export the cloud as the camera took it, row by row from the top left"
     )]
@@ -194,7 +194,7 @@ pub enum CloudFileError {
         /// How far off the points are.
         off_px: String,
     },
-    /// Points that do not lie on the rays of their pixels, where the others do.
+    /// Points that do not lie on the rays of their pixels, although the others do.
     #[error(
         "{points} points do not lie where their pixels look, as all others do; the first is that of pixel ({column}, {row}): the file was \
          changed after the camera took it; export or copy it once more"

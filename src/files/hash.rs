@@ -15,7 +15,7 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }
 
-/// The bytes of lower-case hexadecimal digits; `None` where the text is no such number.
+/// Returns the bytes of lower-case hexadecimal digits; `None` if the text is not such a number.
 pub fn unhex(text: &str) -> Option<Vec<u8>> {
     if !is_hex(text, text.len()) || !text.len().is_multiple_of(2) {
         return None;
@@ -23,7 +23,8 @@ pub fn unhex(text: &str) -> Option<Vec<u8>> {
     (0..text.len()).step_by(2).map(|at| u8::from_str_radix(text.get(at..at + 2)?, 16).ok()).collect()
 }
 
-/// Whether a text is so many lower-case hexadecimal digits: such a name leads out of no folder.
+/// Returns whether a text is exactly this number of lower-case hexadecimal digits: such a name cannot lead out of a
+/// folder.
 pub fn is_hex(text: &str, digits: usize) -> bool {
     text.len() == digits && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }

@@ -1,8 +1,8 @@
 //! Files as bytes: 3D shots, pictures, clips and poses, read strictly and written.
 //!
-//! Bytes in, bytes out: nothing here touches a disk. What cannot be read is refused with the line or byte, what was
-//! found there and what is allowed; nothing is repaired, and sizes are judged by a file's
-//! first bytes, so that a small file never takes much memory.
+//! Bytes in, bytes out: nothing here accesses a disk. Unreadable data are refused with the line or byte, what was
+//! found there and what is allowed. Nothing is repaired. Sizes are checked from a file's first bytes, so that a
+//! small file never needs much memory.
 
 mod clip;
 mod cloud_error;

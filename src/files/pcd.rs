@@ -1,13 +1,13 @@
 //! Organised PCD, the native form of a 3D shot.
 //!
-//! WIDTH × HEIGHT points in the camera's frame, mm, row by row: `x y z` of TYPE F SIZE 4 and one of `rgb`, `rgba`, a
-//! packed 0xAARRGGBB of SIZE 4 and TYPE U or F (a float with those bits). Other fields and VIEWPOINT are not
+//! WIDTH × HEIGHT points in the camera's frame, mm, row by row: `x y z` of TYPE F SIZE 4 and one of `rgb`, `rgba`,
+//! a packed 0xAARRGGBB of SIZE 4 and TYPE U or F (a float with those bits). Other fields and VIEWPOINT are not
 //! used. `ascii`, `binary` and `binary_compressed` are read, `binary` is written.
 //!
-//! `pcd-rs` reads header, text and LZF. It trusts the header (it allocates what is asked for and indexes by it) and
-//! POINTS over WIDTH × HEIGHT, so all sizes are checked here before it sees the data. Zeros after the last point
-//! are allowed, because PCL fills its files up to a memory page. Its writer panics when dropped before its end;
-//! the twelve lines of a binary header are written here.
+//! `pcd-rs` reads header, text and LZF. It trusts the header (it allocates the stated size and indexes by it), and
+//! trusts POINTS more than WIDTH × HEIGHT. Therefore all sizes are checked here before it receives the data. Zeros
+//! after the last point are allowed, because PCL fills its files up to a memory page. Its writer panics when
+//! dropped before its end; the twelve lines of a binary header are written here.
 
 use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
@@ -18,7 +18,7 @@ use std::io::{BufRead, Error as IoError, ErrorKind};
 const MAX_HEADER_BYTES: usize = 1 << 16;
 /// Largest data section: seven times that of our camera, three times that of one with five million points.
 const MAX_DATA_BYTES: u64 = 1 << 28;
-/// Largest point: x, y, z and colour take 16 bytes, with a normal, curvature and padding 48.
+/// Largest point: x, y, z and colour need 16 bytes, with a normal, curvature and padding 48.
 const MAX_POINT_BYTES: u64 = 64;
 /// LZF makes at most 264 bytes of 3.
 const MAX_LZF_RATIO: usize = 88;
@@ -26,7 +26,8 @@ const MAX_LZF_RATIO: usize = 88;
 /// Reads an organised cloud of the camera with this calibration.
 ///
 /// # Errors
-/// Where the bytes are not an organised PCD file with colours, whole to its last point, or its size is not the camera's.
+/// If the bytes are not an organised PCD file with colours, complete to its last point, or its size is not the
+/// camera's.
 pub fn read_pcd(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     read(bytes, Some(camera))
 }
@@ -71,7 +72,7 @@ fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<C
     Ok(OrganizedCloud::new(meta.width as usize, meta.height as usize, points_mm, colors)?)
 }
 
-/// The cloud as a binary PCD file, as PCL writes one; NaN where a point is missing.
+/// Returns the cloud as a binary PCD file, as PCL writes it; NaN if a point is missing.
 pub fn write_pcd(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     let (width, height) = (cloud.width(), cloud.height());
     let mut bytes = format!(
@@ -208,7 +209,7 @@ fn check_length(bytes: &[u8], start: usize, needed: usize) -> Result<(), CloudFi
     }
 }
 
-/// Two numbers, packed and unpacked length, stand before the packed data.
+/// Checks the two numbers before the packed data, the packed and unpacked length.
 fn check_compressed(bytes: &[u8], start: usize, unpacked_needed: usize) -> Result<(), CloudFileError> {
     let data = &bytes[start..];
     let Some((&[p0, p1, p2, p3, u0, u1, u2, u3], _)) = data.split_first_chunk() else {
@@ -253,7 +254,7 @@ fn point_error(error: &pcd_rs::Error, first_line: usize, index: usize, points: u
     CloudFileError::Point { line: first_line + index, problem }
 }
 
-/// One point of a file whose fields were checked.
+/// One point of a file with checked fields.
 struct ColoredPoint {
     mm: [f32; 3],
     rgb: [u8; 3],
@@ -299,7 +300,7 @@ impl PcdDeserialize for ColoredPoint {
     fn read_chunk<R: BufRead>(reader: &mut R, fields: &Schema) -> pcd_rs::Result<Self> {
         let after = |place: usize, field: &FieldDef| place + field.kind.byte_size() * field.count as usize;
         let record_bytes = fields.iter().fold(0, after);
-        // The reader stands on memory: its buffer is all that is left.
+        // The reader reads from memory: its buffer is all the remaining data.
         let record = reader.fill_buf()?.get(..record_bytes).ok_or(IoError::from(ErrorKind::UnexpectedEof))?;
         let point = Self::pick(fields, after, |place, _, _| {
             let bytes = record[place..].first_chunk().ok_or(IoError::from(ErrorKind::UnexpectedEof))?;
@@ -324,7 +325,7 @@ impl PcdDeserialize for ColoredPoint {
     }
 }
 
-/// The four bytes that a written number stands for.
+/// Returns the four bytes of a written number.
 fn number_bits(word: &str, kind: ValueKind, name: &str) -> pcd_rs::Result<u32> {
     let number = match kind {
         ValueKind::U32 => word.parse::<u32>().ok(),

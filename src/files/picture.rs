@@ -1,20 +1,20 @@
 //! Pictures from and to bytes: PNG, JPEG and TIFF read, PNG and JPEG written.
 //!
-//! Which picture may come in which format:
+//! Allowed formats for each picture:
 //!
 //! | The picture | Read | Why |
 //! |---|---|---|
-//! | says where something stands: a corner of the panel, a board or a point for a camera's mount, a verification | PNG | every part of a PNG has a checksum, so damage is found; in JPEG and TIFF a changed byte is other pixels and no error, and JPEG moves edges besides |
+//! | shows the position of something: a corner of the panel, a board or a point for a camera's mount, a verification | PNG | every part of a PNG has a checksum, so damage is found; in JPEG and TIFF a changed byte gives other pixels and no error, and JPEG also moves edges |
 //! | a clip of the wet panel, live from a recorded scanner or as files | PNG, JPEG, TIFF | a verdict on a place needs many pictures that agree, and no pose comes from them |
-//! | a board for a lens (`calibrate intrinsics`) | PNG, JPEG, TIFF | the residual of each picture is held against those of all the others |
+//! | a board for a lens (`calibrate intrinsics`) | PNG, JPEG, TIFF | the residual of each picture is compared with those of all the others |
 //!
-//! [`read_measured`] holds the first row. Read are 8 bits a channel, grey or RGB; grey becomes colour by repeating it,
-//! colour becomes grey by BT.601 ([`ColorPicture::to_gray`]). An alpha channel is allowed where it hides nothing. 16 bits
-//! a channel are refused: how to scale them is the camera's business. What a picture says about its own turn (EXIF) is
-//! not used, since a calibration holds for the pixels as they were taken.
+//! [`read_measured`] enforces the first row. 8 bits per channel are read, grey or RGB; grey becomes colour by
+//! repeating it, colour becomes grey by BT.601 ([`ColorPicture::to_gray`]). An alpha channel is allowed if it hides
+//! nothing. 16 bits per channel are refused: only the camera knows how to scale them. A picture's own rotation tag
+//! (EXIF) is not used, since a calibration applies to the pixels as they were taken.
 //!
-//! Size and kind of the pixels stand in a picture's first bytes and are judged there, before memory is taken for pixels:
-//! a small file may unpack to a thousand times its length.
+//! Size and kind of the pixels are in a picture's first bytes and are checked there, before memory is allocated for
+//! pixels: a small file may unpack to a thousand times its length.
 
 use crate::geometry::{ColorPicture, GrayPicture, PinholeCamera};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -23,9 +23,9 @@ use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::Cursor;
 
 const JPEG_QUALITY: u8 = 95;
-/// The largest picture that is unpacked where no calibration says its size: above any camera for such a cell.
+/// The largest picture that is unpacked if no calibration states its size: above any camera for such a cell.
 const MOST_PIXELS: u64 = 32 << 20;
-/// What a decoder may take beside the pixels that it gives.
+/// Memory limit for a decoder in addition to the pixels that it returns.
 const MOST_DECODER_BYTES: u64 = 128 << 20;
 
 /// Why bytes are not a picture, or a picture not bytes.
@@ -106,7 +106,7 @@ pub enum PictureError {
 /// Reads a colour picture of any size; a grey one becomes grey colours.
 ///
 /// # Errors
-/// Where the bytes are not a whole PNG, JPEG or TIFF with 8 bits a channel, or it is larger than any camera's.
+/// If the bytes are not a complete PNG, JPEG or TIFF with 8 bits per channel, or it is larger than any camera's.
 pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(Kind::of(bytes)?, bytes, None)?))
 }
@@ -122,15 +122,15 @@ pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
 /// Reads a colour picture of the camera with this calibration.
 ///
 /// # Errors
-/// As [`read_color`], and where its size is not the camera's.
+/// As [`read_color`], and if its size is not the camera's.
 pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(Kind::of(bytes)?, bytes, Some(camera))?))
 }
 
-/// Reads a picture of the camera with this calibration in which the place of something is measured.
+/// Reads a picture of the camera with this calibration in which the position of something is measured.
 ///
 /// # Errors
-/// As [`read_color_of`], and where it is no PNG.
+/// As [`read_color_of`], and if it is not a PNG.
 pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(Kind::of(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
@@ -159,10 +159,10 @@ fn gray(picture: DynamicImage) -> GrayPicture {
     }
 }
 
-/// A colour picture as PNG, packed for speed.
+/// Returns a colour picture as PNG, packed for speed.
 ///
 /// # Errors
-/// Where the picture is empty or its pixels are not `width`·`height`.
+/// If the picture is empty or its pixels are not `width`·`height`.
 pub fn write_color_png(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
     encode_png(picture.width, picture.height, picture.rgb.as_flattened(), ExtendedColorType::Rgb8)
 }
@@ -273,8 +273,8 @@ fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Re
     }
 }
 
-/// The decoder fills what is missing with grey and says nothing, so the end is looked for here: an end marker
-/// after the start of the last scan (one before it belongs to the thumbnail).
+/// Returns whether a JPEG has its end. The decoder fills missing data with grey and reports nothing. So the end is
+/// searched here: an end marker after the start of the last scan (one before it belongs to the thumbnail).
 fn jpeg_has_its_end(bytes: &[u8]) -> bool {
     let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
     matches!((last([0xff, 0xda]), last([0xff, 0xd9])), (Some(scan), Some(end)) if end > scan)
@@ -305,7 +305,7 @@ fn encode_png(
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
 }
 
-/// The encoders would assert this, or write a picture that nobody can read.
+/// The encoders would assert this, or write an unreadable picture.
 fn fills(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),

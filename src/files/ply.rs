@@ -1,8 +1,8 @@
 //! Organised PLY: all points of the picture row by row, missing ones as NaN or (0, 0, 0).
 //!
-//! `format ascii` or `binary_little_endian`; the first element is `vertex` with float or double `x y z` (mm, camera's
-//! frame) and uchar `red green blue`; other properties and later elements are not used. PLY has no width and
-//! height: `comment width W` and `comment height H` say them, else the camera's calibration does.
+//! `format ascii` or `binary_little_endian`; the first element is `vertex` with float or double `x y z` (mm,
+//! camera's frame) and uchar `red green blue`; other properties and later elements are not used. PLY has no width
+//! and height: `comment width W` and `comment height H` state them, otherwise the camera's calibration does.
 
 mod header;
 
@@ -10,18 +10,20 @@ use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use header::{Header, NAMES, Number, PropertyOffset, PropertyOffsets};
 
-/// Reads an organised cloud; `camera` says its size where the file does not.
+/// Reads an organised cloud; `camera` states its size if the file does not.
 ///
 /// # Errors
-/// Where the bytes are not an organised PLY file with colours, whole to its last point, or its size is not the camera's.
+/// If the bytes are not an organised PLY file with colours, complete to its last point, or its size is not the
+/// camera's.
 pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     read(bytes, Some((camera.width_px, camera.height_px)), Some(camera))
 }
 
-/// Reads an organised cloud of any camera; `size_px` is the picture's width and height where the file does not say them.
+/// Reads an organised cloud of any camera; `size_px` is the picture's width and height if the file does not state
+/// them.
 ///
 /// # Errors
-/// As [`read_ply`], whatever its size, and where nobody says the size.
+/// As [`read_ply`], for any size, and if the size is not stated at all.
 pub(super) fn read_any_ply(
     bytes: &[u8],
     size_px: Option<(usize, usize)>,
@@ -55,7 +57,7 @@ fn read(
     Ok(OrganizedCloud::new(width as usize, height as usize, points_mm, colors)?)
 }
 
-/// The cloud as a binary PLY file with its size in comments; NaN where a point is missing.
+/// Returns the cloud as a binary PLY file with its size in comments; NaN if a point is missing.
 pub fn write_ply(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     let (width, height) = (cloud.width(), cloud.height());
     let mut bytes = format!(

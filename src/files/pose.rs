@@ -14,7 +14,7 @@ pub enum PoseError {
         "{problem}; allowed is {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}"
     )]
     Text {
-        /// The key under which a pose may stand.
+        /// The key that may contain a pose.
         key: &'static str,
         /// What the parser met, with its line.
         problem: String,
@@ -25,7 +25,7 @@ pub enum PoseError {
         /// The key.
         key: &'static str,
     },
-    /// The command that printed this says not to use it.
+    /// The command that printed this states that it must not be used.
     #[error("the verdict in this file is 'reject'; its {key} must not be used")]
     Rejected {
         /// The key.
@@ -33,17 +33,17 @@ pub enum PoseError {
     },
 }
 
-/// Reads where the panel is, base from panel: a pose, or what `locate` or `refine` printed.
+/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`.
 ///
 /// # Errors
-/// Where there is no whole pose, or it was printed with the verdict `reject`.
+/// If there is no complete pose, or it was printed with the verdict `reject`.
 pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
     let printed: Option<Located> = named(bytes, key)?;
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_panel, printed.verdict, key))
 }
 
-/// How well that place is known, 95 %, mm; `None` where the file does not say.
+/// Reads the uncertainty of that pose, 95 %, mm; `None` if the file does not state it.
 ///
 /// # Errors
 /// As [`read_located`].
@@ -53,17 +53,17 @@ pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
     Ok(printed.and_then(|printed| printed.uncertainty_mm))
 }
 
-/// Reads where the flange was, base from flange: a pose, or an object with the key `base_from_flange`.
+/// Reads the flange's pose, base from flange: a pose, or an object with the key `base_from_flange`.
 ///
 /// # Errors
-/// Where there is no whole pose.
+/// If there is no complete pose.
 pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_flange";
     let printed: Option<AtFlange> = named(bytes, key)?;
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_flange, None, key))
 }
 
-/// Where the flange was by the controller, and the axes where the file has them.
+/// The flange's pose reported by the controller, and the axes if the file has them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportedFlange {
     /// The pose.
@@ -111,7 +111,7 @@ struct AtFlange {
     axes_deg: Option<[f64; 6]>,
 }
 
-/// The object that holds the key, `None` where the key is not there. Read twice, so that errors keep their line.
+/// Reads the object that contains the key, `None` if the key is absent. Read twice, so that errors keep their line.
 fn named<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
     let text = |error: serde_json::Error| PoseError::Text { key, problem: error.to_string() };
     let value: serde_json::Value = serde_json::from_slice(bytes).map_err(text)?;

@@ -1,9 +1,9 @@
-//! Whether the points of a cloud lie on the rays of their pixels.
+//! Checks whether the points of a cloud lie on the rays of their pixels.
 //!
-//! A 3D camera measures each point on the ray of its pixel. Where half of the points project elsewhere by the camera's own model, cloud and
-//! lens do not belong together: another camera's lens, another frame or unit, rows upside down. What fits is named. Where the most points
-//! do fit, one that does not was changed on its way: by a disk, a cable or a program. Distances along the ray are not looked at, but for
-//! their unit.
+//! A 3D camera measures each point on the ray of its pixel. If half of the points project elsewhere by the camera's
+//! own model, cloud and lens do not belong together: another camera's lens, another frame or unit, rows upside
+//! down. The error names what fits. If most points do fit, a point that does not was changed on its way: by a disk,
+//! a cable or a program. Distances along the ray are not checked, except for their unit.
 
 use super::cloud_error::CloudFileError;
 use crate::geometry::{
@@ -18,7 +18,7 @@ const FULL_PX: f64 = 1_944.0;
 const LEAST_DESCRIBED_PX: f64 = 1.0;
 /// A point that projects farther away was not measured at its pixel, px: ten times as much, for filters that smooth a scan.
 const ELSEWHERE_PX: f64 = 20.0;
-/// Fewer points say nothing of lens, frame or unit.
+/// Fewer points show nothing about lens, frame or unit.
 const LEAST_POINTS: usize = 60;
 /// A 3D camera sees nothing nearer than this: such numbers are metres, mm.
 const NEAREST_MM: f64 = 20.0;
@@ -29,11 +29,11 @@ const OWN_LENS_PX: f64 = 0.5;
 
 type Sample = Vec<(Pixel, Point<Camera>)>;
 
-/// Refuses a cloud whose points are not in mm in a camera's frame: in metres, behind the camera, or, where no lens takes them to their
-/// pixels, in another frame. This is all that can be said without the camera's calibration.
+/// Refuses a cloud with points that are not in mm in a camera's frame: in metres, behind the camera, or, if no lens
+/// projects them to their pixels, in another frame. Without the camera's calibration nothing more can be checked.
 ///
 /// # Errors
-/// What the cloud is instead.
+/// The kind of cloud that was found instead.
 pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
     let sample = sampled(cloud);
     if sample.len() < LEAST_POINTS {
@@ -71,7 +71,8 @@ fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
     Ok(())
 }
 
-/// What a cloud is whose points do not lie on this camera's rays, by what makes them lie there.
+/// Names the kind of a cloud if its points do not lie on this camera's rays, by the change that makes them lie
+/// there.
 fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera, off_px: f64) -> CloudFileError {
     let allowed = allowed_px(cloud.width());
     let (last_u, last_v) = (cloud.width() as f64 - 1.0, cloud.height() as f64 - 1.0);
@@ -105,11 +106,11 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
     }
 }
 
-/// Refuses a cloud that this camera cannot have taken: of another lens, frame, unit or order. It looks at a sample, and takes a
-/// millisecond or two.
+/// Refuses a cloud that this camera cannot have taken: of another lens, frame, unit or order. It checks a sample,
+/// and needs a millisecond or two.
 ///
 /// # Errors
-/// What the cloud is instead.
+/// The kind of cloud that was found instead.
 pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
     let sample = sampled(cloud);
     if sample.len() < LEAST_POINTS {
@@ -170,7 +171,7 @@ mod tests {
         k3: 0.0,
     };
 
-    /// A plane at 700 mm whose rays are those of a camera with its middle elsewhere, and one changed point.
+    /// Returns a plane at 700 mm with the rays of a camera that has its centre elsewhere, and one changed point.
     fn cloud(shift_px: f64, changed: Option<(usize, [f32; 3])>) -> OrganizedCloud<Camera> {
         let point = |index: usize| {
             let (u, v) = ((index % 100) as f64 + shift_px, (index / 100) as f64);
@@ -197,7 +198,7 @@ mod tests {
         assert_eq!(changed([4.0 * x, 4.0 * y, 4.0 * z]), Ok(()), "another distance on the same ray");
     }
 
-    /// By hand: 5 px beside their pixels, the points are those of a lens whose middle lies at 55 px.
+    /// By hand: 5 px away from their pixels, the points are those of a lens with its centre at 55 px.
     #[test]
     fn a_cloud_of_another_lens_is_refused_with_its_own() {
         let other = check_rays(&cloud(-5.0, None), &CAMERA).expect_err("another lens").to_string();

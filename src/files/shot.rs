@@ -7,11 +7,11 @@ use super::ply::{read_any_ply, read_ply};
 use super::rays::check_rays;
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 
-/// Reads a PCD or PLY file, told apart by its first line, of the camera with this calibration.
+/// Reads a PCD or PLY file, distinguished by its first line, of the camera with this calibration.
 ///
 /// # Errors
-/// Where the bytes are not an organised cloud with colours, its size is not the camera's, or points do not lie on the rays of their
-/// pixels.
+/// If the bytes are not an organised cloud with colours, its size is not the camera's, or points do not lie on the
+/// rays of their pixels.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     check_kind(bytes)?;
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
@@ -20,10 +20,11 @@ pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud
     Ok(cloud)
 }
 
-/// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states none.
+/// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states
+/// none.
 ///
 /// # Errors
-/// Where the bytes are not an organised cloud with colours, or nobody says how wide it is.
+/// If the bytes are not an organised cloud with colours, or its width is not stated.
 pub fn read_any_cloud(
     bytes: &[u8],
     size_px: Option<(usize, usize)>,

@@ -1,9 +1,10 @@
 //! Which force belongs to which part of a path.
 //!
-//! Waypoints are those of the plan, the first one in air; the robot tells how many of the others it has reached, and is then
-//! on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On the way down and up, one
-//! end of which is on the panel, it presses with the landing force, and so it does on the last leg before it leaves, so
-//! that the force has come down when the disc lifts off. Between, it presses with the recipe's force.
+//! Waypoints are those of the plan, the first one in air. The robot reports how many of the others it has reached,
+//! and is then on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On
+//! the way down and up, with one end of the leg on the panel, it presses with the landing force. It also does so on
+//! the last leg before it leaves, so that the force has come down when the disc lifts off. Between these legs, it
+//! presses with the recipe's force.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +20,8 @@ pub enum Aim {
     Pressing,
 }
 
-/// The aim on the leg that begins at this waypoint; `contact` says of each waypoint whether it is on the panel.
+/// Returns the aim on the leg that begins at this waypoint; `contact` states for each waypoint whether it is on the
+/// panel.
 pub fn aim_of_leg(contact: &[bool], reached: usize) -> Aim {
     let on = |index: usize| contact.get(index).copied().unwrap_or(false);
     match (on(reached), on(reached + 1)) {
@@ -46,7 +48,7 @@ mod tests {
     }
 
     proptest! {
-        /// Never the recipe's force where either end of the leg, or the next one's end, is off the panel.
+        /// Never the recipe's force if either end of the leg, or the next leg's end, is off the panel.
         #[test]
         fn nothing_presses_beside_the_panel(contact in prop::collection::vec(any::<bool>(), 0..20), at in 0_usize..25) {
             let on = |index: usize| contact.get(index) == Some(&true);

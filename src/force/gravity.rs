@@ -14,17 +14,17 @@ use crate::cell::CompliantTool;
 use crate::geometry::{Base, Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector};
 use nalgebra::Vector3;
 
-/// What the actuator carries, and what its sensor says of nothing.
+/// The load on the actuator, and its sensor's reading without force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weight {
     /// What hangs on the actuator: the sander with its disc, kg.
     pub payload_kg: f64,
-    /// What the sensor says where the actuator has no force, N.
+    /// The sensor's reading when the actuator has no force, N.
     pub zero_n: f64,
 }
 
 impl Weight {
-    /// The share of the contact force that is weight, N, for a tool that points down by so much, −1…1.
+    /// Returns the share of the contact force that is weight, N, for a tool with this downward component, −1…1.
     pub fn presses_n(&self, downwards: f64) -> f64 {
         self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
     }
@@ -60,8 +60,8 @@ mod tests {
         downwards(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
     }
 
-    /// By hand: 2 kg weigh 19.6133 N. Down: 20 N of contact take 0.3867 N of the actuator. Up: 39.6133 N. Level: 20 N. By 60° from
-    /// down the half of it presses: 10.19335 N.
+    /// By hand: 2 kg weigh 19.6133 N. Down: 20 N of contact need 0.3867 N from the actuator. Up: 39.6133 N. Level:
+    /// 20 N. At 60° from down, half of the weight presses: 10.19335 N.
     #[test]
     fn weight_presses_by_the_attitude() {
         let weight = Weight { payload_kg: 2.0, zero_n: 0.0 };

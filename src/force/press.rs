@@ -1,4 +1,4 @@
-//! What the tool is told, and the ramp from one set-point to the next.
+//! The tool's set-point, and the ramp from one set-point to the next.
 
 use crate::eki::Time;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use std::time::Duration;
 pub struct Press {
     /// The actuator's force in contact, N; negative holds the tool back.
     pub force_n: f64,
-    /// Its force where there is no contact, N.
+    /// Its force without contact, N.
     pub no_contact_n: f64,
     /// From the set-point before to this one, s.
     pub ramp_s: f64,
@@ -32,7 +32,7 @@ pub struct Ramp {
 }
 
 impl Ramp {
-    /// Stands at this set-point.
+    /// Returns a ramp that is already at this set-point.
     pub fn at(press: Press) -> Self {
         Ramp { from_n: press.force_n, to: press, since: Time::default() }
     }
@@ -58,7 +58,7 @@ impl Ramp {
     /// The forces between which it was in so long a time before now, lower first, N: a tool follows with some delay.
     pub fn between_n(&self, now: Time, delay: Duration) -> [f64; 2] {
         let before = Time::after_start(now.since_start().saturating_sub(delay));
-        // The ramp is a straight line, and before its begin stood where it begins.
+        // The ramp is a straight line. Before its start the force is its starting value.
         let (before_n, now_n) = (self.force_n(before), self.force_n(now));
         let before_n = if before < self.since { self.from_n } else { before_n };
         [before_n.min(now_n), before_n.max(now_n)]

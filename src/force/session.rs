@@ -1,8 +1,10 @@
-//! The session with the tool: log-in, then one command a period, each answered before its deadline. No sockets, no clock.
+//! The session with the tool: log-in, then one command a period, each answered before its deadline. No sockets, no
+//! clock.
 //!
-//! Whoever has the connection says what came and what time it is, and sends what it is given. The first thing that is not as it must
-//! be ends the session with its [`Loss`]; a new connection begins with the tool held back. Nothing is ever skipped or guessed:
-//! a wrong byte ends it, since whatever follows could be the answer to something else.
+//! The owner of the connection supplies the received bytes and the time, and sends the bytes that it is given. The
+//! first deviation ends the session with its [`Loss`]; a new connection begins with the tool held back. Nothing is
+//! ever skipped or guessed: a wrong byte ends the session, since the bytes that follow could be the answer to
+//! another command.
 
 use super::press::{Press, Ramp};
 use super::telegram::{self, Command, LOGIN_ECHO_MOST_BYTES, REPLY_MOST_BYTES, Reading, TERMINATOR, TelegramError};
@@ -10,7 +12,7 @@ use crate::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// How long the echo of the log-in may take.
+/// Timeout for the echo of the log-in.
 const LOGIN_WITHIN: Duration = Duration::from_millis(1_000);
 
 /// What a session works by.
@@ -22,9 +24,9 @@ pub struct SessionLimits {
     pub id: u16,
     /// From one command to the next.
     pub period: Duration,
-    /// How long a reply may take.
+    /// Timeout for a reply.
     pub reply_within: Duration,
-    /// What the tool is told until it is told otherwise.
+    /// The tool's set-point until another is commanded.
     pub at_rest: Press,
 }
 
@@ -35,7 +37,7 @@ pub enum Loss {
     /// Nothing connects.
     #[error("it cannot be connected: {problem}")]
     Unreachable {
-        /// What the system says.
+        /// The system's error.
         problem: String,
     },
     /// The connection ended.
@@ -44,7 +46,7 @@ pub enum Loss {
     /// It refused the log-in.
     #[error("it answered the log-in word with \"{found}\"; hold [tool] login against its settings")]
     NotLoggedIn {
-        /// What it said.
+        /// Its answer.
         found: String,
     },
     /// No answer in time.
@@ -53,7 +55,7 @@ pub enum Loss {
         /// How long, ms.
         ms: u64,
     },
-    /// What it said is no reply.
+    /// Its answer is not a reply.
     #[error("what it said is no reply: {problem}")]
     Garbage {
         /// Why.
@@ -65,19 +67,19 @@ pub enum Loss {
         /// Which.
         problem: String,
     },
-    /// It spoke without having been asked.
+    /// It sent data without a request.
     #[error("it spoke without having been asked")]
     Unasked,
 }
 
-/// Where a session stands.
+/// The state of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {
     /// There is no connection yet.
     Offline,
     /// The log-in was sent at this time.
     LoggingIn(Time),
-    /// Nothing is asked; the next command is due at this time.
+    /// No request is open; the next command is due at this time.
     Ready(Time),
     /// A command was sent at this time.
     Asked(Time),
@@ -102,18 +104,19 @@ impl Session {
         Session { limits, state: State::Offline, ramp, buffer: Vec::new(), newest: None }
     }
 
-    /// The connection stands: gives the log-in to be sent. The tool is held back until it is told otherwise.
+    /// Starts on an established connection: returns the log-in to be sent. The tool is held back until another
+    /// set-point is commanded.
     pub fn connected(&mut self, now: Time) -> Vec<u8> {
         *self = Session { state: State::LoggingIn(now), ..Session::new(self.limits.clone()) };
         telegram::login(&self.limits.login)
     }
 
-    /// What the tool is told from now on.
+    /// Sets the tool's set-point from now on.
     pub fn press(&mut self, press: Press, now: Time) {
         self.ramp.turn_to(press, now);
     }
 
-    /// Where it stands.
+    /// Returns the session's state.
     pub fn state(&self) -> &State {
         &self.state
     }

@@ -25,7 +25,8 @@ pub fn middle_mm(stroke_mm: f64) -> [f64; 2] {
     [(0.5 - half) * stroke_mm, (0.5 + half) * stroke_mm]
 }
 
-/// Whether the stroke takes up the errors along the path, (1), all in mm; an error that nobody stated is refused.
+/// Checks whether the stroke accommodates the errors along the path, (1), all in mm; an error that is not stated is
+/// refused.
 pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3]) -> Check {
     let allowed_mm = MIDDLE_SHARE / 2.0 * stroke_mm;
     let sum_mm = errors_mm.into_iter().try_fold(press_in_mm.abs(), |sum_mm, error_mm| Some(sum_mm + error_mm?));

@@ -24,7 +24,7 @@ pub const LOGIN_ECHO_MOST_BYTES: usize = 64;
 /// The longest reply, bytes. The longest that the format needs is about 40.
 pub const REPLY_MOST_BYTES: usize = 96;
 
-/// What a reply's numbers may be at most: no compliant tool has so much force, N, or stroke, mm.
+/// Maxima of a reply's numbers: no compliant tool has this force, N, or this stroke, mm.
 const MOST_FORCE_N: f64 = 2_000.0;
 const MOST_POSITION_MM: f64 = 500.0;
 
@@ -60,7 +60,7 @@ impl Command {
     }
 }
 
-/// What the tool says of itself.
+/// The tool's report of its own state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reading {
@@ -68,9 +68,9 @@ pub struct Reading {
     pub force_n: f64,
     /// How far it is out, mm: 0 is fully back.
     pub position_mm: f64,
-    /// Whether it says that it is in contact.
+    /// Whether it reports contact.
     pub contact: bool,
-    /// What it says is wrong.
+    /// The errors that it reports.
     pub errors: ErrorBits,
 }
 
@@ -127,7 +127,7 @@ pub enum TelegramError {
     Field {
         /// Which one.
         field: &'static str,
-        /// What stands there.
+        /// The text found.
         found: String,
     },
     /// The reply of another tool.
@@ -135,7 +135,7 @@ pub enum TelegramError {
     OtherId {
         /// The one that answered.
         found: u32,
-        /// The one that was asked.
+        /// The requested one.
         expected: u16,
     },
 }
@@ -143,7 +143,7 @@ pub enum TelegramError {
 /// Reads a reply, without its terminator, of the tool with this number.
 ///
 /// # Errors
-/// Where it is not exactly a reply of that tool.
+/// If it is not exactly a reply of that tool.
 pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError> {
     if bytes.len() > REPLY_MOST_BYTES {
         return Err(TelegramError::TooLong { bytes: bytes.len() });
@@ -231,7 +231,8 @@ mod tests {
             }
         }
 
-        /// One byte of a reply changed: it is refused, or says another number, but never more than its format allows.
+        /// One byte of a reply is changed: the reply is refused, or contains another number, but never more than
+        /// its format allows.
         #[test]
         fn a_changed_byte_is_no_other_tools_reply(at in 0_usize..19, to in any::<u8>()) {
             let mut bytes = b"1040 19.7 17.25 1 0".to_vec();

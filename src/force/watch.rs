@@ -1,9 +1,10 @@
-//! Readings while the arm is on a contact path, held against what is expected of them.
+//! Compares the readings with their expected values while the arm is on a contact path.
 //!
-//! Whatever is not as it must be counts from the reading that first shows it, and is told once it has lasted as long as the
-//! cell's file allows: a force out of its band around the set-point, no contact where the tool presses, a position outside of the
-//! middle two thirds of the stroke, a tool that does not go back. Error bits and a lost link count at once. While the set-point
-//! ramps, the band reaches over what it was in the last moment, by which the tool may follow later.
+//! Each deviation counts from the reading that first shows it, and is reported once it has lasted as long as the
+//! cell's file allows. Deviations are: a force out of its band around the set-point; no contact where the tool
+//! presses; a position outside of the middle two thirds of the stroke; a tool that does not go back. Error bits and
+//! a lost link count at once. While the set-point ramps, the band includes its values of the last moment, by which
+//! the tool may follow later.
 
 use super::aims::Aim;
 use super::stroke::middle_mm;
@@ -50,7 +51,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Takes a reading and its contact force, N, that came at this time; why the path must end, where it must.
+    /// Evaluates a reading and its contact force, N, received at this time. Returns the reason if the path must
+    /// end.
     pub fn see(
         &mut self,
         (reading, contact_n): (&Reading, f64),
@@ -67,7 +69,7 @@ impl Watch {
         };
         let presses = expected.aim == Aim::Pressing;
         let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
-        // Without contact there is no force to be judged, and too much of it is too much wherever the tool is.
+        // Without contact there is no force to judge. Too much force is too much wherever the tool presses.
         let out = (presses && reading.contact && contact_n < low_n)
             || (expected.aim != Aim::HeldBack && reading.contact && contact_n > high_n);
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
@@ -103,12 +105,12 @@ impl Watch {
             return Some(Reason::new("tool_stroke", words));
         }
         let is_held = expected.aim == Aim::HeldBack && now.since(since) >= GOES_BACK;
-        // In the air, with time enough to have gone back, it touches nothing: then its force is not asked for.
+        // In the air, after enough time to go back, the tool touches nothing: then its force is not checked.
         if is_held { unready(reading, limits.stroke_mm) } else { None }
     }
 }
 
-/// Why a path may not begin with a tool that is held back and reads so; none where it may.
+/// Returns why a path may not begin with this reading of a tool that is held back; none if it may.
 pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
     if !reading.errors.is_none() {
         return Some(of_errors(reading));

@@ -2,7 +2,7 @@
 //!
 //! N_{i,0}(u) = 1 on [u_i, u_{i+1}), the last non-empty span closed;
 //!     N_{i,p} = (u − u_i)/(u_{i+p} − u_i) N_{i,p−1} + (u_{i+p+1} − u)/(u_{i+p+1} − u_{i+1}) N_{i+1,p−1},   (4.10)
-//! with 0/0 = 0: Cox–de Boor by degree, where the thesis mixes order and degree. Only the p + 1 functions that are
+//! with 0/0 = 0: Cox–de Boor by degree; the thesis mixes order and degree here. Only the p + 1 functions that are
 //! not zero on the span of u are computed, so the quotients 0/0 never arise. The derivative is
 //!     N'_{i,p} = p ( N_{i,p−1}/(u_{i+p} − u_i) − N_{i+1,p−1}/(u_{i+p+1} − u_{i+1}) ).
 //! Source: Piegl & Tiller, The NURBS Book, 2nd ed., sections 2.2 and 2.3.
@@ -24,7 +24,7 @@ pub enum KnotError {
     /// The degree is not served.
     #[error("degree {found}, allowed is 1 to {MAX_DEGREE}")]
     Degree {
-        /// Degree asked for.
+        /// The requested degree.
         found: usize,
     },
     /// Not open, not rising, or broken inside.
@@ -34,7 +34,7 @@ pub enum KnotError {
         list(knots)
     )]
     NotOpen {
-        /// Degree asked for.
+        /// The requested degree.
         degree: usize,
         /// Knots found.
         knots: Vec<f64>,
@@ -64,7 +64,7 @@ pub struct Basis {
 /// The functions of one span as polynomials of t = (u − start) / length: N_r = Σ_k c_rk t^k.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpanFunctions {
-    /// Where the span begins.
+    /// The parameter where the span begins.
     pub start: f64,
     /// How long it is.
     pub length: f64,
@@ -73,10 +73,10 @@ pub struct SpanFunctions {
 }
 
 impl KnotVector {
-    /// A knot vector from its knots.
+    /// Creates a knot vector from its knots.
     ///
     /// # Errors
-    /// Where the knots are not open or the degree is not served.
+    /// If the knots are not open or the degree is not supported.
     pub fn new(degree: usize, knots: Vec<f64>) -> Result<Self, KnotError> {
         if !(1..=MAX_DEGREE).contains(&degree) {
             return Err(KnotError::Degree { found: degree });
@@ -92,10 +92,10 @@ impl KnotVector {
         if open { Ok(KnotVector { degree, knots }) } else { Err(KnotError::NotOpen { degree, knots }) }
     }
 
-    /// Equal spans over a domain.
+    /// Creates a knot vector with equal spans over a domain.
     ///
     /// # Errors
-    /// Where the domain or the number of spans is empty, or the degree is not served.
+    /// If the domain or the number of spans is empty, or the degree is not supported.
     pub fn uniform(degree: usize, spans: usize, domain: RangeInclusive<f64>) -> Result<Self, KnotError> {
         if spans == 0 {
             return Err(KnotError::NotOpen { degree, knots: Vec::new() });
@@ -126,7 +126,7 @@ impl KnotVector {
         self.controls() - self.degree
     }
 
-    /// The span of a parameter, from 0. Beyond the domain the first and the last polynomial go on.
+    /// Returns the span of a parameter, from 0. Beyond the domain the first and the last polynomial continue.
     pub fn span(&self, at: f64) -> usize {
         let inner = &self.knots[self.degree + 1..self.controls()];
         let (low, high) = (self.knots[0], self.knots[self.knots.len() - 1]);
@@ -167,7 +167,7 @@ impl KnotVector {
         SpanFunctions { start, length, coefficients: lower }
     }
 
-    /// Where the control points have their say: the means of the degree inner knots of each.
+    /// Returns the Greville abscissa of each control point: the mean of its inner knots, as many as the degree.
     pub fn greville(&self) -> Vec<f64> {
         let mean = |i: usize| self.knots[i + 1..=i + self.degree].iter().sum::<f64>() / self.degree as f64;
         (0..self.controls()).map(mean).collect()

@@ -78,12 +78,12 @@ impl PinholeCamera {
         })
     }
 
-    /// The pixel that sees this point, or `None` where it lies outside the picture or behind the camera.
+    /// Returns the pixel that sees this point, or `None` if it lies outside the picture or behind the camera.
     pub fn project_inside<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
         self.project(point).filter(|pixel| pixel.whole(self.width_px, self.height_px).is_some())
     }
 
-    /// The ray through a pixel, as the vector (x, y, 1): multiply by a depth to get a point. `None` where the
+    /// Returns the ray through a pixel, as the vector (x, y, 1): multiply by a depth to get a point. `None` if the
     /// distortion has no inverse, far outside of the picture.
     pub fn unproject<F: Frame>(&self, pixel: Pixel) -> Option<Vector<F>> {
         let distorted = Vector2::new((pixel.u - self.cx_px) / self.fx_px, (pixel.v - self.cy_px) / self.fy_px);
@@ -98,9 +98,9 @@ impl PinholeCamera {
         None
     }
 
-    /// The largest undistorted radius within the circle around the principal point that holds the whole picture; `None`
-    /// where the distortion has no inverse there: where, on the way from the middle outwards, the distorted radius grows
-    /// by less than `least_slope` times the undistorted one.
+    /// Returns the largest undistorted radius within the circle around the principal point that contains the whole
+    /// picture. `None` if the distortion has no inverse there: if, from the middle outwards, the distorted radius
+    /// grows by less than `least_slope` times the undistorted one.
     pub fn radius_without_fold(&self, least_slope: f64) -> Option<f64> {
         const DIRECTIONS: usize = 24;
         const STEPS: usize = 40;
@@ -182,7 +182,7 @@ mod tests {
         k3: -0.02,
     };
 
-    /// Against differences: each parameter moved a little moves the pixel as the slope says.
+    /// Comparison with differences: if a parameter changes a little, the pixel moves as the slope states.
     #[test]
     fn the_lens_slope_is_the_lens_s_own() {
         let point = Point::<Camera>::at(-170.0, 95.0, 700.0);
@@ -231,8 +231,9 @@ mod tests {
         assert!((pixel.u - 699.4).abs() < 1e-9 && (pixel.v - 500.2).abs() < 1e-9, "{pixel:?}");
     }
 
-    /// By hand: with k1 = −1 the distorted radius r − r³ stops growing at r = 0.577 and never exceeds 0.385; the corner of
-    /// this picture lies at 0.64. With k1 = −0.1 it is reached where r − 0.1 r³ = 0.64, at 0.669.
+    /// By hand: with k1 = −1 the distorted radius r − r³ stops growing at r = 0.577 and never exceeds 0.385; the
+    /// corner of this picture lies at 0.64. With k1 = −0.1 the corner is reached at r − 0.1 r³ = 0.64, which is r =
+    /// 0.669.
     #[test]
     fn a_lens_that_folds_inside_the_picture_is_known() {
         let plain = PinholeCamera { k1: -0.1, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..LENS };
@@ -248,7 +249,8 @@ mod tests {
         assert_eq!(LENS.project_inside(Point::<Camera>::at(500.0, 0.0, 700.0)), None);
     }
 
-    /// Against central differences: a point moved by ±0.01 mm along each axis moves its pixel as the slope says.
+    /// Comparison with central differences: if a point moves by ±0.01 mm along each axis, its pixel moves as the
+    /// slope states.
     #[test]
     fn the_slope_of_a_projection_is_its_difference() {
         let at = nalgebra::Point3::new(130.0, -90.0, 620.0);

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 const MISSING: [f32; 3] = [f32::NAN; 3];
 
-/// Points and colours on the pixel grid of the camera that took them, row by row; coordinates in frame `F`, mm.
+/// Points and colours on the pixel grid of the camera that recorded them, row by row; coordinates in frame `F`, mm.
 #[derive(Debug, Clone)]
 pub struct OrganizedCloud<F: Frame> {
     width: usize,
@@ -26,9 +26,9 @@ pub enum CloudError {
     /// The numbers of points, colours and pixels differ.
     #[error("a cloud of {width}×{height} needs {} points and colours, found {points} and {colors}", width * height)]
     Size {
-        /// Columns asked for.
+        /// Requested columns.
         width: usize,
-        /// Rows asked for.
+        /// Requested rows.
         height: usize,
         /// Points found.
         points: usize,
@@ -48,10 +48,10 @@ pub enum CloudError {
 }
 
 impl<F: Frame> OrganizedCloud<F> {
-    /// A cloud from points and colours row by row.
+    /// Creates a cloud from points and colours, row by row.
     ///
     /// # Errors
-    /// Where the counts differ from `width`·`height`, or the cloud has fewer than two rows or columns.
+    /// If the counts differ from `width`·`height`, or the cloud has fewer than two rows or columns.
     pub fn new(
         width: usize,
         height: usize,
@@ -82,7 +82,7 @@ impl<F: Frame> OrganizedCloud<F> {
         self.height
     }
 
-    /// The point seen by this pixel, `None` where it is missing.
+    /// The point seen by this pixel; `None` if it is missing.
     pub fn point(&self, column: usize, row: usize) -> Option<Point<F>> {
         self.point_at(row * self.width + column)
     }
@@ -140,13 +140,13 @@ impl<F: Frame> OrganizedCloud<F> {
         }
     }
 
-    /// For writers: coordinates of each pixel, NaN where missing.
+    /// For writers: coordinates of each pixel, NaN if missing.
     pub fn raw_points_mm(&self) -> &[[f32; 3]] {
         &self.points_mm
     }
 
-    /// The surface that one pixel stands for, mm²: the cross product of half the steps between its neighbours.
-    /// `None` at the border of the picture or beside a missing point.
+    /// The surface area that one pixel represents, mm²: the cross product of half the steps between its neighbours.
+    /// `None` at the border of the picture or next to a missing point.
     pub fn pixel_area_mm2(&self, column: usize, row: usize) -> Option<f64> {
         self.pixel_area_over_mm2(column, row, 1)
     }
@@ -177,7 +177,7 @@ mod tests {
             .expect("counts agree")
     }
 
-    /// By hand: pixels 2 mm apart across and 3 mm down stand for 6 mm² each.
+    /// By hand: pixels 2 mm apart across and 3 mm down represent 6 mm² each.
     #[test]
     fn a_pixel_stands_for_its_share_of_the_surface() {
         let cloud = grid(4, 4);

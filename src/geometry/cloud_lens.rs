@@ -1,7 +1,9 @@
-//! The lens of an organised cloud: every point lies on the ray of its pixel, so that the cloud states the lens that took it.
+//! The lens of an organised cloud: every point lies on the ray of its pixel, so the cloud determines the lens that
+//! recorded it.
 //!
-//! With pixels (u, v) and points (x, y, z), the nine numbers of a lens minimise Σ |(u, v) − π(x, y, z)|²: a pinhole first, whose normal
-//! equations are linear in x/z and y/z, then Gauss–Newton on all nine. Points that filters moved across edges are left out once.
+//! With pixels (u, v) and points (x, y, z), the nine numbers of a lens minimise Σ |(u, v) − π(x, y, z)|². First a
+//! pinhole is computed, whose normal equations are linear in x/z and y/z; then Gauss–Newton runs on all nine.
+//! Points that filters moved across edges are left out once.
 
 use super::camera::PinholeCamera;
 use super::cloud::OrganizedCloud;
@@ -48,7 +50,7 @@ pub fn median_off_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCam
     median(&mut sample.iter().map(off).collect::<Vec<f64>>())
 }
 
-/// The lens that these points state, of a picture of this size; `None` where they determine none.
+/// Computes the lens from these points, for a picture of this size; `None` if the points do not determine it.
 pub fn lens_of<F: Frame>(sample: &[(Pixel, Point<F>)], (width_px, height_px): (usize, usize)) -> Option<CloudLens> {
     let mut kept: Vec<(Pixel, Point<F>)> = sample.iter().copied().filter(|(_, point)| point.mm.z > 1e-6).collect();
     let mut camera = pinhole(&kept, (width_px, height_px))?;

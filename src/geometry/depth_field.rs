@@ -1,10 +1,11 @@
 //! The part of a 3D camera's depth error that is the same in each scan, over the directions in its picture.
 //!
-//! A camera with structured light measures 1/z by triangulation, so that an error of its lens, its projector or their poses is an
-//! error of 1/z that depends on the direction (x, y) = (X/Z, Y/Z) alone. With the error c mm at the reference depth z₀,
+//! A camera with structured light measures 1/z by triangulation. An error of its lens, its projector or their poses
+//! is therefore an error of 1/z that depends only on the direction (x, y) = (X/Z, Y/Z). With the error c mm at the
+//! reference depth z₀,
 //!     1/z_true = 1/z + c(x, y) / z₀²,   δz = c(x, y) (z / z₀)²,                                          (1)
-//! where c is a uniform cubic B-spline over a rectangle of directions, and constant beyond its edges. What is linear in (x, y)
-//! turns planes into other planes: nothing flat can tell it, but distances on it can.
+//! with c a uniform cubic B-spline over a rectangle of directions, constant beyond its edges. The part that is
+//! linear in (x, y) turns planes into other planes: no flat object can show it, but distances on a flat object can.
 
 use super::cloud::OrganizedCloud;
 use super::frames::Camera;
@@ -22,7 +23,7 @@ pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
 /// c of (1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthField {
-    /// Where it lies.
+    /// The rectangle of directions that it covers.
     pub over: FieldRectangle,
     /// Its coefficients row by row, mm at the reference depth.
     pub coefficients_mm: [f64; FIELD_SIZE],
@@ -72,8 +73,9 @@ impl DepthField {
         DepthField { over, coefficients_mm: [0.0; FIELD_SIZE] }
     }
 
-    /// The same with so much more for each unit of the direction, mm at the reference depth: a spline with the coefficients of a line at the
-    /// places of its coefficients is that line.
+    /// Returns the same field with this much more for each unit of the direction, mm at the reference depth. If the
+    /// coefficients of a spline are the values of a line at the places of the coefficients, the spline is that
+    /// line.
     #[must_use]
     pub fn with_slope(mut self, slope_mm: [f64; 2]) -> Self {
         let place = |axis: usize, index: usize, count: usize| {

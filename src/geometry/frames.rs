@@ -1,8 +1,8 @@
 //! The coordinate frames of the cell, as types.
 //!
-//! A frame is where something is measured from. Every point, direction and transform carries its frame, so
-//! that adding a camera point to a base point does not compile. What types cannot tell: the same frame at two
-//! times. `Panel` before and after somebody bumped it is one type and two places, hence tokens and Verify.
+//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that
+//! adding a camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if
+//! a person bumps the panel, `Panel` before and after is one type but two places. Hence tokens and Verify.
 
 /// A coordinate frame; implemented only by the markers of this module.
 pub trait Frame: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Where the six axes stand, degrees, as the controller writes them. Never wrapped: A4 and A6 turn past ±180°.
+/// The positions of the six axes, degrees, as the controller writes them. Never wrapped: A4 and A6 turn past ±180°.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Joints {

@@ -34,7 +34,7 @@ pub struct KukaPose {
 const POLE: f64 = 1e-9;
 
 impl KukaPose {
-    /// The transform that this pose stands for, between frames that the caller claims.
+    /// The transform that this pose represents, between frames that the caller claims.
     pub fn to_rigid<To: Frame, From: Frame>(self) -> Rigid<To, From> {
         let turn = |axis: nalgebra::Unit<Vector3<f64>>, deg: f64| {
             UnitQuaternion::from_axis_angle(&axis, Degrees(deg).rad())
@@ -45,14 +45,14 @@ impl KukaPose {
         Rigid::claim(Isometry3::from_parts(Translation3::new(self.x_mm, self.y_mm, self.z_mm), rotation))
     }
 
-    /// The pose that stands for this transform.
+    /// The pose that represents this transform.
     pub fn from_rigid<To: Frame, From: Frame>(rigid: &Rigid<To, From>) -> Self {
         let position = rigid.origin().mm;
         let [a_deg, b_deg, c_deg] = angles_deg(&rigid.rotation());
         KukaPose { x_mm: position.x, y_mm: position.y, z_mm: position.z, a_deg, b_deg, c_deg }
     }
 
-    /// True where no number is NaN or infinite.
+    /// Returns true if no number is NaN or infinite.
     pub fn is_finite(&self) -> bool {
         [self.x_mm, self.y_mm, self.z_mm, self.a_deg, self.b_deg, self.c_deg].iter().all(|n| n.is_finite())
     }

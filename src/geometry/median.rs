@@ -18,15 +18,15 @@ impl Ordered for f32 {
     }
 }
 
-/// The middle one of these values, which are reordered; of an even number the larger of the two in the middle. `None` where
-/// there is none.
+/// The median of these values, which are reordered; for an even count the larger of the two in the middle. `None`
+/// if there are no values.
 pub fn median<T: Ordered>(values: &mut [T]) -> Option<T> {
     let middle = values.len() / 2;
     (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, T::order).1)
 }
 
-/// The middle one of these values, which are reordered; of an even number the mean of the two in the middle. `None` where
-/// there is none.
+/// The median of these values, which are reordered; for an even count the mean of the two in the middle. `None` if
+/// there are no values.
 pub fn median_between(values: &mut [f64]) -> Option<f64> {
     let is_odd = values.len() % 2 == 1;
     let middle = values.len() / 2;

@@ -1,7 +1,7 @@
-//! Where things are: frames, units, transforms, KUKA poses, the camera model, organised clouds, pictures.
+//! Geometry: frames, units, transforms, KUKA poses, the camera model, organised clouds, pictures.
 //!
-//! Pure types and their algebra; everything else in the program stands on these and adds no second version.
-//! Lengths in mm, angles in degrees, pixels with whole numbers at pixel centres.
+//! Pure types and their algebra; the rest of the program uses these and adds no second version. Lengths in mm,
+//! angles in degrees, pixels with whole numbers at pixel centres.
 
 pub mod basis;
 mod camera;

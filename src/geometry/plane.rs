@@ -14,8 +14,9 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 const MAX_RATIO: f64 = 4.0;
 /// A plane through fewer points is an accident.
 const MIN_POINTS: usize = 8;
-/// A few points in a row say nothing of a plane aside of them. With the mean and scatter S of the points' pixels, a pixel d off the mean has
-/// 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at that of a triangle. Beyond this it is too far beside the points.
+/// A few points in a row do not determine a plane beside them. With the mean and scatter S of the points' pixels, a
+/// pixel at the distance d from the mean has 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at that of
+/// a triangle. Above this limit the pixel is too far beside the points.
 const BESIDE: f64 = 12.0;
 
 /// A plane by a point on it and its normal, a direction.
@@ -28,7 +29,8 @@ pub struct Plane<F: Frame> {
 }
 
 impl<F: Frame> Plane<F> {
-    /// Where the ray from `origin` along `ray` meets the plane; `None` for a ray that runs along it or away.
+    /// The point where the ray from `origin` along `ray` intersects the plane; `None` if the ray runs parallel to
+    /// it or away from it.
     pub fn meet(&self, origin: Point<F>, ray: Vector<F>) -> Option<Point<F>> {
         let slope = self.normal.mm.dot(&ray.mm);
         let distance = self.normal.mm.dot(&(self.point - origin).mm) / slope;
@@ -36,8 +38,8 @@ impl<F: Frame> Plane<F> {
     }
 }
 
-/// The plane through the points within `half_width_px` pixels of a pixel; `None` where there are too few, or where they lie
-/// far beside the pixel for the area that they take. `viewer` is where the camera stands.
+/// The plane through the points within `half_width_px` pixels of a pixel. `None` if there are too few points, or if
+/// they lie far beside the pixel compared with the area that they cover. `viewer` is the camera's position.
 pub fn local_plane<F: Frame>(
     cloud: &OrganizedCloud<F>,
     at: (usize, usize),
@@ -47,7 +49,7 @@ pub fn local_plane<F: Frame>(
     local_plane_of(cloud, at, half_width_px, viewer, |_| true)
 }
 
-/// The same, through those points alone whose pixel, by its index, belongs to one surface.
+/// The same, but only with points whose pixel, by its index, belongs to one surface.
 pub fn local_plane_of<F: Frame>(
     cloud: &OrganizedCloud<F>,
     (column, row): (usize, usize),

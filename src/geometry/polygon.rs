@@ -16,7 +16,7 @@ pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
     inside
 }
 
-/// The pixels of a picture of this size whose middles lie inside by the even–odd rule.
+/// The pixels of a picture of this size whose centres lie inside by the even–odd rule.
 pub fn filled(polygon: &[Pixel], width: usize, height: usize) -> Mask {
     let mut mask = Mask::empty(width, height);
     for row in 0..height {
@@ -35,7 +35,7 @@ pub fn filled(polygon: &[Pixel], width: usize, height: usize) -> Mask {
     mask
 }
 
-/// Area in px², positive where the corners run clockwise as seen on a screen (v down).
+/// Area in px², positive if the corners run clockwise as seen on a screen (v down).
 pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }

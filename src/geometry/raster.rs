@@ -5,7 +5,7 @@ pub const BESIDE: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
 /// … and to the eight around it.
 pub const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
-/// The size of a raster whose places are counted row by row.
+/// The size of a raster with places that are counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Raster {
     /// Places in a row.
@@ -28,7 +28,8 @@ impl Raster {
         })
     }
 
-    /// Side of the largest square of places that hold which ends at each place, to the right and below; 0 where it does not hold.
+    /// For each place, the side of the largest square with its lower right corner there in which `holds` is true
+    /// everywhere; 0 if it is false at the place itself.
     pub fn largest_squares(self, holds: impl Fn(usize) -> bool) -> Vec<u32> {
         let width = self.width;
         let mut squares = vec![0_u32; width * self.height];
@@ -49,7 +50,7 @@ impl Raster {
         self.joined_pieces(steps, holds, |_, _| true)
     }
 
-    /// The same, where two neighbours that hold are connected only if they are `joined`.
+    /// The same, but two neighbours for which `holds` is true are connected only if they are `joined`.
     pub fn joined_pieces(
         self,
         steps: &[(isize, isize)],

@@ -1,9 +1,9 @@
 //! Frame-tagged points, directions and rigid transforms.
 //!
-//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`.
-//! Products read by cancelling neighbours, `base_from_panel = base_from_camera * camera_from_panel`; every
-//! other order does not compile. [`Rigid::claim`] is the one place where numbers are declared to be a
-//! transform between two frames: `grep claim` is the list to review.
+//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In
+//! products neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order
+//! does not compile. [`Rigid::claim`] is the only function that declares numbers to be a transform between two
+//! frames: `grep claim` gives the list to review.
 
 use super::frames::Frame;
 use super::units::Degrees;
@@ -39,7 +39,7 @@ impl<F: Frame> Point<F> {
 /// A displacement measured in frame `F`, mm. A direction is a vector of length 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vector<F: Frame> {
-    /// Components, mm (or no unit where it is a direction).
+    /// Components, mm (without a unit if it is a direction).
     pub mm: Vector3<f64>,
     frame: PhantomData<F>,
 }
@@ -50,7 +50,7 @@ impl<F: Frame> Vector<F> {
         Vector { mm, frame: PhantomData }
     }
 
-    /// The direction of this vector; `None` where it is too short to have one.
+    /// The direction of this vector; `None` if it is too short to have one.
     pub fn direction(self) -> Option<Self> {
         self.mm.try_normalize(1e-12).map(Self::new)
     }
@@ -110,7 +110,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         self.isometry.rotation.to_rotation_matrix()
     }
 
-    /// Where the origin of `From` stands in `To`.
+    /// The position of the origin of `From` in `To`.
     pub fn origin(&self) -> Point<To> {
         Point::new(Point3::from(self.isometry.translation.vector))
     }
@@ -125,7 +125,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Self::claim(Translation3::from(step.mm) * self.isometry)
     }
 
-    /// How far this transform puts a point of `From` from where `other` puts it, mm.
+    /// The distance between a point of `From` as this transform maps it and as `other` maps it, mm.
     pub fn distance_at_mm(self, other: Self, point: Point<From>) -> f64 {
         (self * point).distance_mm(other * point)
     }
@@ -140,7 +140,7 @@ impl<F: Frame> Rigid<F, F> {
 
 impl<To: Frame, From: Frame> Rigid<To, From> {
     /// The transform whose columns are the axes of `From` seen in `To` (thesis Eq. 3.17). The axes must be
-    /// orthonormal and right-handed; the caller has made them so.
+    /// orthonormal and right-handed; the caller ensures this.
     pub fn from_axes(axes: [Vector<To>; 3], origin: Point<To>) -> Self {
         let basis = nalgebra::Matrix3::from_columns(&axes.map(|axis| axis.mm));
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
@@ -169,11 +169,11 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
     }
 }
 
-/// The rigid motion that carries points best onto others (Kabsch, Acta Cryst. A32, 1976): with the centroids p̄, q̄ and the singular value
-/// decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
+/// The rigid motion that maps points best onto others (Kabsch, Acta Cryst. A32, 1976): with the centroids p̄, q̄
+/// and the singular value decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
 ///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,
-/// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991). `None` of fewer than three
-/// pairs, of points on a line and of numbers that are not finite.
+/// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991).
+/// `None` for fewer than three pairs, for points on a line and for numbers that are not finite.
 pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
     let count = pairs.len() as f64;
     let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {

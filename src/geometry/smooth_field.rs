@@ -1,11 +1,12 @@
-//! A smooth field over a rectangle: heights seen at some of its places, followed as a panel bends and no faster.
+//! A smooth field over a rectangle: it follows heights measured at some places as a panel bends, and no faster.
 //!
 //! c(u, v) over the unit square is a bicubic spline with spans of 70 mm at most that minimises
 //!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
-//! n̄ being the mean number of heights r_q to a coefficient and Δ² second differences of the coefficients along u and along v: where
-//! heights are missing the field continues smoothly and fades to 0. Heights have Tukey's weights (Beaton & Tukey, Technometrics 16, 1974), and
-//! the first ones come from a single patch, so that a clamp or a flying point has no weight. Sums are taken over fixed chunks in their order: the
-//! same bits for any number of threads.
+//! with n̄ the mean number of heights r_q for each coefficient and Δ² second differences of the coefficients along
+//! u and along v. If heights are missing, the field continues smoothly and fades to 0. Heights have Tukey's weights
+//! (Beaton & Tukey, Technometrics 16, 1974). The first weights come from a single patch, so that a clamp or a
+//! flying point has no weight. Sums are computed over fixed chunks in their order, so that the bits are the same
+//! for any number of threads.
 
 use super::basis::{DEGREE, KnotVector};
 use super::median::median;
@@ -56,7 +57,7 @@ pub struct RobustField {
 }
 
 impl SmoothField {
-    /// The field by these heights over a rectangle of this size, mm; `None` where (1) has no solution.
+    /// Computes the field from these heights over a rectangle of this size, mm; `None` if (1) has no solution.
     pub fn robust(sides_mm: [f64; 2], seen: &[Height]) -> Option<RobustField> {
         // A single patch cannot follow a clamp; a fine field would, if it began with one.
         let patch = SmoothField::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
@@ -174,7 +175,7 @@ fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [Function; ORDER * ORDER]
     })
 }
 
-/// Where second differences of the coefficients begin, and the step from one coefficient to the next.
+/// The first coefficient of each second difference, and the step from one coefficient to the next.
 fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usize, usize)> {
     let along_u = (0..rows.saturating_sub(2) * columns).map(move |index| (index, columns));
     let along_v =

@@ -1,12 +1,14 @@
-//! Numbers of statistics that all rooms share, and what "95 %" means for errors on a panel.
+//! Statistical numbers that all rooms share, and the meaning of "95 %" for errors on a panel.
 //!
-//! An error in one direction lies within 1.96 standard deviations with 95 %. "Anywhere on the panel" is more: the largest error over the
-//! panel. A plane-to-plane error is a shift v along the normal and two tilts, whose parts at the panel's edges are t₁ and t₂. At the four
-//! corners the error is v ± t₁ ± t₂, so that the largest is |v| + |t₁| + |t₂|. Noise that is alike all over a rectangle gives
+//! An error in one direction lies within 1.96 standard deviations with 95 %. "Anywhere on the panel" is more: the
+//! largest error over the panel. A plane-to-plane error is a shift v along the normal and two tilts with the parts
+//! t₁ and t₂ at the panel's edges. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| + |t₂|. Noise
+//! that is the same all over a rectangle gives
 //!     var v = s², var t₁ = var t₂ = 3 s²,   σ at a corner = √7 s,                                                     (1)
-//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with 94 %. Rectangles of other proportions have the same, since both tilts are counted
-//! at the edges. With all six freedoms, of which those in the plane add to σ but hardly to the largest error, Monte Carlo of the localization's
-//! covariance gives 95 % at 2.34 on panels of 250 × 180 to 600 × 400 mm. One freedom alone would give 1.96.
+//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with 94 %. Rectangles of other proportions give the same,
+//! since both tilts are counted at the edges. With all six freedoms, those in the plane add to σ but hardly to the
+//! largest error. For them, Monte Carlo of the localization's covariance gives 95 % at 2.34 on panels of 250 × 180
+//! to 600 × 400 mm. One freedom alone would give 1.96.
 
 /// An error in one direction lies within this many standard deviations with 95 %.
 pub const WITHIN_95: f64 = 1.96;

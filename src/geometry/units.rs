@@ -1,7 +1,7 @@
-//! Angles and pixels as types, so that no public function takes two bare numbers side by side.
+//! Angles and pixels as types, so that no public function accepts two bare numbers side by side.
 //!
-//! Lengths are `f64` in mm with the unit in their name, inside tagged points and transforms. Angles cross
-//! every boundary in degrees; [`Degrees::rad`] is the one way into a kernel.
+//! Lengths are `f64` in mm with the unit in their name, inside tagged points and transforms. Angles cross every
+//! boundary in degrees; [`Degrees::rad`] is the only conversion to radians for a kernel.
 
 use serde::{Deserialize, Serialize};
 
@@ -51,7 +51,7 @@ impl Pixel {
         (self.u - other.u).hypot(self.v - other.v)
     }
 
-    /// The nearest whole pixel inside a picture of this size, or `None` outside of it.
+    /// The nearest whole pixel in a picture of this size; `None` outside of the picture.
     pub fn whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
         let (column, row) = (self.u.round(), self.v.round());
         let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;

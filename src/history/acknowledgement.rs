@@ -1,14 +1,14 @@
-//! An acknowledgement: somebody has seen an alarm. It changes neither the alarm nor the cell.
+//! An acknowledgement: a person has seen an alarm. It changes neither the alarm nor the cell.
 
 use crate::record::CycleId;
 use serde::{Deserialize, Serialize};
 
-/// That somebody has seen an alarm.
+/// Records that a person has seen an alarm.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
     /// When, ms since 1970.
     pub unix_ms: i64,
-    /// The cycle whose alarm it is; `None` for an alarm outside of a cycle.
+    /// The cycle to which the alarm belongs; `None` for an alarm outside of a cycle.
     pub cycle: Option<CycleId>,
     /// The alarm's code, such as `low_overlap`.
     pub code: String,

@@ -21,11 +21,11 @@ pub struct Alarm {
     pub priority: Priority,
     /// What was found, in the words of then.
     pub message: String,
-    /// What the code means; empty where this program does not give it.
+    /// The meaning of the code; empty if this program does not give it.
     pub cause: String,
-    /// What to do; empty where this program does not give it.
+    /// The remedy; empty if this program does not give it.
     pub remedy: String,
-    /// The phase that gave it; `None` for a request and for what the verdict alone says.
+    /// The phase that gave it; `None` for a request and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
     /// When it was raised, ms since 1970. What an earlier program found counts as raised with the begin of its cycle.
     pub raised_unix_ms: i64,

@@ -1,7 +1,8 @@
-//! Every code that the program gives, as a table of alarms (ISA-18.2): how urgent, what it means, what to do.
+//! Every code that the program gives, as a table of alarms (ISA-18.2): its urgency, its meaning, its remedy.
 //!
-//! Meaning and remedy are those of the manual's page of messages, which a test holds to the sources. How urgent a code is
-//! stands here. None of it is a safety function: what must stop a robot at once is the cell's own safety circuit.
+//! Meaning and remedy are those of the manual's page of messages; a test compares that page with the sources. The
+//! urgency of a code is defined here. None of the codes is a safety function: an immediate stop of the robot is the
+//! task of the cell's own safety circuit.
 
 use serde::Serialize;
 use std::borrow::Cow;
@@ -17,7 +18,7 @@ const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../confi
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Priority {
-    /// Nobody: it says what happened.
+    /// No one: the code reports an event.
     Note,
     /// When there is time: a request or a command was not done, and nothing else changed.
     Low,
@@ -47,7 +48,7 @@ pub struct Code {
     pub remedy: Cow<'static, str>,
 }
 
-/// Codes of a cell that was aborted, or whose state is not known.
+/// Codes of a cell that was aborted, or whose state is unknown.
 const HIGH: [&str; 32] = [
     "other_programs",
     "link_lost",
@@ -83,10 +84,10 @@ const HIGH: [&str; 32] = [
     "ended",
 ];
 
-/// Codes of what went as a person wanted it, or as the recipe says: the film that breaks is what the test looks for.
+/// Codes of events that a person or the recipe intended: a film that breaks is what the test looks for.
 const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
 
-/// Sections of the page whose codes are those of commands and requests; what is below one of its headings is part of it.
+/// Sections of the page with the codes of commands and requests; all text below one of its headings belongs to it.
 const COMMANDS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
 
 /// Codes in those sections by which no cycle starts.
@@ -127,7 +128,7 @@ static ROWS: LazyLock<BTreeMap<&'static str, Table>> = LazyLock::new(|| {
     PAGES.into_iter().map(|(language, page)| (language, table(page))).collect()
 });
 
-/// A code's row in this language; none where there is no such code, or no page in that language.
+/// A code's row in this language; `None` if the code is unknown, or there is no page in that language.
 pub fn row(code: &str, language: &str) -> Option<Row> {
     ROWS.get(language)?.get(code).copied()
 }
@@ -147,7 +148,7 @@ pub fn code(word: &str) -> Option<&'static Code> {
     CODES.iter().find(|code| code.code == word)
 }
 
-/// Each row with the section in which it stands.
+/// Each row with the section that contains it.
 fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
     let mut section = "";
     let mut rows = Vec::new();

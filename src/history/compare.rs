@@ -1,7 +1,7 @@
-//! Two cycles side by side: with what they ran, each check with its difference, and what became of each grid.
+//! Two cycles side by side: their inputs, each check with its difference, and the history of each grid.
 //!
-//! Where a phase was executed several times in a cycle, its last finding of each pass counts: the one that the cycle went on
-//! with.
+//! If a phase was executed several times in a cycle, the last finding of each pass counts: the cycle continued with
+//! that one.
 
 use super::grid::GridPast;
 use super::past::PastCycle;
@@ -16,13 +16,13 @@ use std::collections::BTreeSet;
 pub struct Comparison {
     /// What each came to.
     pub cycles: [Summary; 2],
-    /// Whether both have the same serial number; `None` where one has none.
+    /// Whether both have the same serial number; `None` if one has none.
     pub is_same_part: Option<bool>,
     /// With what they ran: panel, recipe, calibrations, program.
     pub inputs: Vec<InputPair>,
     /// Every check that one of them has.
     pub checks: Vec<CheckPair>,
-    /// Every grid that one of them tells of.
+    /// Every grid that one of them reports.
     pub grids: Vec<GridPair>,
 }
 
@@ -31,7 +31,7 @@ pub struct Comparison {
 pub struct InputPair {
     /// What it is.
     pub name: String,
-    /// What it was; `None` where the cycle had none.
+    /// The values; `None` if the cycle had none.
     pub values: [Option<String>; 2],
     /// Whether both ran with the same.
     pub is_same: bool,
@@ -48,20 +48,20 @@ pub struct CheckPair {
     pub name: String,
     /// Its unit.
     pub unit: String,
-    /// The values; `None` where it was not measured, or the cycle does not have it.
+    /// The values; `None` if it was not measured, or the cycle does not have it.
     pub values: [Option<f64>; 2],
-    /// What was allowed; `None` where the cycle does not have the check.
+    /// The limits; `None` if the cycle does not have the check.
     pub limits: [Option<Limit>; 2],
     /// The second value less the first; `None` without one of them.
     pub difference: Option<f64>,
 }
 
-/// A grid in both; `None` where a cycle does not tell of it.
+/// A grid in both; `None` if a cycle does not report it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GridPair {
     /// The grid.
     pub grid: String,
-    /// What became of it.
+    /// The grid's history in each cycle.
     pub cycles: [Option<GridPast>; 2],
 }
 
@@ -164,7 +164,7 @@ fn grids(first: &PastCycle, second: &PastCycle) -> Vec<GridPair> {
         .into_iter()
         .map(|grid| GridPair { grid: grid.clone(), cycles: [0, 1].map(|index| both[index].get(grid).cloned()) })
         .collect();
-    // r2c1 stands before r10c1.
+    // r2c1 comes before r10c1.
     pairs.sort_by_key(|pair| super::grid::grid_place(&pair.grid).unwrap_or((u32::MAX, 0)));
     pairs
 }

@@ -4,7 +4,7 @@ use jiff::civil::{Date, DateTime};
 use jiff::tz::Offset;
 use thiserror::Error;
 
-/// Which end of a day is meant where no time is named.
+/// The end of a day that is meant if no time is stated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// Its first second.
@@ -23,13 +23,14 @@ pub struct DateError {
     found: String,
 }
 
-/// A date as seconds since 1970. `edge` says which end of a day is meant where it has no time.
+/// A date as seconds since 1970. `edge` selects the end of the day if the date has no time.
 ///
 /// # Errors
-/// Where it is none.
+/// If the text is not a date.
 pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
     let refused = || DateError { found: text.escape_debug().to_string() };
-    // Other forms that the calendar reads, such as week dates and zones, would be taken as something that nobody meant.
+    // The calendar also reads other forms, such as week dates and zones. They would be accepted with a meaning that
+    // the person did not intend.
     let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || b"-:T".contains(&byte));
     let time = match (is_plain, text.len()) {
         (true, 10) => {

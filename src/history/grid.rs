@@ -6,7 +6,7 @@ use crate::words::fixed;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What became of a grid in one cycle; `None` where it was not seen.
+/// The history of a grid in one cycle; `None` if it was not seen.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct GridPast {
     /// Whether the film broke on it the first time.
@@ -22,7 +22,7 @@ pub struct GridPast {
 }
 
 impl GridPast {
-    /// What became of it, in words.
+    /// The grid's history in words.
     pub fn words(&self) -> String {
         let first = match (self.failed_first, self.time_to_break_s) {
             (None, _) => "not seen first".to_owned(),
@@ -44,13 +44,13 @@ impl GridPast {
     }
 }
 
-/// The row and the column of a grid, from 1; `None` where the name is not that of a grid, such as `r1c1`.
+/// The row and the column of a grid, from 1; `None` if the name is not a grid name such as `r1c1`.
 pub fn grid_place(grid: &str) -> Option<(u32, u32)> {
     let (row, column) = grid.strip_prefix('r')?.split_once('c')?;
     Some((row.parse().ok()?, column.parse().ok()?))
 }
 
-/// Every grid that the films or the passes tell of. The films are in order, and none is invalid.
+/// Every grid that the films or the passes report. The films are in order, and none is invalid.
 pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, GridPast> {
     let mut all: BTreeMap<String, GridPast> = BTreeMap::new();
     let mut first = films.first().map(|film| seen_grids(film)).unwrap_or_default();
@@ -70,18 +70,18 @@ pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, 
     all
 }
 
-/// The grids that a film tells of: whether it broke, and on which area, mm².
+/// The grids that a film reports: whether it broke, and on which area, mm².
 pub fn seen_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     let failed = film.names("failed");
     let checks = film.checks.iter().filter_map(|check| {
         let grid = name::grid_of_broken_film(&check.name)?.to_owned();
         let is_failed = failed.contains(&grid);
-        // What was not seen says nothing, unless it broke as far as it was seen.
+        // A grid that was not seen gives no information, unless the part that was seen broke.
         (check.value.is_some() || is_failed).then_some((grid, (is_failed, check.value)))
     });
     checks.collect()
 }
-/// How each grid stands that was seen: the last film's word, and abrasion after it.
+/// The state of each grid that was seen: the result of the last film, and abrasion after it.
 pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     let mut grids = BTreeMap::new();
     for finding in findings {
@@ -107,7 +107,8 @@ mod tests {
         Finding::new(kind, 0, Judgement { verdict, reasons: vec![] })
     }
 
-    /// A grid that no film saw is not whole, an invalid film says nothing, and an abrasion stands until the next film.
+    /// A grid that no film saw is not whole, an invalid film gives no result, and an abrasion counts until the next
+    /// film.
     #[test]
     fn a_grid_stands_as_the_last_film_and_the_abrasion_after_it_say() {
         let film = |verdict, seen: &[&str], failed: &[&str]| {

@@ -1,4 +1,5 @@
-//! Where the film breaks first: every grid of a panel over many parts of its kind, by the first valid film of each cycle.
+//! The places where the film breaks first: every grid of a panel over many parts of its kind, by the first valid
+//! film of each cycle.
 
 use super::grid::grid_place;
 use super::past::PastCycle;
@@ -24,11 +25,11 @@ pub struct HeatCell {
     pub row: u32,
     /// Its column, from 1.
     pub column: u32,
-    /// First films that tell of it.
+    /// First films that report it.
     pub films: usize,
     /// How often the film broke on it.
     pub breaks: usize,
-    /// The median of the times after which it did, s; `None` where it never did.
+    /// The median of the times to the break, s; `None` if the film never broke there.
     pub median_s: Option<f64>,
 }
 

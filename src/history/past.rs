@@ -6,14 +6,14 @@ use crate::verdict::{Check, Verdict};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A cycle with what is kept of it beside its record.
+/// A cycle with the data that are kept in addition to its record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PastCycle {
     /// The record.
     pub record: CycleRecord,
-    /// The part; `None` where none was named.
+    /// The part; `None` if none was named.
     pub part: Option<PartNames>,
-    /// The disc; `None` where the cycle touched nothing.
+    /// The disc; `None` if the cycle touched nothing.
     pub disc: Option<DiscWear>,
 }
 
@@ -32,7 +32,7 @@ impl PastCycle {
         self.record.findings.iter().filter(move |finding| finding.kind == kind)
     }
 
-    /// The films that say something: those that were judged and are not invalid, in order.
+    /// The valid films: those that were judged and are not invalid, in order.
     pub fn films(&self) -> impl DoubleEndedIterator<Item = &Finding> {
         self.findings(Kind::Inspect).filter(|film| is_valid(film))
     }
@@ -48,13 +48,13 @@ impl PastCycle {
         all.iter().filter(|one| one.how.is_sure()).map(|one| one.pass).max().unwrap_or(0)
     }
 
-    /// Every grid that a film or a pass tells of.
+    /// Every grid that a film or a pass reports.
     pub fn grids(&self) -> BTreeMap<String, GridPast> {
         grids(&self.films().collect::<Vec<_>>(), &abraded(&self.record.findings, &self.record.motions))
     }
 
-    /// From its begin to its end by the wall clock, s; `None` while it runs, and where the program ended before the cycle did,
-    /// so that its end is not known.
+    /// From its begin to its end by the wall clock, s. `None` while it runs, or if the program ended before the
+    /// cycle did, so that the cycle's end is unknown.
     pub fn cycle_time_s(&self) -> Option<i64> {
         let mut reasons = self.record.judgement.iter().flat_map(|judgement| &judgement.reasons);
         let is_interrupted = reasons.any(|reason| reason.code == "interrupted");

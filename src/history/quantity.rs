@@ -1,4 +1,4 @@
-//! Numbers of a cycle whose development is worth to be watched: their words on the command line, and where a record has them.
+//! Numbers of a cycle whose trend is worth watching: their words on the command line, and their place in a record.
 
 use super::past::PastCycle;
 use crate::record::{Kind, name};
@@ -104,7 +104,7 @@ impl Known {
         }
     }
 
-    /// Whose verifications it shows; `None` where it is a number of cycles.
+    /// The subject of the verifications that it shows; `None` if the number comes from cycles.
     pub fn verified_subject(self) -> Option<&'static str> {
         match self {
             Known::ScannerVerification => Some("scanner"),
@@ -168,7 +168,7 @@ impl Quantity {
         Known::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
     }
 
-    /// The value in a cycle and what was allowed; `None` where the cycle has none.
+    /// The value in a cycle and its limit; `None` if the cycle has none.
     pub fn of(&self, past: &PastCycle) -> Option<(f64, Limit)> {
         match self {
             Quantity::Known(known) => known.of(past),

@@ -16,8 +16,8 @@ pub enum End {
     Running,
 }
 
-/// What is looked for; what is `None` or empty does not matter. In names `*` stands for any characters, and the letters A to Z
-/// count as a to z; without `*` the whole name must be so.
+/// The search criteria; one that is `None` or empty does not matter. In names `*` matches any characters, and the
+/// letters A to Z equal a to z; without `*` the whole name must match.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Query {
     /// The part's serial number.
@@ -68,7 +68,7 @@ pub struct Hit {
 pub struct Hits {
     /// The cycles, the newest first.
     pub hits: Vec<Hit>,
-    /// Where the next page begins, as [`Query::before`]; `None` where there is none.
+    /// The start of the next page, as [`Query::before`]; `None` if there is no next page.
     pub next: Option<CycleId>,
 }
 

@@ -42,20 +42,20 @@ pub struct Summary {
     pub cycle_time_s: Option<i64>,
     /// The same by the simulated cell's clock, s.
     pub simulated_s: Option<f64>,
-    /// The disc; `None` where the cycle touched nothing.
+    /// The disc; `None` if the cycle touched nothing.
     pub disc: Option<DiscWear>,
 }
 
 /// The films of a cycle.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Films {
-    /// Films that say something.
+    /// Films with a valid result.
     pub valid: usize,
-    /// Films that say nothing and were repeated, or ended the cycle.
+    /// Films without a valid result; they were repeated, or ended the cycle.
     pub invalid: usize,
     /// How long the valid ones were watched together, s.
     pub watched_s: Option<f64>,
-    /// Grids that the first valid one tells of.
+    /// Grids that the first valid one reports.
     pub grids: usize,
     /// Grids on which the film broke the first time; `None` without a valid film.
     pub failed_first: Option<Vec<String>>,

@@ -18,7 +18,7 @@ pub enum Cell {
     Flag(bool),
 }
 
-/// Rows below the names of their columns; units stand in the names.
+/// Rows below the names of their columns; units are in the names.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     /// The names.
@@ -39,10 +39,10 @@ impl Table {
         Table { rows: rows.into_iter().collect(), ..self }
     }
 
-    /// As CSV (RFC 4180), in UTF-8.
+    /// The table as CSV (RFC 4180), in UTF-8.
     ///
     /// # Errors
-    /// Where a row is not as long as the names.
+    /// If a row is not as long as the names.
     pub fn csv(&self) -> Result<String, csv::Error> {
         let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
         writer.write_record(&self.columns)?;

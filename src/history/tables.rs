@@ -168,7 +168,7 @@ fn limit_cell(limit: Limit) -> Cell {
     }
 }
 
-/// A number over time; a hint stands in the row of its value.
+/// A number over time; a hint is in the row of its value.
 pub fn trend_table(trend: &Trend) -> Table {
     let value = match trend.unit.as_str() {
         "" => "value".to_owned(),

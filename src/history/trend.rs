@@ -18,7 +18,7 @@ pub struct TrendPoint {
     pub serial: Option<String>,
     /// The value.
     pub value: f64,
-    /// What was allowed of it then.
+    /// The limit at that time.
     pub limit: Limit,
 }
 
@@ -33,9 +33,9 @@ pub struct Trend {
     pub points: Vec<TrendPoint>,
     /// Cycles that were looked at and have no such number.
     pub without: usize,
-    /// What the values usually are; `None` where there are too few.
+    /// The usual value and scatter; `None` if there are too few values.
     pub usual: Option<Usual>,
-    /// Where they break a rule of Western Electric: hints, by the place of the point.
+    /// Points that break a rule of Western Electric: hints, by the place of the point.
     pub hints: Vec<Hint>,
 }
 

@@ -1,15 +1,15 @@
-//! The four rules of Western Electric, by which a row of numbers that should scatter about one value shows that it no longer
-//! does. A hint says that somebody should look: a process may be out of control and within every limit.
+//! The four rules of Western Electric. They detect that a row of numbers that should scatter about one value no
+//! longer does so. A hint states that a person should look: a process may be out of control and within every limit.
 //!
-//! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook of
-//! Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of individual
-//! values (e-Handbook, 6.3.2.2): a slow drift does not hide itself in it.
+//! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook
+//! of Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of
+//! individual values (e-Handbook, 6.3.2.2): thus a slow drift does not hide itself in the scatter.
 
 use serde::Serialize;
 
 /// Values that are needed before the rules are applied: fewer estimate no scatter.
 pub const LEAST_VALUES: usize = 10;
-/// The mean difference of two neighbours is so many times the scatter, where that is normal: 2 / √π.
+/// Ratio of the mean difference of two neighbours to the scatter, if the scatter is normal: 2 / √π.
 const D2: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
 /// Which rule a row of values breaks.
@@ -27,7 +27,8 @@ pub enum Rule {
 }
 
 impl Rule {
-    /// The values of which so many are needed, and beyond how many times the scatter.
+    /// The number of values in the window, how many of them must exceed the bound, and the bound as a multiple of
+    /// the scatter.
     fn demands(self) -> (usize, usize, f64) {
         match self {
             Rule::OneBeyondThree => (1, 1, 3.0),
@@ -37,7 +38,7 @@ impl Rule {
         }
     }
 
-    /// What it says, for a person.
+    /// The rule in words, for a person.
     pub fn words(self) -> &'static str {
         match self {
             Rule::OneBeyondThree => "one value is beyond 3 times the usual scatter",
@@ -91,7 +92,7 @@ pub fn usual(values: &[f64]) -> Option<Usual> {
     Some(Usual { mean, sigma: moved / (values.len() - 1) as f64 / D2 })
 }
 
-/// Where the values break a rule, in their order. Values without any scatter break none.
+/// The places where the values break a rule, in their order. Values without any scatter break none.
 pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
     if usual.sigma <= 0.0 {
         return Vec::new();
@@ -126,7 +127,7 @@ mod tests {
         hints(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
     }
 
-    /// By hand, in units of the scatter: the values of each row, and where it breaks its rule first.
+    /// By hand, in units of the scatter: the values of each row, and the first place that breaks its rule.
     #[test]
     fn each_rule_is_broken_where_the_handbook_says() {
         assert_eq!(broken(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);

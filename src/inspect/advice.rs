@@ -1,9 +1,9 @@
-//! What a clip says about light and thresholds (thesis 4.2): how well each channel tells wet from dry.
+//! Advice from a clip about light and thresholds (thesis 4.2): how well each channel distinguishes wet from dry.
 //!
 //! Over the region, with the mean dry picture d, a wet one w and the noise σ of one picture, all by channel,
 //!     contrast-to-noise = (d − w) / σ,       weight ∝ (d − w) / σ²,                                      (1)
-//! the weights that give the least noise for a given contrast (a matched filter). The thesis's threshold lies half-way
-//! between dry and wet of the best channel, its HSV range about what dry pixels have.
+//! the weights that give the least noise for a given contrast (a matched filter). The thesis's threshold lies
+//! half-way between dry and wet of the best channel; its HSV range surrounds the values of dry pixels.
 
 use super::InspectError;
 use super::score::{Score, score};
@@ -188,11 +188,11 @@ fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
     Ok(range)
 }
 
-/// The threshold with which the thesis's pipeline agrees best with the truth, from the reference and the last picture,
-/// and how well. Its other settings stay.
+/// Finds the threshold with which the thesis's pipeline agrees best with the truth, from the reference and the last
+/// picture, and the score. Its other settings stay.
 ///
 /// # Errors
-/// Where sizes differ, or OpenCV refuses a picture.
+/// If sizes differ, or OpenCV refuses a picture.
 pub fn best_threshold(
     settings: &recipe::Inspect,
     [reference, last]: [&ColorPicture; 2],

@@ -40,7 +40,7 @@ impl Watch {
     /// Ends the test.
     ///
     /// # Errors
-    /// Where no wet picture came.
+    /// If there was no wet picture.
     pub fn finish(mut self) -> Result<Inspection, InspectError> {
         if self.first_wet_s.is_none() {
             return Err(InspectError::NoWetPicture);
@@ -157,7 +157,8 @@ impl Watch {
         let grid = |index: usize| {
             let footprint = &self.footprint.grids()[index];
             let failed = time_to_break_s[index].is_some();
-            // What could not be seen is small enough that the grid would not fail if all of it had broken, too.
+            // The area that could not be seen must be small: if all of it had broken in addition, the grid would
+            // still not fail.
             let no_contrast = faint_mm2[index] >= self.demands.min_break_mm2;
             let unknown_mm2 = footprint.lost_mm2 + faint_mm2[index];
             let might_break_mm2 = if failed { unknown_mm2 } else { broken_mm2[index] + unknown_mm2 };
@@ -195,8 +196,8 @@ impl Inspection {
         self.footprint.to_picture(|index| self.since_wet_s[index] <= until_s)
     }
 
-    /// When the film broke at a pixel of the picture, s after the first fully wet picture; `None` where it held, and
-    /// outside of the region.
+    /// The time at which the film broke at a pixel of the picture, s after the first fully wet picture; `None` if
+    /// it held, and outside of the region.
     pub fn break_time_s(&self, column: usize, row: usize) -> Option<f64> {
         let time = self.since_wet_s[self.footprint.index_of(column, row)?];
         (time < NEVER).then_some(f64::from(time))

@@ -1,9 +1,9 @@
-//! Why pictures cannot be inspected, in words for the person who took them.
+//! Reasons why pictures cannot be inspected, in words for the person who recorded them.
 
 use crate::imaging::ImagingError;
 use crate::phase::Phase;
 
-/// Why pictures could not be inspected. A test that says nothing is no error but a verdict, `invalid`.
+/// Why pictures could not be inspected. A test without a result is not an error but has the verdict `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InspectError {
     /// The picture is of another camera, or scaled.

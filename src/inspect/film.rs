@@ -19,7 +19,7 @@ pub struct Film {
     recent_s: VecDeque<f64>,
 }
 
-/// Pixels whose break has just persisted long enough.
+/// Pixels whose break has just lasted long enough.
 #[derive(Debug, PartialEq)]
 pub struct NewlyBroken {
     /// When they broke: at the first picture of the row, s.
@@ -33,7 +33,7 @@ impl Film {
         Film { persist_frames, run: vec![0; pixels], since_wet_s: vec![NEVER; pixels], recent_s: VecDeque::new() }
     }
 
-    /// Takes the broken pixels of the next picture.
+    /// Adds the broken pixels of the next picture.
     pub fn push(&mut self, broken: impl Iterator<Item = bool>, since_wet_s: f64) -> NewlyBroken {
         if self.recent_s.len() == self.persist_frames {
             self.recent_s.pop_front();
@@ -58,7 +58,7 @@ impl Film {
         }
     }
 
-    /// When each pixel broke, s; [`NEVER`] where the film holds.
+    /// The time at which each pixel broke, s; [`NEVER`] if the film holds.
     pub fn times(&self) -> &[f32] {
         &self.since_wet_s
     }

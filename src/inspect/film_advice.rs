@@ -1,11 +1,13 @@
-//! What a clip says of the film method's settings: contrast in every grid, and how long places look dry for a moment.
+//! Advice from a clip about the film method's settings: contrast in every grid, and how long places look dry for a
+//! moment.
 //!
-//! In the brightness v that the method sees, the channels by their weights, a pixel has the mean d of the dry pictures and
-//! w of the first wet ones. It looks dry in a picture whose light is s times that of the first wet ones where
+//! In the brightness v that the method sees, the channels by their weights, a pixel has the mean d in the dry
+//! pictures and w in the first wet ones. In a picture with s times the light of the first wet ones the pixel looks
+//! dry if
 //!     (d + w) / 2 < v / s < d + (d - w) / 2;                                                             (1)
-//! what is brighter is a reflection, which the method knows by that.
-//! A place that looks dry and then wet again within a few seconds was a glint, a drop or a flicker: `persist_s` has to be
-//! longer. What stays dry longer has broken, and is no part of this.
+//! a brighter pixel is a reflection, and the method recognises it by that. A place that looks dry and then wet
+//! again within a few seconds was a glint, a drop or a flicker: `persist_s` must be longer. A place that stays dry
+//! longer has broken, and does not count here.
 
 use super::advice::Sampler;
 use super::gate::MIN_CHANGE_TO_NOISE;
@@ -15,7 +17,7 @@ use crate::recipe;
 
 /// What looked dry for longer and then wet again is a film that closed, s.
 const MOST_FLASH_S: f64 = 4.0;
-/// So many pixels are no noise: fewer are no break that would be surely found.
+/// This many pixels are no noise: a break with fewer pixels would not be surely found.
 const MIN_FLASH_PX: usize = 12;
 
 /// One grid in the method's brightness.
@@ -33,14 +35,17 @@ pub struct GridContrast {
     pub light: f64,
     /// The channel in which the film changes it most against the noise: 0 red, 1 green, 2 blue.
     pub channel: usize,
-    /// How many times the noise that is; negative where the film is brighter than the dry panel.
+    /// The contrast in that channel as a multiple of the noise; negative if the film is brighter than the dry
+    /// panel.
     pub channel_to_noise: f64,
-    /// The share of it that the film changes in no channel by [`MIN_CHANGE_TO_NOISE`] times its noise, percent: a break would not show there.
+    /// The share of the grid, percent, in which the film changes no channel by [`MIN_CHANGE_TO_NOISE`] times its
+    /// noise: a break would not show there.
     pub faint_percent: f64,
 }
 
 impl GridContrast {
-    /// The contrast by which the film is told from dry: by the recipe's weights, or in one channel and of either sign.
+    /// The contrast that distinguishes film from dry: by the recipe's weights, or in one channel and with either
+    /// sign.
     pub fn best_to_noise(&self) -> f64 {
         self.contrast_to_noise.max(self.channel_to_noise.abs())
     }
@@ -53,7 +58,7 @@ pub struct Flashes {
     weights: [f64; 3],
     dry: Vec<f64>,
     wet: Vec<f64>,
-    /// When the pixel began to look dry, s; none where it looks wet.
+    /// The time at which the pixel began to look dry, s; `None` if it looks wet.
     since_s: Vec<Option<f64>>,
     longest_s: Vec<f64>,
     is_first: bool,
@@ -164,7 +169,7 @@ impl Flashes {
         self.is_first = false;
     }
 
-    /// How long places of the size of a break looked dry and then wet again, s; 0 where none did.
+    /// The time for which places of the size of a break looked dry before they looked wet again, s; 0 if none did.
     pub fn longest_s(mut self) -> f64 {
         if self.longest_s.len() < MIN_FLASH_PX {
             return 0.0;
@@ -194,8 +199,9 @@ mod tests {
         sampler
     }
 
-    /// By hand: dry 101 and 50.5, wet 61 and 30.5; the mean of the halves is 75.75. From picture to picture the halves differ by
-    /// 2 and 1 levels: a mean square of 2.5, half of that for one picture, and of three channels alike a third of it.
+    /// By hand: dry 101 and 50.5, wet 61 and 30.5; the mean of the halves is 75.75. From picture to picture the
+    /// halves differ by 2 and 1 levels: the mean square is 2.5. One picture has half of that, and the mean of three
+    /// equal channels a third.
     #[test]
     fn each_grid_has_its_own_contrast() {
         let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();

@@ -1,11 +1,11 @@
-//! The gate: turns what was observed of the film into pass, fail or invalid.
+//! The gate: turns the observation of the film into pass, fail or invalid.
 //!
-//! The test is invalid if it cannot be judged: no dry picture, too short, too few pictures, a gap between
-//! them, unusable pictures, a panel that is not at its pose, pixels too coarse for the break that must not be
-//! missed, too little of the region ever wet, places that were wet already in the dry picture, or a grid out of view. Invalid
-//! outranks fail, since a verdict from an incomplete test would name only some of the grids. The test fails
-//! where the film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and masked
-//! grids do not pass. A break is always listed in the reasons.
+//! The test is invalid if it cannot be judged: no dry picture, too short, too few pictures, a gap between them,
+//! unusable pictures, a panel that is not at its pose, pixels too coarse for the break that must not be missed, too
+//! little of the region ever wet, places that were wet already in the dry picture, or a grid out of view. Invalid
+//! outranks fail, since a verdict from an incomplete test would name only some of the grids. The test fails if the
+//! film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and
+//! masked grids do not pass. A break is always listed in the reasons.
 
 mod flaws;
 #[cfg(test)]
@@ -19,11 +19,11 @@ use crate::verdict::{Check, Judgement, Limit, SetBy, Severity, Verdict};
 use crate::words::apart;
 use flaws::{shown, worst_flaw};
 
-/// A film must change the panel by this many times the clip's noise at least: half of it parts wet from dry, three times the noise from
-/// either.
+/// A film must change the panel by at least this many times the clip's noise: the bound between wet and dry is at
+/// half of the change, three times the noise from either.
 pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 
-/// Names of the checks that tell what no number of a film says alone.
+/// Names of the checks that report what no single number of a film reports.
 pub mod name {
     pub use crate::record::name::{
         FILM_CHANGE, LIGHT_LEAST, LIGHT_MOST, SMALLEST_BREAK, WATCHED, broken_film, failed_after,
@@ -35,7 +35,7 @@ pub mod name {
     pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
     /// Grids with places that were wet in the dry picture.
     pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
-    /// Grids with places where a break would not show.
+    /// Grids with places at which a break would not show.
     pub const FAINT_GRIDS: &str = "grids with places that look wet as they do dry";
     /// Grids that were not wholly seen.
     pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
@@ -51,8 +51,8 @@ pub struct Judged {
     pub judgement: Judgement,
 }
 
-/// Judges a test. What makes it say nothing rejects; a grid that failed, or that nobody looked at, is for review, by which
-/// a film that says something fails or is incomplete.
+/// Judges a test. A check that makes the test invalid rejects it. A grid that failed, or that was not looked at, is
+/// for review: an otherwise valid film then fails or is incomplete.
 pub fn judge(
     observation: &Observation,
     grids: &[GridInspection],
@@ -65,13 +65,13 @@ pub fn judge(
     let verdict = match judgement.verdict {
         Verdict::Accept => Verdict::Pass,
         Verdict::Review if grids.iter().any(|grid| grid.failed) => Verdict::Fail,
-        // What was not looked at may be broken: nobody passes it.
+        // A grid that was not looked at may be broken: it does not pass.
         _ => Verdict::Invalid,
     };
     Judged { checks, judgement: Judgement { verdict, ..judgement } }
 }
 
-/// A film that was watched, and what is asked of it.
+/// A film that was watched, and the demands on it.
 struct Film<'a> {
     observation: &'a Observation,
     grids: &'a [GridInspection],
@@ -111,7 +111,7 @@ impl Film<'_> {
         ]
     }
 
-    /// Does the panel stand where the grids are looked for, and are the pixels fine enough?
+    /// Is the panel at the place where the grids are looked for, and are the pixels fine enough?
     fn place(&self) -> Vec<Check> {
         let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
         let off_px = self.observation.quality.off_px;
@@ -221,7 +221,7 @@ impl Film<'_> {
     /// What of each grid was seen, and broke.
     fn grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
-        // A grid that failed has failed whatever else of it could not be seen: it is abraded and tested again.
+        // A failed grid stays failed, whatever else on it could not be seen: it is abraded and tested again.
         let faint = names(grids, |grid| !grid.failed && grid.no_contrast);
         let unseen = names(grids, |grid| {
             !grid.failed && !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast

@@ -1,7 +1,8 @@
-//! Which places differ from what lies around them and are narrower than a disc.
+//! Places that differ from their surroundings and are narrower than a disc.
 //!
-//! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc takes away what is brighter than its surroundings and holds no such
-//! disc, whatever its shape, and leaves all else as it is, its corners, too. A closing does the same for what is darker.
+//! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc removes every place of any shape that is
+//! brighter than its surroundings and holds no such disc. All else stays as it is, its corners, too. A closing does
+//! the same for darker places.
 
 use super::footprint::Window;
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar, Size};
@@ -10,7 +11,7 @@ use opencv::imgproc;
 /// The looks of a window's pixels.
 pub struct Looks<'a> {
     pub window: &'a Window,
-    /// Levels; 0 of a pixel whose look is not known.
+    /// Levels; 0 for a pixel with an unknown look.
     pub levels: Vec<f32>,
     /// The radius of the disc, px.
     pub disc_px: usize,

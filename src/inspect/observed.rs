@@ -21,7 +21,7 @@ pub struct ByCell {
     pub min_break: bool,
 }
 
-/// The requirements of a test: the recipe's values, or the cell's where the recipe has none.
+/// The requirements of a test: the recipe's values, or the cell's if the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Demands {
     /// How long the film is watched, s.
@@ -37,7 +37,7 @@ pub struct Demands {
 }
 
 impl Demands {
-    /// What a recipe asks for in a cell with these limits.
+    /// The demands of a recipe in a cell with these limits.
     pub fn of(recipe: &Recipe, limits: &Limits) -> Self {
         Demands {
             observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
@@ -94,7 +94,7 @@ pub enum Reference {
     DryAndWet,
     /// Their own wet look alone: the grid was sanded since the dry picture, or there is none.
     Wet,
-    /// Part of it the one, part of it the other.
+    /// One for a part of the grid, the other for the rest.
     Both,
 }
 
@@ -118,7 +118,7 @@ impl Reference {
     }
 }
 
-/// What the test says of one grid.
+/// The result of the test for one grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridInspection {
     /// Its name.
@@ -129,11 +129,11 @@ pub struct GridInspection {
     pub failed: bool,
     /// Was it wholly seen, but for what is too small to make it fail? A grid that was not is not passed.
     pub seen: bool,
-    /// Is all of it that was not seen what the recipe masks?
+    /// Is every part that was not seen masked by the recipe?
     pub only_masked: bool,
-    /// Do film and dry panel look so alike on so much of it that a break there would fail the grid?
+    /// Do film and dry panel look alike on so large an area that a break there would fail the grid?
     pub no_contrast: bool,
-    /// Was enough of it wet already in the dry picture that a break there would fail the grid?
+    /// Was so large an area wet already in the dry picture that a break there would fail the grid?
     pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
@@ -156,7 +156,7 @@ pub struct Observation {
     pub has_dry: bool,
     /// Share of the region's surface that was wet in no picture, percent.
     pub never_wet_percent: f64,
-    /// What the film leaves of the panel's dry brightness, 0…1, where the clip determined it.
+    /// The share of the panel's dry brightness that the film leaves, 0…1, if the clip determined it.
     pub film_left: Option<f64>,
     /// By how much the film changes the panel, grey levels: the median over the region, if the clip determined it.
     pub change_levels: Option<f64>,
@@ -164,7 +164,7 @@ pub struct Observation {
     pub noise_levels: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
-    /// Did nobody say where the panel stands?
+    /// Is the panel's place assumed, because none was stated?
     pub is_place_assumed: bool,
     /// Which pictures could be judged by.
     pub quality: Quality,

@@ -13,7 +13,7 @@ pub struct Break {
     pub area_mm2: f64,
     /// When its first pixel broke, s after the first fully wet picture.
     pub first_seen_s: f64,
-    /// The share of it over which the film had closed again at the end, 0…1.
+    /// The share of the break over which the film had closed again at the end, 0…1.
     pub closed_share: f64,
     /// The grids it lies in, row by row.
     pub grids: Vec<GridId>,
@@ -21,7 +21,7 @@ pub struct Break {
     pub contour_px: Vec<Pixel>,
 }
 
-/// Of a break this share must be closed to say that it closed again.
+/// A break counts as closed again if this share of its area is closed.
 const CLOSED_SHARE: f64 = 0.8;
 
 impl Break {

@@ -3,8 +3,8 @@
 use crate::verdict::Reason;
 use crate::words::apart;
 
-/// The panel's outline in the dry picture is nearer than this to where the pose puts it, px. In place it is a few tenths of a
-/// pixel away, by the errors of pose and calibration.
+/// In the dry picture the panel's outline must be nearer than this to its place by the pose, px. If the panel is in
+/// place, the distance is a few tenths of a pixel, from the errors of pose and calibration.
 pub const MAX_OFF_PX: f64 = 1.5;
 
 /// Why breaks that must fail a grid may be missed: the smallest one that is surely found is larger.
@@ -21,7 +21,7 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
     })
 }
 
-/// Why the panel is not where the grids are looked for.
+/// Why the panel is not at the place where the grids are looked for.
 pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
     let message = match off_px {
         Some(off_px) if off_px <= MAX_OFF_PX => return None,

@@ -17,19 +17,19 @@ pub enum Flaw {
     Darker,
     /// There is more; or is it a film that broke all over?
     Brighter,
-    /// The lamp flickers, and whether it or water darkened what lies around the panel cannot be told.
+    /// The lamp flickers, and it cannot be determined if the lamp or water darkened the surroundings of the panel.
     Flicker,
     /// Too much is overexposed.
     Bright,
-    /// The panel is not where it was.
+    /// The panel is not at its earlier place.
     Moved,
     /// Out of focus.
     Focus,
     /// Bit for bit the picture before.
     Frozen,
-    /// Too little of the outline is seen to tell whether the panel moved.
+    /// Too little of the outline is seen to determine whether the panel moved.
     Outline,
-    /// What is seen of it does not agree on where the panel lies.
+    /// The seen parts of the outline do not agree on the panel's position.
     OutlineDisagrees,
 }
 
@@ -72,13 +72,13 @@ pub struct Quality {
     pub longest_unseen_s: f64,
     /// The least and the most light of a usable picture, the dry picture's being 1.
     pub light: [f64; 2],
-    /// The farthest that the panel moved in the picture, px; `None` where its outline has no contrast.
+    /// The largest movement of the panel in the picture, px; `None` if its outline has no contrast.
     pub moved_px: Option<f64>,
     /// The least sharp picture against the first; `None` likewise.
     pub sharpness: Option<f64>,
     /// The first picture's own sharpness.
     pub first_sharpness: Option<f64>,
-    /// How far the outline in the dry picture lies from where the pose puts it, px; `None` where it has no contrast.
+    /// The distance of the outline in the dry picture from its place by the pose, px; `None` if it has no contrast.
     pub off_px: Option<f64>,
     last_usable_s: f64,
     last_s: f64,
@@ -103,7 +103,7 @@ impl Default for Quality {
 }
 
 impl Quality {
-    /// Takes what one picture says of itself; whether it can be judged by.
+    /// Adds the measurements of one picture and returns whether the picture can be used for judging.
     pub fn take(
         &mut self,
         look: &PictureMeasurement,
@@ -142,8 +142,9 @@ impl Quality {
     }
 }
 
-/// The most light above the dry picture's that can be made up for if nothing around the panel shows the lamp, percent. Under
-/// (1 + τ)/2τ of it a wet place is as bright as the bound between wet and dry, and the picture says as much for a film that broke all over.
+/// The most light above the dry picture's that can be compensated if nothing around the panel shows the lamp,
+/// percent. With (1 + τ)/2τ times the dry picture's light, a wet place is as bright as the bound between wet and
+/// dry. The picture then looks the same as for a film that broke all over.
 pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
     (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }

@@ -101,7 +101,7 @@ fn greasy_grids_are_found_however_hard_they_are_to_see() {
         });
         let film = test.cell.film_as(&spots, &FilmSpec::hard(seed), 0);
         let (inspection, truth) = test.inspect(&film);
-        // An exposure may be too dark for some grids: these are not told, and none of them passes.
+        // An exposure may be too dark for some grids: these are not judged, and none of them passes.
         assert!(
             inspection.judgement.reasons.iter().any(|reason| reason.code == "broken"),
             "{seed}: {:?}",
@@ -176,7 +176,7 @@ fn light_that_drifts_as_far_as_it_may_fails_nothing_and_hides_nothing() {
     }
 }
 
-/// From a hundredth of the panel to all of it: wet for half a second, then dry before the film is watched.
+/// From a hundredth of the panel to the whole panel: wet for half a second, then dry before the film is watched.
 #[test]
 fn grease_that_dries_under_the_spray_fails() {
     for share in [0.01, 0.3, 1.0] {
@@ -201,8 +201,8 @@ fn a_panel_that_is_hardly_wet_is_no_test() {
     assert!(inspection.judgement.reasons.iter().any(|reason| reason.code == "never_wet"));
 }
 
-/// A panel that stands in its place is seen there within a fraction of a pixel, in any light; one that is taken to stand in
-/// its nominal place and does not is told, and so is a place that is a few millimetres off.
+/// A panel in its place is measured there within a fraction of a pixel, in any light. A panel that is assumed at
+/// its nominal place but is not there is reported, and so is a place that is a few millimetres off.
 #[test]
 fn a_panel_that_stands_elsewhere_is_no_test() {
     for seed in [1, 3, 7] {

@@ -1,14 +1,18 @@
 //! Evidence of a film on places that were sanded since the dry picture, and have no dry look of their own.
 //!
-//! Such a place is held against its own wet look while the film is watched. That it was wet when the film began needs evidence of its
-//! own, because a bare place keeps its look, too: water moves, and places beside each other then differ in what they show over time by
-//! more than the sensor's noise ([`Shimmer`]). A place was wet if the places near it that look alike shimmer. They are looked at in squares
-//! that grow, until there are enough of them; a bare place is not alike the film around it, and it is still, or most of it if drops run over a part.
+//! Such a place is compared with its own wet look while the film is watched. A bare place keeps its look, too, so
+//! it needs separate evidence that it was wet when the film began. The evidence is that water moves: places beside
+//! each other then differ over time by more than the sensor's noise ([`Shimmer`]). A place was wet if the places
+//! near it that look alike shimmer. They are searched in squares that grow until there are enough of them. A bare
+//! place does not look like the film around it, and it is still. If drops run over a part of it, most of it is
+//! still.
 //!
-//! Water that runs over a bare place moves as a film does. So what is narrower than any disc and differs from the looks around it as a break
-//! differs from its film has no evidence either: no disc made it, and a break did ([`Looks::narrow`]).
+//! Water that runs over a bare place moves as a film does. So a place that is narrower than any disc, and differs
+//! from the looks around it as a break differs from its film, has no evidence either: it was made by a break and
+//! not by a disc ([`Looks::narrow`]).
 //!
-//! A film that does not move at all leaves its sanded places unseen: a new dry picture helps, taken after they dried.
+//! If a film does not move at all, its sanded places stay unseen. A new dry picture, recorded after they dried,
+//! helps.
 
 use super::footprint::Window;
 use super::looks::Looks;
@@ -25,12 +29,13 @@ const MIN_SHIMMER: f64 = 1.35;
 const SURE_SIGMA: f64 = 4.5;
 /// … of still places the shimmer is below that by this many.
 const STILL_SIGMA: f64 = 3.0;
-/// A place that surely moves less than this share of the water that moves on a film of the clip is still; of the places that look alike
-/// more than this share is still only where no film is: on rendered films at most 0.023 of 99 % of all places was, on bare ones 0.31.
+/// A place is still if it surely moves less than this share of the water that moves on a film of the clip. More
+/// than this share of the places that look alike is still only if there is no film: on rendered films at most 0.023
+/// was, for 99 % of all places, on bare ones 0.31.
 const LEAST_OF_FILM: f64 = 0.2;
 const MOST_STILL: f64 = 0.05;
-/// This share of the differences may show a shadow or a glint that passes, and does not count; by fewer others nothing is said, nor by
-/// fewer places.
+/// This share of the differences may show a shadow or a glint that passes, and does not count. Fewer other
+/// differences, or fewer places, give no result.
 const PASSING: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
@@ -114,7 +119,8 @@ impl Sanded<'_> {
         let Some(shimmer) = self.model.shimmer() else { return Ok(vec![false; self.inside.len()]) };
         let lattice = Lattice { sites: self.sites(shimmer), shimmer, tolerance: self.model.away_share() };
         let is_wet = lattice.wet();
-        // A pixel takes the evidence of a site beside it that looks as it does, or of a place beside it that was not sanded.
+        // A pixel gets the evidence of a site beside it that looks as it does, or of a place beside it that was not
+        // sanded.
         let has_evidence = |i: usize| {
             let (row, column) = (i / self.window.width, i % self.window.width);
             let look = self.look_levels(i);
@@ -144,8 +150,9 @@ impl Sanded<'_> {
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 
-    /// Does a pixel look as the film of places that were not sanded and lie within a site's side of it? What counts as sanded is wider than
-    /// what a disc touched, and a bare strip would have to look as the film beside it by chance.
+    /// Does a pixel look as the film of places that were not sanded and lie within a site's side from it? The area
+    /// that counts as sanded is wider than the area that a disc touched, and a bare strip would look as the film
+    /// beside it only by chance.
     fn is_like_film_beside(&self, row: usize, column: usize, look: f64) -> bool {
         let near =
             |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
@@ -189,7 +196,7 @@ impl Sanded<'_> {
             let counts =
                 |i: &usize| self.inside[*i] && self.model.is_without_dry(*i) && self.broke_s[*i].is_infinite();
             let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.look_levels(*i)).collect();
-            // Part of a site says too little of what is the same for all of it.
+            // A part of a site shows too little of what is common to the whole site.
             if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
                 return None;
             }
@@ -207,7 +214,7 @@ fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     let kernel = Mat::from_slice_2d(&SURE_BREAK)?;
     let (border, kind) = (Scalar::all(1.0), core::BORDER_CONSTANT);
     let (mut eroded, mut opened) = (Mat::default(), Mat::default());
-    // An even kernel has no middle: the second step goes back from where the first one came.
+    // An even kernel has no middle: the second step returns by the way of the first one.
     imgproc::erode(&mask, &mut eroded, &kernel, Point::new(1, 1), 1, kind, border)?;
     imgproc::dilate(&eroded, &mut opened, &kernel, Point::new(2, 2), 1, kind, Scalar::all(0.0))?;
     Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
@@ -229,7 +236,7 @@ impl Lattice<'_> {
         let mut known: Vec<f64> = water.iter().flatten().copied().collect();
         let Some(film) = median(&mut known) else { return vec![false; water.len()] };
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_still(at, film)).collect();
-        // Drops that run over a bare place move as well, on part of it: the rest of it is still, and looks alike.
+        // Drops that run over a bare place move as well, on a part of it: the rest is still, and looks alike.
         let is_wet =
             |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MOST_STILL;
         sites.into_par_iter().map(is_wet).collect()

@@ -3,7 +3,7 @@
 use super::{InspectError, Inspection};
 use crate::geometry::Mask;
 
-/// Agreement of two masks, each a share 0…1. Where there is nothing to find and nothing was found, all are 1.
+/// Agreement of two masks, each a share 0…1. If there is nothing to find and nothing was found, all are 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Score {
     /// Pixels in both over pixels in either.
@@ -30,7 +30,7 @@ pub struct Confusion {
 /// Scores a mask against the true one, in the pixels of `region`.
 ///
 /// # Errors
-/// Where the three differ in size.
+/// If the three differ in size.
 pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
     same_size(mask, region)?;
     same_size(truth, region)?;
@@ -44,7 +44,8 @@ pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectE
     Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
 }
 
-/// As [`score`], without the pixels within one of the truth's rim: no picture shows better where a rim lies.
+/// As [`score`], without the pixels within one pixel of the truth's rim: no picture shows more exactly where a rim
+/// lies.
 ///
 /// # Errors
 /// As [`score`].
@@ -68,7 +69,7 @@ impl Inspection {
     /// Compares failed grids with those that a true mask makes fail by the same rule.
     ///
     /// # Errors
-    /// Where the mask has another size than the pictures.
+    /// If the mask has another size than the pictures.
     pub fn confusion(&self, truth: &Mask) -> Result<Confusion, InspectError> {
         same_size(truth, &self.footprint.region())?;
         let mut confusion = Confusion::default();

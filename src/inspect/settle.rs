@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
-/// The inner part of a break varies by so much of what the film takes, from its first
-/// quarter to its last; glints and edges of reflections vary by more (`make bench-inspect`).
+/// The inner part of a break varies by this share of the brightness that the film takes away, from its first
+/// quarter to its last. Glints and edges of reflections vary by more (`make bench-inspect`).
 const MAX_UNEVEN: f32 = 0.14;
 /// Noise alone makes the looks of an even place vary by 1.35 σ between their quarters; of a few pixels by this much.
 const NOISE_SPREAD: f32 = 1.8;
@@ -24,13 +24,14 @@ const NOISE_SPREAD: f32 = 1.8;
 const RIM_PX: f64 = 0.9;
 /// A smaller inner part carries no information by its evenness.
 const MIN_CORE_PX: usize = 9;
-/// A place lies along a reflection if this share of the pixels around it is brighter than any bare place. Around breaks, whose rims mirror
-/// lamps, at most 0.12 was found in rendered films.
+/// A place lies along a reflection if this share of the pixels around it is brighter than any bare place. Around
+/// breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
 const ALONG_REFLECTION: f64 = 0.25;
-/// Of the film around a break this share must be told from a bare place; around it is this far from it, px: beyond the wedge of
-/// water at a rim.
+/// This share of the film around a break must be distinguishable from a bare place. Around means up to `AWAY_PX`
+/// from it, px: beyond the wedge of water at a rim.
 const TOLD_AROUND: f64 = 0.6;
-/// This share of the film around it looks like a pixel of a place that became film, and less of it is film of which the pixel would be a break …
+/// A pixel of a place that became film looks like at least this share of the film around it, and would be a break
+/// of less than this share …
 const ALIKE_AROUND: f64 = 0.35;
 /// … and this share of its pixels is alike: the rest is its blurred rim.
 const MOST_ALIKE: f64 = 0.6;
@@ -86,7 +87,7 @@ pub trait Observed {
 pub struct Settled {
     /// When each broke, s; [`NEVER`] if its film holds.
     pub broke_s: Vec<f32>,
-    /// Of which it cannot be said if they broke: these count as holding in `broke_s`.
+    /// Pixels for which it cannot be decided if they broke: these count as holding in `broke_s`.
     pub unsure: Vec<usize>,
 }
 
@@ -122,7 +123,8 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
     Settled { broke_s, unsure }
 }
 
-/// Takes small wet places within what looks bare for beads that belong to it: they close the place when its rim was complete.
+/// Treats small wet places within a bare-looking place as beads that belong to it: they count as broken from the
+/// time at which their rim was complete.
 fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl Observed) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
     for wet in window.raster().pieces(&BESIDE, |i| broke_s[i] == NEVER) {
@@ -183,8 +185,8 @@ impl Place<'_> {
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
         since_s.sort_by(f32::total_cmp);
         until_s.sort_by(f32::total_cmp);
-        // Closing is noticed as late as opening: a run has to go back, which takes a picture less than the time that it stands for. The place
-        // may have closed up to a picture later than the run says.
+        // Closing is detected as late as opening: a run must return to zero, which takes one picture less than the
+        // time that the run represents. The place may have closed up to one picture later than the run states.
         let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + 2.0 * seen.longest_step_s();
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
@@ -273,14 +275,15 @@ fn most_spread(core: &[usize], around: &[usize], seen: &impl Observed) -> f32 {
     (MAX_UNEVEN * (bare - film)).hypot(NOISE_SPREAD * mean(core, &|i| seen.noise(i)))
 }
 
-/// How much they do, from the first quarter to the last; of few pixels nothing is said.
+/// The variation of these looks, from the first quarter to the last; `None` for few pixels.
 fn spread(core: &[usize], seen: &impl Observed) -> Option<f32> {
     let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_look(i)).collect();
     looks.sort_by(f32::total_cmp);
     (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
 }
 
-/// Has a place the inner part that a disc of its size has, or half of it? A trail, and the edge of a reflection, are thin.
+/// Does a place have the inner part of a disc of its size, or half of that? A trail, and the edge of a reflection,
+/// are thin.
 fn is_compact(size_px: usize, core_px: usize) -> bool {
     let radius_px = (size_px as f64 / PI).sqrt();
     core_px as f64 >= PI * (radius_px - RIM_PX).max(0.0).powi(2) / 2.0

@@ -1,15 +1,17 @@
 //! Has the panel moved, and is it in focus? Both are measured at its outline, which is visible wet or dry.
 //!
-//! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures the sharpness.
-//! Neither changes with the light, nor with the film inside. For edges with normals nᵢ that moved by δᵢ, the panel moved
-//! by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
+//! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures
+//! the sharpness. Neither changes with the light, nor with the film inside. For edges with normals nᵢ that moved by
+//! δᵢ, the panel moved by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
 //!
-//! Grey levels show the edge on most panels. Where they do not, because a wet panel is as grey as the background beside it, each
-//! profile is taken in the channel in which its edge has the most contrast; the remaining profiles must agree and must constrain the
-//! panel in both directions. An outline without contrast is reported as not measurable: this does not say that the panel moved.
+//! Grey levels show the edge on most panels. They do not if a wet panel is as grey as the background beside it.
+//! Then each profile is measured in the channel in which its edge has the most contrast; the remaining profiles
+//! must agree and must constrain the panel in both directions. An outline without contrast is reported as not
+//! measurable: this does not mean that the panel moved.
 //!
-//! Is the panel at its located pose? The same profiles in the taught picture give the position of the edge on each when the
-//! panel is at its pose. In the dry picture of a panel at this pose each edge is at the same position of its profile.
+//! Is the panel at its located pose? The same profiles in the taught picture give the position of the edge on each
+//! when the panel is at its pose. In the dry picture of a panel at this pose each edge is at the same position of
+//! its profile.
 
 mod profile;
 
@@ -20,25 +22,26 @@ use profile::{Edge, EdgeLocation, GRAY, MIN_CONTRAST, Profile, REACH_PX, VIEWS, 
 
 /// Places on the outline.
 const PLACES: usize = 240;
-/// With fewer profiles nothing is told.
+/// With fewer profiles nothing is reported.
 const MIN_PROFILES: usize = 40;
-/// Of the contrast of the first picture so much must be left, in grey levels and in the channels.
+/// This share of the first picture's contrast must remain, in grey levels and in the channels.
 const MIN_LEFT: [f32; 2] = [0.3, 0.2];
-/// Of the profiles so much must be seen in grey levels, or else in the channels, percent.
+/// This percentage of the profiles must be seen in grey levels, or else in the channels.
 const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
-/// In the channels: so many profiles' worth must hold the panel in its weakest direction, and this share of them must agree with
-/// the whole to so many pixels.
+/// In the channels: this many profiles' worth must hold the panel in its weakest direction, and this share of them
+/// must agree with the whole within this many pixels.
 const MIN_HOLD: f32 = 10.0;
 const MIN_AGREE: f64 = 0.6;
 const AGREE_PX: f32 = 1.0;
-/// A profile of the taught picture is expected again where it keeps so many times the least contrast in today's light.
+/// A profile of the taught picture is expected again if its contrast in today's light is at least this many times
+/// the smallest contrast.
 const SURE_CONTRAST: f32 = 1.5;
 
 /// The outline as the dry picture shows it.
 #[derive(Debug)]
 pub struct Outline {
     places: Vec<EdgeLocation>,
-    /// What the taught picture shows at each place, with the panel where it was taught.
+    /// The edges of the taught picture at each place, with the panel at its taught place.
     taught: Vec<[Profile; VIEWS]>,
     first: Vec<[Option<Edge>; VIEWS]>,
 }
@@ -57,19 +60,19 @@ pub struct Steadiness {
 pub enum OutlineMeasurement {
     /// The first picture has no outline to hold against.
     NoContrast,
-    /// Too little of the first picture's outline is seen to say whether it moved: so many percent of it.
+    /// Too little of the first picture's outline is seen to determine whether it moved: only this many percent.
     Lost(f64),
-    /// Enough of it is seen, and what is seen does not lie as one panel that moved would.
+    /// Enough of the outline is seen, but the seen parts do not lie as those of one moved panel would.
     Disagrees,
     /// The outline is seen.
     Measured(Steadiness),
 }
 
-/// The least share of the outline by which a picture tells whether the panel moved, percent.
+/// The least share of the outline from which a picture shows whether the panel moved, percent.
 pub const LEAST_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
 impl Outline {
-    /// The taught outline where the panel stands now.
+    /// The taught outline at the panel's present place.
     pub fn new(taught: &TaughtPanel, camera: &PinholeCamera, camera_from_panel: Rigid<Camera, Panel>) -> Self {
         let nominal = taught.panel_from_camera.inverse();
         let project = |&point| {
@@ -98,9 +101,10 @@ impl Outline {
         Outline { places, taught, first: Vec::new() }
     }
 
-    /// How far the panel's outline in this dry picture lies from where the pose puts it, px: the larger of its shift, by (1),
-    /// and of the median of its profiles, which tells turns and another distance. Where most of the outline is not within
-    /// reach of them, it is farther than they reach. `None` where the outline has too little contrast to tell.
+    /// The distance of the panel's outline in this dry picture from its place by the pose, px. It is the larger of
+    /// its shift, by (1), and the median of its profiles, which shows turns and another distance. If most of the
+    /// outline is not within reach of the profiles, the distance is larger than their reach. `None` if the outline
+    /// has too little contrast for a measurement.
     pub fn off_px(&self, picture: &ColorPicture) -> Option<f64> {
         let now: Vec<[Profile; VIEWS]> = self.places.iter().map(|place| profiles(place, picture)).collect();
         let light: [f32; VIEWS] = std::array::from_fn(|view| {
@@ -138,8 +142,8 @@ impl Outline {
         by(&|_| GRAY).or_else(|| by(&best))
     }
 
-    /// Takes this picture as the one that later ones are held against. Its own sharpness comes back: the largest step as
-    /// a share of the edge; `None` where the outline has no contrast.
+    /// Sets this picture as the reference for later ones and returns its own sharpness: the largest step as a share
+    /// of the edge; `None` if the outline has no contrast.
     pub fn begin(&mut self, picture: &ColorPicture) -> Option<f64> {
         self.first = self.places.iter().map(|place| edges(place, picture)).collect();
         let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEWS]) -> Option<Edge>| {

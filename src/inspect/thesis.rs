@@ -6,10 +6,10 @@
 //!     broken where changed, and H, S, V of the test picture are in the range of a dry pixel        (4.3–4.5)
 //!
 //! The thesis leaves open how the three channels become one binary picture. Here the largest counts, each channel's
-//! difference by its weight, the heaviest being 1 (`channel_weights`): a film changes the panel most in one channel (its
-//! blue one, 4.2), and the grey of the difference would dilute that one by the others. The thesis masks the test picture and
-//! filters the masked one by HSV, where black means masked out; here the two binary pictures meet in an "and", which is
-//! the same and lets the range contain black.
+//! difference by its weight, the heaviest being 1 (`channel_weights`). The reason: a film changes the panel most in
+//! one channel (its blue one, 4.2), and the grey of the difference would dilute that one by the others. The thesis
+//! masks the test picture and filters the masked one by HSV, and black means masked out. Here the two binary
+//! pictures are combined by an "and", which is the same and lets the range contain black.
 //!
 //! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
 
@@ -114,7 +114,7 @@ impl OverTime {
         OverTime { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
     }
 
-    /// Takes a picture of the dry panel; the last one counts.
+    /// Adds a picture of the dry panel; the last one counts.
     pub fn dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
         self.dry = Some(crop(picture, window)?);
         Ok(())
@@ -162,7 +162,7 @@ mod tests {
     const WHOLE: Window = Window { left: 0, top: 0, width: 8, height: 8 };
 
     /// By hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one more pixel is white. A
-    /// median of 3 × 3 takes the lone pixel and the block's four corners, which see 4 of 9 pixels.
+    /// median of 3 × 3 removes the lone pixel and the block's four corners, which see 4 of 9 pixels.
     #[test]
     fn a_difference_by_hand() {
         let reference = ColorPicture::filled(8, 8, [100, 100, 100]);

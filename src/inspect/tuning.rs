@@ -10,7 +10,7 @@ use crate::panel::GridId;
 use crate::verdict::{Check, Reason, SetBy, Severity};
 use crate::words::{apart, fixed};
 
-/// Fewer times the noise is too little to tell wet from dry by.
+/// A contrast of fewer times the noise is too small to distinguish wet from dry.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
 /// Share of a grid that may look alike under a film and dry, percent: greasy places do.
 const MOST_FAINT_PERCENT: f64 = 10.0;
@@ -21,7 +21,7 @@ const MIN_EVENNESS: f64 = 0.6;
 /// Share of the dry region that may be overexposed.
 const MAX_OVEREXPOSED: f64 = 0.001;
 
-/// What a clip says to the film method.
+/// The results of a clip for the film method.
 #[derive(Debug, Clone)]
 pub struct Tuning {
     /// Light and channels.
@@ -34,7 +34,7 @@ pub struct Tuning {
     pub detection_limit_mm2: f64,
     /// The grids that would not be seen if all were sanded since the dry picture, by the water that moves on this film.
     pub unseen_if_sanded: Vec<GridId>,
-    /// Why the panel is not where the grids are looked for.
+    /// Why the panel is not at the place where the grids are looked for.
     pub elsewhere: Option<Reason>,
 }
 
@@ -117,7 +117,7 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
         })
 }
 
-/// Where a break would not show, and what would help.
+/// The places where a break would not show, and a remedy.
 fn faint(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);

@@ -1,4 +1,4 @@
-//! The running test: takes pictures one by one.
+//! The running test: accepts pictures one by one.
 
 use super::film::NEVER;
 use super::footprint::{Footprint, Looked};
@@ -36,7 +36,7 @@ pub struct Watch {
     pub(super) footprint: Footprint,
     pub(super) outline: Outline,
     pub(super) model: Model,
-    /// Where the recipe asks for the thesis's method, which then says what broke.
+    /// Present if the recipe requests the thesis's method, which then decides what broke.
     pub(super) thesis: Option<thesis::OverTime>,
     pub(super) quality: Quality,
     pub(super) is_place_assumed: bool,
@@ -64,7 +64,7 @@ pub struct Step {
 }
 
 impl Watch {
-    /// Begins a test of a panel where it is now. `demands` say how long it lasts and what fails.
+    /// Begins a test of a panel at its present place. `demands` state the duration of the test and what fails.
     ///
     /// # Errors
     /// If the region is not in the picture at all.
@@ -102,10 +102,10 @@ impl Watch {
         })
     }
 
-    /// Takes the next picture, at `time_s` of any clock that does not jump.
+    /// Accepts the next picture, at `time_s` of any clock that does not jump.
     ///
     /// # Errors
-    /// Where its size is not the camera's, or it comes out of order.
+    /// If its size is not the camera's, or it comes out of order.
     pub fn push(&mut self, picture: &ColorPicture, time_s: f64, phase: Phase) -> Result<Step, InspectError> {
         self.check(picture, time_s, phase)?;
         self.last = Some((time_s, phase));
@@ -128,7 +128,7 @@ impl Watch {
         }
     }
 
-    /// Nobody said where the panel stands: it is taken to stand in its nominal place, which the dry picture must confirm.
+    /// Assumes the panel at its nominal place, because no place was stated; the dry picture must confirm this.
     pub fn assume_place(&mut self) {
         self.is_place_assumed = true;
     }
@@ -211,7 +211,7 @@ impl Watch {
         }
     }
 
-    /// When a pixel of the window broke as far as is known, s; [`NEVER`] where it did not.
+    /// The time at which a pixel of the window broke as far as is known, s; [`NEVER`] if it did not.
     pub(super) fn broke_s(&self, index: usize) -> f32 {
         match &self.thesis {
             Some(thesis) => thesis.times_s()[index],
@@ -219,7 +219,8 @@ impl Watch {
         }
     }
 
-    /// Why the panel is not where the grids are looked for, by the dry pictures so far; `None` where it is.
+    /// Why the panel is not at the place where the grids are looked for, by the dry pictures so far; `None` if it
+    /// is there.
     pub fn stands_elsewhere(&self) -> Option<Reason> {
         elsewhere(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }
@@ -229,7 +230,7 @@ impl Watch {
         self.footprint.grid_pixels()
     }
 
-    /// The smallest break that is surely found where the panel stands, mm².
+    /// The smallest break that is surely found at the panel's place, mm².
     pub fn detection_limit_mm2(&self) -> f64 {
         self.footprint.detection_limit_mm2()
     }

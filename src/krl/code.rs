@@ -22,7 +22,7 @@ pub enum Cell {
     Word(u16),
     /// A text, by its place among the program's texts.
     Text(u32),
-    /// Where a variable lies.
+    /// The address of a variable.
     Address(Address),
 }
 
@@ -63,9 +63,9 @@ pub enum Op {
     Referred(u32),
     /// See [`Op::Global`].
     System(u16),
-    /// Goes so many cells on from the address.
+    /// Advances the address by this many cells.
     Component(u32),
-    /// Takes an index from the stack and goes to that element, of so many, of so many cells each.
+    /// Pops an index and advances the address to that element, of `count` elements with `size` cells each.
     Index { count: u32, size: u32 },
     /// Replaces an address by the value there.
     Load,
@@ -73,15 +73,15 @@ pub enum Op {
     LoadGlobal(u32),
     /// See [`Op::LoadGlobal`].
     LoadLocal(u32),
-    /// Replaces an address by so many cells from there.
+    /// Replaces an address by this many cells from there.
     LoadBlock(u32),
-    /// Takes a value and the address below it, and writes.
+    /// Pops a value and the address below it, and writes.
     Store,
-    /// Takes so many cells and the address below them, and writes.
+    /// Pops this many cells and the address below them, and writes.
     StoreBlock(u32),
-    /// As [`Op::StoreBlock`], for `{…}`, where components may be left out.
+    /// As [`Op::StoreBlock`], for `{…}`, in which components may be left out.
     StoreAggregate(u32),
-    /// Takes a text and an address, and writes so many characters at most.
+    /// Pops a text and an address, and writes this many characters at most.
     StoreText(u32),
     /// INT to REAL, this many cells below the top.
     ToReal(u32),
@@ -97,35 +97,37 @@ pub enum Op {
     Binary(Binary),
     /// `:` between two frames of 6 numbers.
     Geometric,
-    /// Keeps the first of so many cells, drops the others: a FRAME of a POS.
+    /// Keeps the first cells of this many, drops the others: a FRAME of a POS.
     Keep { first: u32, of: u32 },
-    /// Goes on elsewhere.
+    /// Continues at another step.
     Jump(u32),
-    /// Takes a BOOL and goes on elsewhere where it is FALSE.
+    /// Pops a BOOL and continues at another step if it is FALSE.
     JumpIfNot(u32),
-    /// Goes on elsewhere where AND or OR is decided by its left side and the controller leaves out the right one.
+    /// Continues at another step if AND or OR is decided by its left side and the controller leaves out the right
+    /// one.
     JumpDecided { decided: bool, to: u32 },
-    /// Takes step, end and counter of a FOR and says whether it goes on.
+    /// Pops step, end and counter of a FOR and reports whether the loop continues.
     ForTest,
-    /// Calls a routine, whose arguments are on the stack.
+    /// Calls a routine with its arguments on the stack.
     Call(u32),
     /// A routine of the controller.
     Builtin(Builtin),
-    /// Leaves the routine with so many cells of value.
+    /// Leaves the routine with a value of this many cells.
     Return(u32),
     /// A function ended without RETURN.
     NoReturn,
-    /// Forgets so many cells of the stack.
+    /// Discards this many cells of the stack.
     Drop(u32),
     /// A motion; its target is 6 numbers on the stack, axes or a pose.
     Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },
-    /// Takes seconds.
+    /// Pops seconds.
     WaitSeconds,
-    /// Takes a BOOL; where FALSE, begins again at this step.
+    /// Pops a BOOL; if it is FALSE, begins again at this step.
     WaitFor(u32),
-    /// Takes a number. The condition begins behind this step, the call at `call`, the program goes on at `after`.
+    /// Pops a number. The condition begins behind this step, the call at `call`, and the program continues at
+    /// `after`.
     InterruptDeclaration { global: bool, call: u32, after: u32 },
-    /// Takes a number.
+    /// Pops a number.
     InterruptSwitch { on: bool },
     /// All interrupts.
     InterruptSwitchAll { on: bool },
@@ -141,7 +143,7 @@ pub enum Op {
     Halt,
     /// CONTINUE
     Continue,
-    /// Takes priority, delay and distance. The call begins behind this step.
+    /// Pops priority, delay and distance. The call begins behind this step.
     Trigger { after: u32 },
 }
 

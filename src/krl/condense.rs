@@ -1,7 +1,8 @@
-//! Steps that are taken together, for speed: an expression without calls, a jump on it, an assignment of it.
+//! Steps that are combined, for speed: an expression without calls, a jump on it, an assignment of it.
 //!
-//! The list of steps stays as it is: it says what a program means, and where one of them may wait for the arm it is
-//! followed. Beside each step stands what begins there and how far it reaches, so that jumps lead where they did.
+//! The list of steps stays as it is: it defines the meaning of a program, and it is followed if one of the steps
+//! may wait for the arm. For each step it is stored what begins there and how far it reaches, so that jumps lead to
+//! the same steps as before.
 
 use super::code::{Cell, Op, Space};
 use super::syntax::Binary;
@@ -17,7 +18,7 @@ pub(super) enum Together {
     Nothing,
     /// A value on the stack.
     Value { value: u32, next: u32 },
-    /// A jump where the value is FALSE; `at` is its step.
+    /// A jump if the value is FALSE; `at` is its step.
     Branch { value: u32, at: u32, to: u32, next: u32 },
     /// The value of a place.
     Assign { place: u32, value: u32, next: u32 },
@@ -31,7 +32,7 @@ pub(super) enum Value {
     Local(u32),
     At(u32),
     Binary(Binary, u32, u32),
-    /// AND or OR, whose right side may be left out.
+    /// AND or OR with a right side that may be left out.
     Decided {
         operator: Binary,
         left: u32,
@@ -45,7 +46,7 @@ pub(super) enum Value {
     ForTest([u32; 3]),
 }
 
-/// Where a place begins.
+/// The beginning of a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Start {
     Space(Space),
@@ -61,7 +62,7 @@ pub(super) struct MemoryRef {
     pub(super) index: Option<Index>,
 }
 
-/// An element of so many, of so many cells each.
+/// An element of an array of `count` elements with `size` cells each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Index {
     pub(super) value: u32,
@@ -89,7 +90,7 @@ enum Item {
 struct Reading<'a> {
     all: &'a mut Condensed,
     stack: Vec<Item>,
-    /// Where the right sides of AND and OR end that have begun.
+    /// The ends of the right sides of AND and OR that have begun.
     decided: Vec<u32>,
     waits: bool,
 }
@@ -166,7 +167,7 @@ impl Reading<'_> {
         Some(())
     }
 
-    /// One step; `None` where it is none of an expression.
+    /// Adds one step; `None` if it is not part of an expression.
     fn take(&mut self, op: &Op, next: u32) -> Option<()> {
         match *op {
             Op::Push(cell) => self.push(Value::Fixed(cell)),

@@ -9,7 +9,7 @@ use super::syntax::{Binary, Call, Expression, Step, Unary, VariableRef};
 pub(super) enum Unread {
     /// A controller refuses it.
     Wrong(String),
-    /// A controller may take it.
+    /// A controller may accept it.
     NotChecked(String),
 }
 
@@ -103,7 +103,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Goes on behind this word; false if it does not follow directly, or behind indices.
+    /// Continues behind this word; false if it does not follow directly, or behind indices.
     pub(super) fn skip_to_word(&mut self, word: &str) -> bool {
         while !self.is_word(word) && self.peek().is_some() && !self.is_sign("=") {
             self.at += 1;

@@ -106,7 +106,7 @@ const BY_NAME: [&str; 39] = [
     "WS_CONFIG",
 ];
 
-/// Whether KUKA has a type of this name whose contents are not known here.
+/// Returns whether KUKA has a type of this name with contents that are not known here.
 pub(super) fn is_known_by_name(name: &str) -> bool {
     BY_NAME.binary_search(&name).is_ok()
 }

@@ -32,8 +32,8 @@ impl std::fmt::Display for Token {
 const SIGNS: [&str; 21] =
     ["==", "<>", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "(", ")", "[", "]", "{", "}", ",", ":", ".", "!"];
 
-/// The tokens of a line; none for an empty line, a comment or a header line that begins with `&`. The message says why
-/// the line is read only up to its [`Token::Unreadable`].
+/// The tokens of a line; none for an empty line, a comment or a header line that begins with `&`. The message
+/// states why the line is read only up to its [`Token::Unreadable`].
 pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
     let mut rest = line;
     let mut found = Vec::new();
@@ -224,7 +224,7 @@ mod tests {
         assert_eq!(words("END\u{a0}\0\0"), "END");
     }
 
-    /// What stands before the fault is kept, so that a block does not lose its first word.
+    /// The text before the fault is kept, so that a block does not lose its first word.
     #[test]
     fn what_cannot_be_read_is_reported() {
         for line in ["A=\"x", "A=2147483649", "A='Q1'", "A=1 % 2", "A=#", "A=1.0E99", "A='H'", "A='"] {

@@ -13,7 +13,7 @@ pub(super) const OPERATORS: usize = 200;
 pub(super) const ARRAY_VALUES: usize = 10_000_000;
 /// Values of all data lists together, or of one routine, that are laid out for the execution.
 pub(super) const MEMORY_VALUES: usize = 1_000_000;
-/// Values, and components, of a structure whose aggregates are executed.
+/// Values, and components, of a structure with aggregates that are executed.
 pub(super) const AGGREGATE_VALUES: usize = 256;
 /// Steps of the execution; a program with more is checked only.
 pub(super) const STEPS: usize = 2_000_000;

@@ -1,8 +1,10 @@
-//! Executes a program, one statement at a time: one interpreter of a controller over memory that it shares with another.
+//! Executes a program, one statement at a time: one interpreter of a controller over memory that it shares with
+//! another.
 //!
-//! What lies outside of the language (system variables, the arm, EthernetKRL) is the [`Host`]'s. Between two statements
-//! the host may let the other interpreter run, or an interrupt break in; a statement that waits for the arm can be
-//! interrupted where it waits. An invalid value, an index outside of its array, a division by zero stop the interpreter.
+//! The [`Host`] provides all that lies outside of the language (system variables, the arm, EthernetKRL). Between
+//! two statements the host may let the other interpreter run, or an interrupt break in. A statement that waits for
+//! the arm can be interrupted while it waits. An invalid value, an index outside of its array or a division by zero
+//! stops the interpreter.
 
 mod access;
 mod calculate;

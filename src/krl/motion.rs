@@ -95,7 +95,7 @@ fn settings(reader: &mut Reader<'_>) -> Read<Vec<(VariableRef, Expression)>> {
     }
 }
 
-/// What may stand behind SPLINE and ENDSPLINE.
+/// Reads what may follow SPLINE and ENDSPLINE.
 pub(super) fn spline_head(reader: &mut Reader<'_>) -> Read<Vec<(VariableRef, Expression)>> {
     let mut with = Vec::new();
     loop {
@@ -107,7 +107,7 @@ pub(super) fn spline_head(reader: &mut Reader<'_>) -> Read<Vec<(VariableRef, Exp
     }
 }
 
-/// What stands in a spline beside its motions, its first word read; `None` if it is none of that.
+/// Reads a part of a spline other than its motions, after its first word; `None` if it is no such part.
 pub(super) fn spline_part(reader: &mut Reader<'_>, first: &str) -> Option<Read<Action>> {
     match first {
         "TIME_BLOCK" => Some(bounded(reader, "TIME_BLOCK", &["START", "PART", "END"])),

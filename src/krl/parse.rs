@@ -172,7 +172,7 @@ impl Parser {
         tokens
     }
 
-    /// Takes the next line if it begins with this word, which is alone there.
+    /// Consumes the next line if it begins with this word, which must be alone there.
     pub(super) fn next_line_is(&mut self, word: &str) -> bool {
         let Some((line, first)) = self.first_word() else { return false };
         if first != word {

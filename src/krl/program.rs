@@ -9,11 +9,11 @@ use std::collections::BTreeMap;
 pub struct Program {
     /// The steps.
     pub code: Vec<Op>,
-    /// Where each statement stands.
+    /// The location of each statement.
     pub statements: Vec<Location>,
     /// All routines.
     pub routines: Vec<Entry>,
-    /// Shared memory as the data lists say it.
+    /// Shared memory with the values of the data lists.
     pub memory: Vec<Cell>,
     /// All shared variables.
     pub shared: Vec<Shared>,

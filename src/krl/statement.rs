@@ -32,7 +32,7 @@ const OF_OTHER_LANGUAGES: [(&str, &str); 5] = [
 ];
 
 impl Parser {
-    /// Statements up to a line that begins with one of these words, which is left where it is.
+    /// Statements up to a line that begins with one of these words; that line is not consumed.
     pub(super) fn block(&mut self, ends: &[&str]) -> Vec<Statement> {
         self.depth += 1;
         let mut found = Vec::new();

@@ -1,4 +1,4 @@
-//! What a KRL file says, as a tree. All names are in upper case; every part keeps its line, from 1.
+//! The contents of a KRL file, as a tree. All names are in upper case; every part keeps its line, from 1.
 
 use crate::config::Problem;
 
@@ -85,7 +85,7 @@ pub(super) struct Returned {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parameter {
     pub(super) name: String,
-    /// `:IN`, by value; else by reference, which is also what KRL takes if nothing is said.
+    /// `:IN`, by value; otherwise by reference, which is also KRL's default.
     pub(super) by_value: bool,
 }
 
@@ -223,8 +223,8 @@ pub(super) enum Action {
     },
     WaitSeconds(Expression),
     WaitFor(Expression),
-    /// A statement whose expressions are checked and that is never executed: its first word, and its values with the
-    /// types that they must have.
+    /// A statement that is never executed; only its expressions are checked. Its first word, and its values with
+    /// the types that they must have.
     Checked {
         word: &'static str,
         values: Vec<(Expression, &'static str)>,
@@ -319,7 +319,7 @@ pub enum Approximation {
     Spline,
 }
 
-/// A variable and the way to a part of it.
+/// A variable and the path to a part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct VariableRef {
     pub(super) name: String,
@@ -329,7 +329,7 @@ pub(super) struct VariableRef {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
     Component(String),
-    /// `[1,2]`; an index is left out in `[]`, `[,]` and `[3,]`: the array as a whole, or a row of it.
+    /// `[1,2]`; an index is left out in `[]`, `[,]` and `[3,]`: the array as a whole, or one of its rows.
     Index(Vec<Option<Expression>>),
 }
 

@@ -1,7 +1,8 @@
 //! The controller's own variables, as far as programs of a cell use them.
 //!
-//! What a variable does to the advance run, who may write it, and in which versions of KSS it exists, follows KUKA's
-//! public manuals; where they are silent it is said beside the entry. Sources of the others: README.md beside this file.
+//! KUKA's public manuals define the effect of a variable on the advance run, its write access, and the versions of
+//! KSS in which it exists. If they are silent, the entry has a note. Sources of the others: README.md beside this
+//! file.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -43,7 +44,7 @@ pub struct SystemVariable {
     /// With its `$`.
     pub name: &'static str,
     pub(super) type_name: &'static str,
-    /// Elements of an array; 0 where it is none.
+    /// Elements of an array; 0 if it is none.
     pub(super) count: usize,
     pub(super) writable: bool,
     /// Reading or writing it lets the advance run wait for the arm.
@@ -177,7 +178,7 @@ pub(super) fn named(name: &str) -> Option<&'static Named> {
     NAMED.get(name)
 }
 
-/// A type, and the variables of it; `ANY` for a type that is left open. First the system variables, then those of
+/// A type, and its variables; `ANY` for a type that is left open. First the system variables, then those of
 /// `$config.dat`.
 const NAMES: &str = "\
 BOOL $AUX_POWER $BRAKETEST_MONTIME $BRAKETEST_REQ_EX $BRAKETEST_REQ_INT $BRAKETEST_WARN $BWDSTART $CHCK_MOVENA $COLLMON_ACTIVE_COM $COLLMON_ACTIVE_PRO $COLL_ALARM $COLL_ENABLE \

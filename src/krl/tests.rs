@@ -1,4 +1,4 @@
-//! What is read, and what is told: the shipped files, and one planted fault for each rule.
+//! Reading and reporting: the shipped files, and one planted fault for each rule.
 
 use super::{Analysis, Kss, analyse, parse};
 use crate::config::Problem;
@@ -73,7 +73,7 @@ fn what_an_integrator_writes_is_read() {
     assert_eq!(told(foreign), Vec::<String>::new());
 }
 
-/// Each line is one slip, with the beginning of what is told; the first statement is in line 10.
+/// Each line is one slip, with the beginning of its report; the first statement is in line 10.
 #[test]
 fn each_slip_is_told_with_its_line() {
     for (statement, expected) in [
@@ -231,7 +231,7 @@ fn a_name_is_known_where_it_is_declared() {
     let hidden = parse("four.src", "DEF FOUR( )\nDECL SIDE_T S\nS=#LEFT\nEND");
     let told = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();
     assert!(told[0].message.starts_with("this type is declared for another module only"), "{told:?}");
-    // Declared twice, and where.
+    // Declared twice; the message states the place.
     let again = parse("three.dat", "DEFDAT THREE PUBLIC\nDECL GLOBAL INT TWO_N=2\nENDDAT\n");
     let [_, _, two, _] = files;
     let told = analyse(&[two, again], HIGHEST).problems.concat();

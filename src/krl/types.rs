@@ -1,7 +1,8 @@
-//! Types and how many cells of memory each takes: a simple value one, a structure those of its components in order.
+//! Types and the number of memory cells of each: a simple value has one, a structure those of its components in
+//! order.
 //!
-//! A type is declared in a routine, in a module or for all files; KUKA's own are known everywhere and may be declared
-//! again, as a controller's data lists do.
+//! A type is declared in a routine, in a module or for all files; KUKA's own are known everywhere and may be
+//! declared again, as a controller's data lists do.
 
 use super::limits::LISTED;
 use std::collections::BTreeMap;
@@ -47,7 +48,7 @@ pub struct Struc {
     pub name: String,
     /// In order.
     pub components: Vec<Component>,
-    /// Where each is among them.
+    /// The place of each among them.
     places: BTreeMap<String, usize>,
     /// Cells.
     pub size: usize,
@@ -72,7 +73,7 @@ pub(super) struct Enumeration {
     pub(super) kuka: bool,
 }
 
-/// Where a type is known; the innermost one counts.
+/// The scope in which a type is known; the innermost one counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Scope {
     Routine {
@@ -120,7 +121,7 @@ impl Types {
         scopes.iter().chain(&[Scope::Everywhere, Scope::Kuka]).find_map(of)
     }
 
-    /// Whether a type of this name is declared where others do not see it.
+    /// Returns whether a type of this name is declared in a scope that others do not see.
     pub(super) fn is_hidden(&self, name: &str) -> bool {
         self.names.contains_key(name)
     }
@@ -168,7 +169,7 @@ impl Types {
         is_free
     }
 
-    /// How many cells a value of this type takes.
+    /// The number of cells of a value of this type.
     pub(super) fn size(&self, kind: Type) -> usize {
         match kind {
             Type::Struc(index) => self.strucs[index].size,
@@ -176,7 +177,8 @@ impl Types {
         }
     }
 
-    /// How many cells an array of this type takes; the greatest number if it is no number of this computer.
+    /// The number of cells of an array of this type; the greatest number if it exceeds the numbers of this
+    /// computer.
     pub(super) fn cells(&self, kind: Type, dimensions: &[usize]) -> usize {
         dimensions.iter().fold(self.size(kind), |cells, dimension| cells.saturating_mul(*dimension))
     }

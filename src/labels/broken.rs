@@ -1,7 +1,7 @@
 //! From breaks to pixels: which ones broke by the clip's end, and when.
 //!
-//! A pixel breaks at the first moment at which its centre lies inside of an open break. Moments are the beginnings of the shapes and the
-//! times of the wet pictures: between two pictures nobody has seen anything.
+//! A pixel breaks at the first moment at which its centre lies inside of an open break. Moments are the beginnings
+//! of the shapes and the times of the wet pictures: there is no observation between two pictures.
 
 use super::check::ClipFrame;
 use super::coded::coded;
@@ -15,7 +15,7 @@ pub struct Broken {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// When each pixel broke, s since the first wet picture; infinite where it did not.
+    /// The time at which each pixel broke, s since the first wet picture; infinite if it did not.
     pub since_wet_s: Vec<f64>,
 }
 
@@ -46,7 +46,7 @@ fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
 }
 
 impl Broken {
-    /// Notes the pixels of a polygon as broken from this time on, where they did not break earlier.
+    /// Marks the pixels of a polygon as broken from this time on, unless they broke earlier.
     fn fill(&mut self, corners: &[Pixel], since_wet_s: f64) {
         let range = |of: fn(&Pixel) -> f64, count: usize| {
             let low = corners.iter().map(of).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;

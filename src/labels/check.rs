@@ -1,11 +1,12 @@
-//! Whether what a person says about a clip can be so: every problem at once, each with the break that it belongs to.
+//! Checks whether a person's statement about a clip is possible: all problems at once, each with the break to which
+//! it belongs.
 
 use super::shapes::{Break, Shape, Statement};
 use crate::geometry::{Pixel, polygon};
 
 /// A name may be so long.
 const MOST_CHARACTERS: usize = 200;
-/// A polygon has an inside from so many corners on.
+/// A polygon needs this many corners to have an inside.
 const FEWEST_CORNERS: usize = 3;
 /// The latest time that `times.png` can hold, s since the first wet picture.
 pub const MAX_SINCE_WET_S: f64 = 655.35;
@@ -34,7 +35,7 @@ impl ClipFrame {
 /// What cannot be so. Breaks and corners count from 1; times are s of the clip.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// Nobody signs.
+    /// The author's name is missing.
     #[error("the name of the person who labels is missing")]
     NoAuthor,
     /// A name that is none.
@@ -58,7 +59,7 @@ pub enum Problem {
         /// Which break.
         number: usize,
     },
-    /// Nothing can lie inside of it.
+    /// No point can lie inside of the shape.
     #[error("break {number}, shape from {from_s} s: it has {found} corners, needed are {FEWEST_CORNERS} or more")]
     TooFewCorners {
         /// Which break.
@@ -119,7 +120,7 @@ pub enum Problem {
     AfterEnd {
         /// Which break.
         number: usize,
-        /// What of it.
+        /// Which part of the break.
         what: &'static str,
         /// When.
         time_s: f64,
@@ -160,7 +161,7 @@ pub enum Problem {
     },
 }
 
-/// Everything that is wrong with a statement about this clip; none where it can be kept.
+/// All problems of a statement about this clip; none if it can be kept.
 pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     let mut problems = Vec::new();
     let found = said.author.chars().count();

@@ -11,7 +11,7 @@ pub fn coded(since_wet_s: Option<f64>) -> [u8; 3] {
     })
 }
 
-/// The time that a colour says; `None` where the pixel did not break.
+/// The time that a colour encodes; `None` if the pixel did not break.
 pub fn decoded([red, green, blue]: [u8; 3]) -> Option<f64> {
     (blue == 255).then(|| f64::from(u16::from_be_bytes([red, green])) / 100.0)
 }

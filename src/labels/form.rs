@@ -33,7 +33,7 @@ pub enum FormError {
     /// Another form.
     #[error("its version is {found}; this program reads version {VERSION}")]
     Version {
-        /// As the file says.
+        /// The version in the file.
         found: u32,
     },
     /// No such object.
@@ -42,16 +42,16 @@ pub enum FormError {
 }
 
 impl LabelFile {
-    /// What the person says.
+    /// The person's statement.
     pub fn statement(self) -> Statement {
         Statement { author: self.author, clean: self.clean, breaks: self.breaks }
     }
 }
 
-/// Reads a `labels.json`. Whether the labels fit the clip is not asked: see [`problems`](super::problems).
+/// Reads a `labels.json`. Whether the labels fit the clip is not checked: see [`problems`](super::problems).
 ///
 /// # Errors
-/// Where it is no such object, with the line, or of another version.
+/// If it is no such object, with the line, or of another version.
 pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
     #[derive(Deserialize)]
     struct Version {

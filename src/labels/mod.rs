@@ -1,11 +1,13 @@
-//! What a person says about a clip: where and when the film broke, as polygons over time, and the mask and the times that follow from it.
+//! A person's statement about a clip: where and when the film broke, as polygons over time, and the mask and the
+//! times that follow from it.
 //!
-//! A break has one or more shapes, each from its own time on. A shape holds until the next one begins; between two shapes with the same
-//! number of corners, corner i moves in a straight line and at a constant speed from its place in the first shape to its place in the
-//! second. A break that closes again counts in the mask all the same: the mask holds what broke, not what is still open.
+//! A break has one or more shapes, each from its own time on. A shape holds until the next one begins. Between two
+//! shapes with the same number of corners, corner i moves in a straight line and at a constant speed from its place
+//! in the first shape to its place in the second. A break that closes again still counts in the mask: the mask
+//! holds what broke, not what is still open.
 //!
-//! Corners are pixels of the clip's pictures, whole numbers at pixel centres; times are those of `clip.csv`, s. Nothing here reads a
-//! disk or a clock.
+//! Corners are pixels of the clip's pictures, whole numbers at pixel centres; times are those of `clip.csv`, s.
+//! Nothing here reads a disk or a clock.
 //!
 //! `labels.json`, version 1, is one object:
 //!
@@ -14,7 +16,7 @@
 //! | `version` | 1 |
 //! | `author` | the person's name |
 //! | `saved_at` | date and time of the saving, UTC |
-//! | `clip_sha256` | SHA-256 of what `sha256sum clip.csv FILE…` prints for the clip's list and its pictures in the list's order |
+//! | `clip_sha256` | SHA-256 of the output of `sha256sum clip.csv FILE…` for the clip's list and its pictures in the list's order |
 //! | `size_px` | columns and rows of the pictures |
 //! | `clean` | `true`: the person has looked at the whole clip and nothing broke; then there is no break |
 //! | `breaks` | the breaks: `closes_s` is the time from which on the film is closed again, or `null`; `shapes` in the order of time, each with `from_s` and `corners_px`, a list of `[u, v]` |

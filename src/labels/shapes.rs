@@ -17,13 +17,13 @@ pub struct Shape {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Break {
-    /// From when on the film is closed again, s of the clip; `None` where it is open at the clip's end.
+    /// The time from which on the film is closed again, s of the clip; `None` if it is open at the clip's end.
     pub closes_s: Option<f64>,
     /// Its outlines in the order of time; it begins with the first one.
     pub shapes: Vec<Shape>,
 }
 
-/// What a person says about a clip.
+/// A person's statement about a clip.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statement {

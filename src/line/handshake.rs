@@ -1,12 +1,12 @@
-//! When the line asks for something: by an edge that was seen from its low side on, never by a level.
+//! Decides when the line makes a request: by an edge that was seen from its low side on, never by a level.
 
 use super::signals::{CellStands, LineInputs, Told, told};
 use crate::cell::LineSignal;
 
-/// So many looks in a row must show the same before it counts: a bouncing contact asks for nothing.
+/// This many looks in a row must show the same before it counts: a bouncing contact makes no request.
 const STEADY: u8 = 2;
 
-/// What is asked of the cell for the line.
+/// A request to the cell for the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineRequest {
     /// A cycle, by the recipe and part of the cell's file.
@@ -18,31 +18,32 @@ pub enum LineRequest {
 /// One look at the line and the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Look {
-    /// The line's inputs; `None` where nothing is heard from the controller.
+    /// The line's inputs; `None` if nothing is received from the controller.
     pub inputs: Option<LineInputs>,
-    /// How the cell stands; `None` where its loop does not answer.
+    /// The state of the cell; `None` if its loop does not answer.
     pub cell: Option<CellStands>,
 }
 
-/// What was seen of the line so far.
+/// The observations of the line so far.
 ///
-/// A start is asked for where, in this order and without a break of the link: the cell was idle and the request low, then the request
-/// became high while the part was present and the cell still idle. A request that was high when the program began, when the link
-/// came back, or when the cell became idle asks for nothing before it was low.
+/// A start is requested after two events in this order, without a break of the link. First the cell was idle and
+/// the request low; then the request became high while the part was present and the cell still idle. A request that
+/// was high when the program began, when the link came back, or when the cell became idle has no effect before it
+/// was low.
 #[derive(Debug, Clone, Default)]
 pub struct Handshake {
     /// The request was low while the cell was idle.
     is_armed: bool,
     /// The part of the cycle that is over was still there.
     saw_part: bool,
-    /// What was asked for last was refused, and nobody has done anything about it yet.
+    /// The last request was refused, and no one has reacted to that yet.
     refused: Option<LineRequest>,
     /// The last looks that were the same, and how many.
     steady: Option<(Look, u8)>,
 }
 
 impl Handshake {
-    /// One look; what is to be asked for.
+    /// Evaluates one look and returns the request that is to be made.
     pub fn look(&mut self, look: Look) -> Option<LineRequest> {
         let count = match &self.steady {
             Some((before, count)) if *before == look => count.saturating_add(1),
@@ -50,7 +51,7 @@ impl Handshake {
         };
         self.steady = Some((look.clone(), count));
         let (Some(inputs), Some(cell)) = (look.inputs, look.cell) else {
-            // What happened meanwhile nobody knows.
+            // It is not known what happened meanwhile.
             (self.is_armed, self.saw_part) = (false, false);
             return None;
         };
@@ -65,13 +66,14 @@ impl Handshake {
         }
     }
 
-    /// This was refused. The line is told of a fault: after a start until its request is low, after a reset until a person has reset
-    /// the cell, since the part is gone and nothing asks again.
+    /// Records that this request was refused. The line receives a fault: after a start until its request is low,
+    /// after a reset until a person has reset the cell. The reason for the latter: the part is gone, and no further
+    /// request comes.
     pub fn refused(&mut self, request: LineRequest) {
         self.refused = Some(request);
     }
 
-    /// What the line is told now.
+    /// The signals that the line receives now.
     pub fn told(&mut self, look: &Look) -> Told {
         let is_over = match self.refused {
             Some(LineRequest::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
@@ -90,7 +92,8 @@ impl Handshake {
             self.is_armed = true;
             return None;
         }
-        // One edge asks once, whether it is taken or not: without a part nothing begins, not even when one comes later.
+        // One edge makes one request, whether it is accepted or not: without a part nothing begins, not even when
+        // one comes later.
         let was_armed = std::mem::take(&mut self.is_armed);
         (was_armed && inputs.part_present).then_some(LineRequest::Start)
     }

@@ -1,4 +1,4 @@
-//! The line's signals, and what is told in which state of the cell.
+//! The line's signals, and which of them are on in each state of the cell.
 
 use crate::cell::LineSignal;
 use crate::verdict::Verdict;
@@ -8,11 +8,11 @@ use crate::verdict::Verdict;
 pub struct LineInputs {
     /// A part lies in the cell.
     pub part_present: bool,
-    /// The line asks for a cycle.
+    /// The line requests a cycle.
     pub start_request: bool,
 }
 
-/// How the cell stands, for the line.
+/// The state of the cell, for the line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CellStands {
     /// The PackML word of its state.
@@ -39,7 +39,7 @@ impl Told {
     }
 }
 
-/// What the line is told. Where the loop does not answer, nothing but that a person is needed.
+/// The signals to the line. If the loop does not answer, the only signal is that a person is needed.
 pub fn told(cell: Option<&CellStands>) -> Told {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
     let Some(cell) = cell else { return Told::of(&[Fault]) };
@@ -47,7 +47,7 @@ pub fn told(cell: Option<&CellStands>) -> Told {
         ("idle", _) => Told::of(&[Ready]),
         ("complete", Some(Verdict::Pass)) => Told::of(&[CycleDone, Pass]),
         ("complete", Some(_)) => Told::of(&[CycleDone, Fail]),
-        // A cycle without a verdict is nothing that a line may go on with.
+        // A line must not continue after a cycle without a verdict.
         ("complete", None) => Told::of(&[Fault]),
         ("held", _) if cell.is_review => Told::of(&[Review]),
         ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => Told(0),

@@ -1,4 +1,4 @@
-//! The handshake without a controller: edges, levels, breaks of the link, and what the line is told.
+//! The handshake without a controller: edges, levels, breaks of the link, and the signals to the line.
 
 use super::*;
 use crate::cell::LineSignal;
@@ -28,7 +28,7 @@ fn look(state: &str, part_present: bool, start_request: bool) -> Look {
     Look { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
 }
 
-/// What is asked for while each of these is seen three times in a row.
+/// The requests while each of these looks is seen three times in a row.
 fn asked(handshake: &mut Handshake, looks: &[Look]) -> Vec<LineRequest> {
     looks
         .iter()
@@ -57,7 +57,8 @@ fn an_edge_asks_once_and_the_part_that_is_taken_resets() {
     }
 }
 
-/// High when the program begins, when the cell becomes idle, and when the link comes back: none of it asks for anything.
+/// High when the program begins, when the cell becomes idle, and when the link comes back: none of these makes a
+/// request.
 #[test]
 fn a_level_asks_for_nothing() {
     let high = look("idle", true, true);
@@ -109,7 +110,8 @@ fn a_reset_needs_a_part_that_went() {
     }
 }
 
-/// A refused start is told as a fault until the line takes its request back, a refused reset until the cell was reset by a person.
+/// A refused start is signalled as a fault until the line withdraws its request, a refused reset until a person has
+/// reset the cell.
 #[test]
 fn a_refusal_is_told() {
     let mut handshake = Handshake::default();

@@ -34,27 +34,27 @@ const EDGE_SHARING: f64 = 8.0;
 const EDGE_FLOOR_PX: f64 = 0.6;
 /// A change of brightness from block to block that makes an edge.
 const EDGE_GRAY: f64 = 16.0;
-/// Fewer edges do not say whether they are still there.
+/// Fewer edges do not show whether they are still there.
 const MIN_EDGES: usize = 40;
-/// A face that stands farther from its taught place hides what was there, mm.
+/// A face farther than this from its taught place hides the object that was there, mm.
 const SAME_PLACE_MM: f64 = 15.0;
 /// A camera does not move farther than this unnoticed: what holds a direction that the fixture does not.
 const PRIOR_MM: f64 = 3.0;
 const PRIOR_RAD: f64 = 0.004;
 const ROUNDS: usize = 4;
 
-/// What the fixture says of the camera's place.
+/// The check of the camera's place by the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraCheck {
     /// How far the camera's motion since teaching moves the panel, at most, mm.
     pub moved_mm: f64,
     /// 95 % of the errors of that are smaller, mm.
     pub uncertainty_mm: f64,
-    /// The share of the fixture that lies where it lay at teaching, 0…1.
+    /// The share of the fixture that lies at its taught place, 0…1.
     pub same: f64,
 }
 
-/// Compares the fixture in both scans; `None` where too little of it is seen.
+/// Compares the fixture in both scans; `None` if too little of it is seen.
 pub(super) fn check(
     panel: &TaughtPanel,
     taught: &TaughtModel,
@@ -62,15 +62,15 @@ pub(super) fn check(
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
-    // Another camera, or another picture of it, has other pixels.
+    // Another camera, or another picture size, has other pixels.
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
     compared(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
 }
 
-/// What the fixture of the taught scan itself would show of a camera that has moved by nothing: 95 % of the errors are
-/// smaller at the taught panel, mm. `None` where too little of it is seen.
+/// The result that the fixture of the taught scan itself would give for a camera that has not moved: 95 % of the
+/// errors are smaller at the taught panel, mm. `None` if too little of the fixture is seen.
 pub(super) fn at_teaching_mm(panel: &TaughtPanel, taught: &TaughtModel, settings: &recipe::Locate) -> Option<f64> {
     let TaughtModel { model, fixture } = taught;
     let inside = inside_at_teaching(panel, fixture, settings);
@@ -175,7 +175,8 @@ impl<'a> StaticScene<'a> {
         faces.into_iter().flatten().collect()
     }
 
-    /// How far the taught edges lie from the scan's in the picture, and the share of them that is there at all.
+    /// The distances of the taught edges from the scan's in the picture, and the share of them that is there at
+    /// all.
     fn edges<F: Frame>(
         &self,
         panel: &TaughtPanel,
@@ -188,7 +189,7 @@ impl<'a> StaticScene<'a> {
         (edges, same)
     }
 
-    /// Taught edges of the fixture, each with what the scan shows of it.
+    /// Taught edges of the fixture, each with its counterpart in the scan.
     fn looked<F: Frame>(
         &self,
         panel: &TaughtPanel,
@@ -221,8 +222,8 @@ impl<'a> StaticScene<'a> {
         looked.into_iter().flatten().collect()
     }
 
-    /// The edge between a block and the one beside it, where brightness changes by much; it belongs to the nearer of the two,
-    /// or to the one that has a depth: beyond a fixture there may be nothing.
+    /// The edge between a block and the one beside it, if brightness changes by much. It belongs to the nearer of
+    /// the two, or to the one that has a depth: beyond a fixture there may be nothing.
     fn steep(
         &self,
         panel: &TaughtPanel,
@@ -269,7 +270,7 @@ impl<'a> StaticScene<'a> {
     }
 }
 
-/// What a scan shows where the taught picture has an edge of the fixture.
+/// What a scan shows at the place of a fixture's edge in the taught picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FixtureEdge {
     /// The edge, moved across itself by this distance, px.
@@ -280,7 +281,7 @@ pub(super) enum FixtureEdge {
     Unseen,
 }
 
-/// The fixture's taught edges, and what the scan shows of each; none where the scan has other pixels.
+/// The fixture's taught edges, and what the scan shows at each; none if the scan has other pixels.
 pub(super) fn fixture(
     panel: &TaughtPanel,
     fixture: &Grid,

@@ -12,11 +12,11 @@ use super::{mark_edges, model::Model, outline_edges};
 use crate::geometry::{Camera, Panel, Rigid};
 use rayon::prelude::*;
 
-/// An edge within this is where the outline says, px.
+/// An edge within this distance is at the outline's place, px.
 const EDGE_NEAR_PX: f64 = 1.2;
 /// A surface within this is the taught one, mm.
 pub(super) const SURFACE_NEAR_MM: f64 = 0.35;
-/// Side of the square that a point of the surface stands for, mm.
+/// Side of the square that a point of the surface represents, mm.
 const SQUARE_MM: f64 = 8.0;
 
 /// What the scan shows of each place of the panel at a pose: consistent, contradicted, or unknown.

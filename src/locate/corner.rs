@@ -1,13 +1,13 @@
 //! The panel's corner in a picture of the flange camera (thesis 3.9, Fig. 3.17).
 //!
-//! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box around it
-//! (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two things differ. Which corner of the
-//! box is meant is said by a direction, since the order of `minAreaRect`'s corners jumps as the box turns. And the point
-//! that is reported is where the two edges beside that contour point meet, made longer: a whole pixel of a rounded corner
-//! is a poor mark, two lines through hundreds of sub-pixel places are a good one (see `edge`).
-//! Lens distortion and the panel's curvature bend the edges by a part of a pixel over the fitted length. Taught and found
-//! corner are bent alike, as they are seen from nearly the same place; nothing is done about it.
-//! Does not know where the corner should be: see `refine`.
+//! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box
+//! around it (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two points differ.
+//! First, a direction states which corner of the box is meant, since the order of `minAreaRect`'s corners jumps as
+//! the box turns. Second, the reported point is the intersection of the two extended edges beside that contour
+//! point: a whole pixel of a rounded corner is a poor mark, two lines through hundreds of sub-pixel places are a
+//! good one (see `edge`). Lens distortion and the panel's curvature bend the edges by a part of a pixel over the
+//! fitted length. Taught and found corner are bent alike, as they are seen from nearly the same place; this is not
+//! corrected. This module does not know the expected place of the corner: see `refine`.
 
 mod edge;
 mod error;
@@ -23,13 +23,13 @@ use crate::recipe::{self, CornerName};
 const MIN_PICTURE_SHARE: f64 = 0.02;
 /// Contour points this near to the picture's border are made by the border, px.
 const BORDER_PX: f64 = 3.0;
-/// Edges that meet at a smaller angle do not say where, degrees.
+/// Edges that meet at a smaller angle do not determine the corner, degrees.
 const MIN_ANGLE_DEG: f64 = 20.0;
 
 /// A corner, with what was seen on the way to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CornerFound {
-    /// Where the two edges meet.
+    /// The intersection of the two edges.
     pub corner_px: Pixel,
     /// The contour's point nearest to the box's corner, the thesis's mark.
     pub nearest_px: Pixel,
@@ -41,10 +41,11 @@ pub struct CornerFound {
     pub edges: [EdgeLine; 2],
 }
 
-/// Finds the panel's corner that lies in this direction. `px_per_mm` is the picture's scale at the corner, focal length over depth.
+/// Finds the panel's corner that lies in this direction. `px_per_mm` is the picture's scale at the corner, focal
+/// length over depth.
 ///
 /// # Errors
-/// Where the picture shows no corner of the panel; each says what to do.
+/// If the picture shows no corner of the panel; each error states the remedy.
 pub fn find(
     picture: &GrayPicture,
     settings: &recipe::Corner,
@@ -72,7 +73,8 @@ pub fn find(
     };
     let edges_from =
         |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
-    // In a turned picture the thesis's mark lies beside the rounding's middle: the first corner says where that is.
+    // In a turned picture the thesis's mark lies beside the middle of the rounding: the first corner shows where
+    // the middle is.
     let rough = edges_from(nearest)?;
     let rough_px = edge::meet(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
     let edges = edges_from(nearest_to(&contour, rough_px))?;
@@ -83,7 +85,8 @@ pub fn find(
     Ok(CornerFound { corner_px, nearest_px, contour, box_px, edges })
 }
 
-/// Finds the taught corner with this number, from 0, where `expected` is its place before the camera, which gives the scale.
+/// Finds the taught corner with this number, from 0. `expected` is its place before the camera, which gives the
+/// scale.
 ///
 /// # Errors
 /// As [`find`].

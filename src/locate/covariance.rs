@@ -1,25 +1,28 @@
-//! The covariance of a pose, and what it means on the panel.
+//! The covariance of a pose, and its meaning on the panel.
 //!
-//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ,
-//! whose covariance is
+//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre
+//! of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ, with the covariance
 //!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²),          (1)
-//! with the edges and marks k, whose cells err independently, in the first term, and the surface in the others. The second is the scan's own
-//! smooth error, of the stated size σ. Over which length ℓ it is alike is not known, and over a longer one than the panel it is a shift
-//! that no residual shows: (1) is evaluated for ℓ of 30 to 400 mm, and the largest is what is stated. The third is the panel's own
-//! deviation d (`deviation`), of the mean square v that was found: B⊥ is B without what a shift and two tilts along the normal take off, so that it
-//! counts only as far as a bend slides a curved panel in its plane.
+//! The first term contains the edges and marks k, with cells that err independently; the other terms contain the
+//! surface. The second term is the scan's own smooth error, of the stated size σ. The length ℓ over which it is
+//! alike is not known, and over a longer one than the panel it is a shift that no residual shows. Therefore (1) is
+//! evaluated for ℓ of 30 to 400 mm, and the largest result is stated. The third term is the panel's own deviation d
+//! (`deviation`), of the mean square v that was found. B⊥ is B without the part that a shift and two tilts along
+//! the normal remove, so that it counts only as far as a bend slides a curved panel in its plane.
 //!     f = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n))                                                             (2)
-//! A kind's noise is stated in `fit` for the mean m of a cell whose members share one error; f is how much larger the n cells' means are than
-//! that, which ν cells' worth of trust in the stated noise steadies: a small panel has few cells. The surface's are taken about the deviation. A
-//! point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
+//! A kind's noise is stated in `fit` for the mean m of a cell with members that share one error. The factor f
+//! states how much larger the n cells' means are than that. Trust in the stated noise, worth ν cells, steadies it:
+//! a small panel has few cells. The surface's means are computed about the deviation. A point x of the panel then
+//! has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
-//! A camera whose distances are all too long by the share s puts the panel's centre c, seen from it, at (1 + s) c, which no
-//! residual shows. The share that all scans have in common shifts the camera's mount as well, if the mount was measured with the same
-//! camera near the taught place, so that it cancels there. What differs between the two scans does not cancel:
+//! A camera with distances that are all too long by the share s puts the panel's centre c, seen from it, at (1 + s)
+//! c, which no residual shows. The share that all scans have in common shifts the camera's mount as well, if the
+//! mount was measured with the same camera near the taught place, so that it cancels there. The difference between
+//! the two scans does not cancel:
 //!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (3)
-//! c₀ the taught centre, R the turn from the taught place to this one, σ_s and σ_d the deviations of s in all scans alike and from scan to
-//! scan. (3) does not count that the panel itself is too large by s, which over half a panel is a fraction of that, nor a mount that was
-//! measured elsewhere.
+//! with c₀ the taught centre, R the turn from the taught place to this one, and σ_s and σ_d the deviations of s in
+//! all scans alike and from scan to scan. (3) does not count that the panel itself is too large by s, which over
+//! half a panel is a fraction of that, nor a mount that was measured elsewhere.
 
 use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
@@ -38,7 +41,8 @@ use std::f64::consts::PI;
 const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
 /// Places of the surface over which (1) is summed, about: 15 mm apart on a panel of 330 × 220 mm.
 const MOST_PLACES: usize = 300;
-/// So much of a field's variance is left at least where a shift and two tilts are taken off, so that it divides nothing by zero.
+/// At least this share of a field's variance remains when a shift and two tilts are removed, so that no division by
+/// zero occurs.
 const LEAST_LEFT: f64 = 1e-3;
 /// ν of (2).
 const TRUST_CELLS: f64 = 12.0;
@@ -67,7 +71,7 @@ fn with_shift(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f6
 /// The direction in which a pose is constrained least.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weakest {
-    /// A shift along the panel's normal, or a tilt of it.
+    /// A shift along the panel's normal, or a tilt of the normal.
     Normal,
     /// A shift in the panel's plane.
     Sideways,
@@ -100,7 +104,8 @@ pub(super) struct PoseCovariance {
     pub without_scale: Matrix6<f64>,
 }
 
-/// (1) and (3); `None` where the residuals leave a direction open. The model is the panel as it is bent at this pose.
+/// Computes (1) and (3); `None` if the residuals leave a direction open. The model is the panel as it is bent at
+/// this pose.
 pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; KINDS],
@@ -114,7 +119,7 @@ pub(super) fn covariance(
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
-    // The taught outline is in order, so that a stretch of it is a run of its points.
+    // The taught outline is in order, so that a stretch is a run of its points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
     for sample in &model.outline {
@@ -192,7 +197,7 @@ struct SurfaceMoves {
     of_rigid: Matrix3<f64>,
 }
 
-/// Places of the surface that stand for all of its residuals.
+/// Places of the surface that represent all of its residuals.
 fn places(
     residuals: &Residuals,
     weighing: &ResidualWeighting,
@@ -213,7 +218,7 @@ fn places(
 }
 
 impl SurfaceMoves {
-    /// Of a fit whose information has this inverse.
+    /// The moves of a fit with this inverse of its information.
     fn of(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
         let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.pull).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
@@ -253,7 +258,7 @@ impl SurfaceMoves {
 pub(super) struct WeakestDirection {
     /// As a twist (ω, v) about the panel's centre, rad and mm.
     pub twist: Vector6<f64>,
-    /// The same in mm, where a turn counts by what it moves on average.
+    /// The same in mm; a turn counts by the distance that it moves points on average.
     pub moves_mm: Vector6<f64>,
 }
 
@@ -283,7 +288,7 @@ fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: imp
         let mean = sum / weight;
         (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))
     });
-    // The fit takes up a part of the noise, so that cells never say that there is less of it than stated.
+    // The fit absorbs a part of the noise, so that cells never show that there is less noise than stated.
     ((TRUST_CELLS + squares) / (TRUST_CELLS + count)).max(1.0)
 }
 
@@ -304,9 +309,9 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion
 mod tests {
     use super::*;
 
-    /// A panel of 300 × 200 mm with 25 × 17 places whose slope along x at its ends is this, and grows with the square of x: a parabola that
-    /// slides only tilts, this one bows. And the moves of a fit whose information is that of its surface, and so much per mm² against a slide
-    /// along x and y and a turn.
+    /// A panel of 300 × 200 mm with 25 × 17 places. Its slope along x is this value at its ends, and grows with the
+    /// square of x: a parabola that slides only tilts, this one bows. And the moves of a fit with the information
+    /// of its surface, and this much per mm² against a slide along x and y and a turn.
     fn moves(slope: f64, of_outline: f64) -> SurfaceMoves {
         let place = |n: usize| {
             let [x, y] = [(n % 25) as f64 * 12.5 - 150.0, (n / 25) as f64 * 12.5 - 100.0];

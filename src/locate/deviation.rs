@@ -28,13 +28,13 @@ const ROUNDS: usize = 2;
 /// The end of a fit, with the panel as it is bent there.
 pub(super) struct BentFit {
     pub fitted: Fitted,
-    /// `None` where too little of the surface is seen: the panel is taken as it was taught.
+    /// `None` if too little of the surface is seen: then the panel is used as it was taught.
     pub deviation: Option<Deviation>,
     /// The taught panel, so bent.
     pub model: Option<Model>,
 }
 
-/// Goes on from the end of a fit of the taught panel, by these samples.
+/// Continues from the end of a fit of the taught panel, with these samples.
 pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
     let of_surface = samples.of_surface();
     let mut bent = BentFit { fitted, deviation: None, model: None };
@@ -68,7 +68,7 @@ impl PanelPlane {
         Some(PanelPlane { centre: model.centre, axes: [across, model.normal.cross(&across), model.normal] })
     }
 
-    /// Where a point of the panel lies in it, mm from its middle.
+    /// The place of a point of the panel in the plane, mm from its middle.
     pub fn place(&self, point: &Vector3<f64>) -> [f64; 2] {
         let arm = point - self.centre;
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
@@ -90,7 +90,7 @@ pub(super) struct Deviation {
     /// The corner and the sides of the rectangle in the plane on which the field is.
     low_mm: [f64; 2],
     sides_mm: [f64; 2],
-    /// The shift and the turns of c that (1) takes off.
+    /// The shift and the turns of c that (1) removes.
     rigid: Vector3<f64>,
     /// The largest over the samples that were seen, mm.
     pub largest_mm: f64,
@@ -99,7 +99,8 @@ pub(super) struct Deviation {
 }
 
 impl Deviation {
-    /// By the surface's residuals, of a panel that is bent by `bent` already; `None` where too little of the surface is seen.
+    /// Computes the deviation from the surface's residuals, of a panel that is bent by `bent` already; `None` if
+    /// too little of the surface is seen.
     pub fn of(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
         let plane = PanelPlane::of(model)?;
         let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.place(point)).collect();
@@ -169,7 +170,7 @@ mod tests {
     use crate::sim::{Cell, Scene};
     use crate::verdict::{Judgement, Verdict};
 
-    /// The panel of a cell located in a scan of it, and the verdict.
+    /// Locates the panel of a cell in a scan of that cell, and returns the fit and the verdict.
     fn located(cell: &Cell, scan: &OrganizedCloud<Camera>) -> (Fit, Judgement) {
         let (panel, recipe) = taught(cell);
         let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
@@ -198,7 +199,7 @@ mod tests {
         }
     }
 
-    /// A panel of this outline whose curvature is another one by 6 mm is for a person at least.
+    /// A panel of this outline with a curvature that differs by 6 mm needs at least a review by a person.
     #[test]
     fn another_curvature_is_not_accepted() {
         for bow_mm in [6.0, -6.0] {

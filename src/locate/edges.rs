@@ -1,12 +1,13 @@
-//! Where the scan shows the panel's edge beside a point of its taught outline.
+//! Finds the panel's edge in the scan beside a point of its taught outline.
 //!
-//! The measured depths give the edge roughly: inside of it they lie on the panel's surface, outside of it behind. The colour
-//! picture gives it exactly where both sides differ in brightness. Where a nearer object occludes the edge, none is reported.
+//! The measured depths give the edge roughly: inside of it they lie on the panel's surface, outside of it behind.
+//! The colour picture gives it exactly if both sides differ in brightness. If a nearer object occludes the edge,
+//! none is reported.
 //!
-//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along one side of its
-//! edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the surface are therefore
-//! no measure of the distance to its edge. Where points are missing inside of the edge, depth gives no information and the colour
-//! picture alone decides.
+//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along
+//! one side of its edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the
+//! surface are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth
+//! gives no information and the colour picture alone decides.
 
 use super::grid::Scan;
 use super::profile::{self, REACH};
@@ -25,7 +26,7 @@ const MIN_INSIDE: usize = 3;
 const COLOUR_NEAR_PX: f64 = 2.6;
 /// Points beyond a surface that are missing over more than this are missing for want of light, px.
 const RIM_PX: i32 = 3;
-/// Depths that leave the edge open over more than this do not say where it is without colour, px.
+/// Depths that leave the edge open over more than this do not locate it without colour, px.
 const MAX_OPEN_PX: i32 = 8;
 
 /// What was found beside a point of the outline.
@@ -39,12 +40,12 @@ pub(super) enum Edge {
     Hidden,
     /// It lies outside of the picture.
     OutOfView,
-    /// The surface goes on beyond the outline, or is not there.
+    /// The surface continues beyond the outline, or is missing.
     Absent,
 }
 
 impl Edge {
-    /// Whether it is within this distance of its place, px; `None` where nothing could be seen there.
+    /// Returns whether it is within this distance of its place, px; `None` if nothing could be seen there.
     pub fn is_within(self, most_px: f64) -> Option<bool> {
         match self {
             Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= most_px),
@@ -91,8 +92,8 @@ impl Tangent {
     }
 }
 
-/// The edge beside a place of a picture whose surface has this point and normal there, in the camera's frame; `across` leads off
-/// the panel.
+/// The edge beside a place of a picture; the surface there has this point and normal, in the camera's frame.
+/// `across` points away from the panel.
 pub(super) fn beside(
     camera: &PinholeCamera,
     scan: &Scan,
@@ -149,8 +150,8 @@ pub(super) fn edge(
     }
 }
 
-/// The strongest step of brightness where points are missing over more than a rim: the panel's own may be among them, so that its
-/// edge is anywhere between the last point on the surface and the first one behind it.
+/// The strongest step of brightness if points are missing over more than a rim. The panel's own points may be among
+/// them, so that its edge is anywhere between the last point on the surface and the first one behind it.
 fn strongest(depths: &[Depth], near: impl Fn(f64) -> Option<profile::Step>) -> Option<profile::Step> {
     let middle = depths.len() as i32 / 2;
     let missing = |i: &i32| depths.get(*i as usize) == Some(&Depth::Missing);
@@ -163,11 +164,11 @@ fn strongest(depths: &[Depth], near: impl Fn(f64) -> Option<profile::Step>) -> O
     steps.max_by(|a, b| a.contrast.abs().total_cmp(&b.contrast.abs()))
 }
 
-/// What depths say of an edge, px from the middle of the line outwards.
+/// The edge as depths show it, px from the middle of the line outwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Rough {
     At(f64),
-    /// If it is there at all, which colour must show.
+    /// An edge, if there is one at all, which colour must show.
     Near(f64),
     /// There is none to be looked for.
     Not(Edge),
@@ -192,7 +193,8 @@ fn by_depth(depths: &[Depth]) -> Rough {
     let Some(last_on) = last_on.filter(|&last| on(last) >= MIN_INSIDE) else {
         return if unlit { Rough::Near(0.0) } else { Rough::Not(Edge::Absent) };
     };
-    // Nothing was measured beyond: a shadow, the hall, or black things; else the surface goes on.
+    // If nothing was measured beyond, this is a shadow, the hall, or black objects; otherwise the surface
+    // continues.
     if farther.is_none() && last_on >= count - 4 {
         return Rough::Not(Edge::Absent);
     }
@@ -229,9 +231,9 @@ mod tests {
         assert_eq!(rough("fffffffffffffffff"), Rough::Not(Edge::Absent), "it is not there");
     }
 
-    /// By hand: beyond the last point on the surface, at place 5, a shadow of 6 px; the edge is at its near end, 5 + 1.5, and
-    /// not in its middle. Where the shadow is so wide that it might be points of the panel that are missing, colour
-    /// must show the edge; likewise where the panel itself is in a shadow.
+    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at its near
+    /// end, 5 + 1.5, and not in its middle. If the shadow is so wide that points of the panel may be missing in it,
+    /// colour must show the edge; likewise if the panel itself is in a shadow.
     #[test]
     fn missing_points_are_no_distance_to_the_edge() {
         let rough = |text: &str| by_depth(&depths(text));

@@ -2,7 +2,7 @@
 
 use crate::words::apart;
 
-/// Why a scan gives no pose. Every variant but the last means that no panel of the taught kind is there.
+/// Why a scan gives no pose. Every variant but the last means that there is no panel of the taught kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LocateError {
     /// The search box is as good as empty.

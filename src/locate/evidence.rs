@@ -25,7 +25,8 @@ pub struct Fit {
     pub base_from_panel: Rigid<Base, Panel>,
     /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: what no bow or wave explains.
     pub rms_mm: f64,
-    /// The largest distance of the panel from the taught one by that deviation, mm; `None` if too little of it is seen to say so.
+    /// The largest distance of the panel from the taught one by that deviation, mm; `None` if too little of the
+    /// panel is seen for it.
     pub deviation_mm: Option<f64>,
     /// Root mean square of the distances across the outline, mm.
     pub outline_rms_mm: f64,
@@ -38,15 +39,17 @@ pub struct Fit {
     pub scan_found: f64,
     /// Share of the taught outline that the scan's outline has, 0…1.
     pub outline_found: f64,
-    /// Share of the taught points that the scan sees through: something farther is where they should be.
+    /// Share of the taught points that the scan sees through: something farther is at their place.
     pub seen_through: f64,
-    /// Share of the taught outline in view beyond which the surface goes on, or which is not there.
+    /// Share of the taught outline in view beyond which the surface continues, or which is missing.
     pub outline_absent: f64,
-    /// Share of the taught marks in view that the scan shows where they should be, 0…1; `None` where the panel has hardly any.
+    /// Share of the taught marks in view that the scan shows at their place, 0…1; `None` if the panel has hardly
+    /// any.
     pub marks_found: Option<f64>,
-    /// Share of the taught points in view and not hidden for which the scan has a point at all: low where it is wet.
+    /// Share of the taught points in view and not hidden for which the scan has a point at all: low if the panel is
+    /// wet.
     pub measured: f64,
-    /// How many pixels a step of brightness takes at the outline, median; `None` where colour shows no edge.
+    /// Width of a step of brightness at the outline, px, median; `None` if colour shows no edge.
     pub edge_width_px: Option<f64>,
     /// The same at teaching.
     pub taught_edge_width_px: f64,
@@ -60,16 +63,18 @@ pub struct Fit {
     pub agreement_mm: f64,
     /// The pose that explains the scan second best.
     pub rival: Option<CompetingPose>,
-    /// What the fixture shows of the camera's pose; `None` where too little of it is visible.
+    /// The check of the camera's pose by the fixture; `None` if too little of the fixture is visible.
     pub camera: Option<CameraCheck>,
-    /// 95 % of the errors would be smaller with which the taught scan's own fixture determines the camera's pose, mm. Computed where
-    /// this scan's does not determine it well enough; `None` also where the taught scan shows too little of it.
+    /// 95 % of the errors would be smaller if the camera's pose were determined by the taught scan's own fixture,
+    /// mm. Computed if this scan's fixture does not determine it well enough; `None` also if the taught scan shows
+    /// too little of the fixture.
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
     /// With 95 % the largest error over the whole panel is smaller, mm.
     pub uncertainty_mm: f64,
-    /// The same if the panel stood where it was taught, where a scale of the 3D camera that all scans share does not show, mm.
+    /// The same if the panel were at its taught place, where a scale of the 3D camera that all scans share has no
+    /// effect, mm.
     pub uncertainty_at_taught_place_mm: f64,
     /// The same if the 3D camera's distances had no error of scale at all, mm.
     pub uncertainty_without_scale_mm: f64,
@@ -116,7 +121,7 @@ impl Fit {
         self.taught_found.min(self.scan_found)
     }
 
-    /// The same pose, whose error may be larger by this, mm.
+    /// The same pose with an error that may be larger by this, mm.
     pub(super) fn also_off_by(self, off_mm: f64) -> Self {
         Fit {
             uncertainty_mm: self.uncertainty_mm + off_mm,
@@ -126,12 +131,14 @@ impl Fit {
         }
     }
 
-    /// How many pixels more a step of brightness takes at the outline than at teaching; `None` where colour shows no edge.
+    /// The number of pixels by which a step of brightness at the outline is wider than at teaching; `None` if
+    /// colour shows no edge.
     pub fn blur_px(&self) -> Option<f64> {
         self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)
     }
 
-    /// How far the camera has moved the panel since teaching at least, mm: what the fixture says less its uncertainty.
+    /// The distance by which the camera has moved the panel since teaching at least, mm: the fixture's result less
+    /// its uncertainty.
     pub fn camera_moved_mm(&self) -> Option<f64> {
         self.camera.map(|camera| camera.moved_mm - camera.uncertainty_mm)
     }
@@ -171,7 +178,7 @@ pub(super) fn weigh(
     let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);
-    // Where points were missing at teaching and now is independent of each other.
+    // The places of missing points at teaching and now are independent of each other.
     let of_expected = |share: f64| (share / model.given).min(1.0);
     let base_from_panel = base_from_camera * placed;
     let (shift_mm, turn, tilt) = displacement(base_from_panel, model);
@@ -211,7 +218,7 @@ pub(super) fn weigh(
     })
 }
 
-/// Shift of the centre, turn about the mean normal and tilt of it, from the nominal place.
+/// Shift of the centre, turn about the mean normal and tilt of that normal, from the nominal place.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
     // Nominally the panel's frame is the base: only there do a panel's and a base's numbers compare.
     let moved = panel_from_base_at_teaching() * base_from_panel;

@@ -1,4 +1,4 @@
-//! Marks in the scan's picture where the reasons of a verdict come from, for a person who has to look there.
+//! Marks in the scan's picture that show the origin of a verdict's reasons, for a person who has to look there.
 //!
 //! Every sample is evaluated once more at the located pose, as `evidence` counted it. Nothing is decided here.
 
@@ -19,12 +19,12 @@ use crate::geometry::{Camera, Panel, Pixel, Rigid};
 /// The factor by which the stated error is enlarged in the drawing.
 pub const ENLARGED: f64 = 50.0;
 
-/// What the scan shows where a taught point should be.
+/// What the scan shows at the place of a taught point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
     /// Distance of the scanned surface before the taught one, along its normal, mm; negative behind it.
     On(f64),
-    /// The taught surface, beside an edge or missing points, where the depth is good for no number.
+    /// The taught surface, beside an edge or missing points; the depth is not good enough for a number.
     Near,
     /// Something farther.
     Through,
@@ -34,7 +34,7 @@ pub enum SurfaceMark {
     Missing,
 }
 
-/// What the picture shows where the taught outline should be.
+/// What the picture shows at the place of the taught outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMark {
     /// The edge.
@@ -45,10 +45,10 @@ pub enum OutlineMark {
     Hidden,
 }
 
-/// What the scan shows where the fixture had an edge at teaching.
+/// What the scan shows at the place of an edge that the fixture had at teaching.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixtureMark {
-    /// The edge where it stood.
+    /// The edge at its taught place.
     Stands,
     /// The edge elsewhere, or none.
     Moved,
@@ -59,7 +59,7 @@ pub enum FixtureMark {
 /// The evidence, pixel by pixel.
 #[derive(Debug, Clone, Default)]
 pub struct Explained {
-    /// Side of the square that a place of the surface or of a thing stands for, px.
+    /// Side of the square that a place of the surface or of an object represents, px.
     pub block_px: usize,
     /// The taught surface.
     pub surface: Vec<(Pixel, SurfaceMark)>,
@@ -69,7 +69,7 @@ pub struct Explained {
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
     /// The outline's places with the stated error along the weakest direction added, [`ENLARGED`].
     pub weakest: Vec<(Pixel, Pixel)>,
-    /// Where the step of brightness at the outline is widest.
+    /// The place at which the step of brightness at the outline is widest.
     pub widest: Option<Pixel>,
     /// Taught edges of the fixture.
     pub fixture: Vec<(Pixel, FixtureMark)>,
@@ -141,7 +141,7 @@ fn surface(
     (0..inputs.model.points.len()).filter_map(mark).collect()
 }
 
-/// Whether an edge is where it should be.
+/// Returns whether an edge is at its place.
 fn told(edge: &Edge) -> OutlineMark {
     match edge.is_within(EDGE_FOUND_PX) {
         Some(true) => OutlineMark::Found,
@@ -182,7 +182,7 @@ fn outline(
     (residuals.edges.iter().filter_map(mark).collect(), widest.and_then(|(k, _)| pixel(k)))
 }
 
-/// Where the stated error along its largest direction would put the outline.
+/// The outline moved by the stated error along its largest direction.
 fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = Motion::of(placed);
     let centre = motion.point(&inputs.model.centre);
@@ -201,8 +201,8 @@ mod tests {
     use crate::geometry::OrganizedCloud;
     use crate::sim::{self, Scene};
 
-    /// By hand: the panel where it was taught, each of its points 0.3 mm nearer to the camera along its ray. The surface
-    /// leans by 20° at most, so that along the normal the scan stands 0.28 to 0.3 mm before it.
+    /// By hand: the panel at its taught place, each of its points 0.3 mm nearer to the camera along its ray. The
+    /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm before it.
     #[test]
     fn what_lies_before_the_taught_surface_is_told_as_before_it() {
         let cell = sim::Cell::new(1, Scene::Clean, 4);

@@ -1,10 +1,11 @@
 //! The fit: moves the panel by its surface and its outline together until it converges.
 //!
-//! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The outline
-//! constrains it in its plane, and through the picture's perspective a little along the normal as well. Both are residuals of one
-//! Gauss–Newton iteration (`solve`), and so are the borders of marks inside the outline, where the panel has any. Each kind is weighted by its noise and by the number of neighbours whose errors are
-//! correlated: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more information than
-//! a few dozen independent ones.
+//! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself.
+//! The outline constrains it in its plane, and through the picture's perspective a little along the normal as well.
+//! Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the outline,
+//! if the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated errors:
+//! a scanner's range noise is correlated over centimetres, so that thousands of points carry no more information
+//! than a few dozen independent ones.
 
 use super::edges::Edge;
 use super::grid::{Grid, Motion, Scan};
@@ -196,7 +197,7 @@ fn marks_at(
     (constraints, looked.iter().map(|(mark, looked)| (*mark, looked.edge)).collect())
 }
 
-/// Where an iteration ended.
+/// The end of an iteration.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fitted {
     pub camera_from_panel: Rigid<Camera, Panel>,
@@ -204,7 +205,7 @@ pub(super) struct Fitted {
     pub last_step_mm: f64,
 }
 
-/// Moves the guess until no point of the panel moves any more; `None` where a direction is free.
+/// Moves the guess until no point of the panel moves any more; `None` if a direction is free.
 pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<Fitted> {
     let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {

@@ -1,10 +1,11 @@
 //! The gate of the localization: turns evidence into accept, review or reject, each with reasons in words.
 //!
-//! It asks three questions in this order. Is it this panel, complete and dry, and has the camera not moved? A panel that is bent is this panel
-//! as long as a smooth deviation explains its surface; how far it may be bent is the recipe's word. Is its pose known
-//! well enough, and is it unique? Is the pose within its limits? Shift, rotation and tilt are judged
-//! at the panel's centre and never at the base's origin: a small rotation moves a distant origin far, which says nothing about
-//! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
+//! It examines three questions in this order. Is it this panel, complete and dry, and has the camera not moved? A
+//! panel that is bent is this panel as long as a smooth deviation explains its surface; the recipe limits how far
+//! it may be bent. Is its pose known well enough, and is it unique? Is the pose within its limits? Shift, rotation
+//! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant
+//! origin far, which is no information about the panel. Evidence against the panel itself leads to reject; evidence
+//! that a person can judge better leads to review.
 
 mod camera;
 mod pose;
@@ -23,19 +24,21 @@ use crate::words::{apart, percent_apart};
 
 /// An overlap this much below the limit is a person's matter: perhaps something covers the panel. Below it is no panel.
 const REVIEW_OVERLAP: f64 = 0.1;
-/// So much less of the outline than of the surface may be found: what hides a patch in the middle of a side hides its edge.
+/// The found share of the outline may be this much lower than that of the surface: an object that hides a patch in
+/// the middle of a side hides its edge.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
 /// Taught points that the scan sees through: the panel is not there. Single ones are flying points.
 pub const MAX_SEEN_THROUGH: f64 = 0.01;
-/// Outline in view that is not where the taught one says.
+/// Outline in view that is not at its taught place.
 pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
-/// Marks of the panel in view that are where the taught ones are.
+/// Marks of the panel in view that are at their taught place.
 pub const MIN_MARKS_FOUND: f64 = 0.5;
 /// Outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
 /// Points that a dry panel gives.
 pub const MIN_MEASURED: f64 = 0.9;
-/// A step of brightness may take this many pixels more than at teaching: of a picture that is sharp and still.
+/// A step of brightness may be this many pixels wider than at teaching: the limit for a picture that is sharp and
+/// still.
 pub const MAX_BLUR_PX: f64 = 1.0;
 /// Share of the panel that may be overexposed.
 pub const MAX_SATURATED: f64 = 0.2;
@@ -67,7 +70,7 @@ pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     of_panel.into_iter().chain(of_pose).collect()
 }
 
-/// Is it the taught panel, and is all of it there?
+/// Is it the taught panel, and is it complete?
 fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let differs = || {
         let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
@@ -230,7 +233,7 @@ pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
     std::iter::once(outline).chain(fit.map(camera::at_teaching)).collect()
 }
 
-/// The verdict where nothing was found: a bad panel is a verdict, not a fault.
+/// The verdict if nothing was found: a bad panel is a verdict, not a fault.
 pub fn refusal(error: &LocateError) -> Judgement {
     Judgement::of(vec![Reason::new("no_panel", error.to_string())], Vec::new())
 }

@@ -1,10 +1,10 @@
-//! A scan made small: the mean inverse depth of blocks of pixels, which a plane makes linear over the picture.
+//! A downsampled scan: the mean inverse depth of blocks of pixels, which for a plane is linear over the picture.
 //!
-//! About 490 blocks across, whatever the camera's picture: a block's mean has a quarter of a pixel's noise at full size.
-//! A block whose pixels lie at different depths is an edge and has no depth; so flying points and glints have none.
-//! A point p of the panel is compared with the scan where it projects to (projective association, Blais & Levine, IEEE
-//! PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on the same ray the scan's point is
-//! p ẑ/z, and along the normal n the point stands before it by
+//! About 490 blocks across, for any camera's picture: a block's mean has a quarter of a pixel's noise at full size.
+//! A block with pixels at different depths is an edge and has no depth; so flying points and glints have none. A
+//! point p of the panel is compared with the scan at the place to which it projects (projective association, Blais
+//! & Levine, IEEE PAMI 17(8), 1995), without any search. With the depths z of p and ẑ of the scan on the same ray
+//! the scan's point is p ẑ/z, and along the normal n the point lies before it by
 //!     r = n · p (1 − ẑ/z).                                                                               (1)
 
 use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, median, median_between};
@@ -15,10 +15,11 @@ use rayon::prelude::*;
 const COLUMNS: usize = 486;
 /// Depths within a block that differ by less belong to one surface without another look, mm at a block of 1 mm.
 const USUAL_SPREAD: f64 = 1.2;
-/// Depths farther from the block's median do not take part, in the same measure; farther from its slanted plane, by less.
+/// Depths farther from the block's median are left out, in the same measure; the limit for the distance from its
+/// slanted plane is smaller.
 const TRIM: f64 = 0.8;
 const TRIM_SLANTED: f64 = 0.35;
-/// The share of a block's pixels that must agree: where one side is missing, the mean would not be the middle's.
+/// The share of a block's pixels that must agree: if one side is missing, the mean would not be that of the middle.
 const MIN_SHARE: f64 = 0.9;
 /// Neighbouring blocks at depths that differ by more than this many sides of a block are not one surface: 73° of slope.
 const STEP_SIDES: f64 = 3.3;
@@ -26,14 +27,14 @@ const STEP_SIDES: f64 = 3.3;
 /// The scan at full size, with its colours.
 pub(super) type Scan = OrganizedCloud<Camera>;
 
-/// What a scan shows where a point projects to.
+/// What a scan shows at the projection of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum DepthReading {
     /// The point is outside of the picture.
     OutOfView,
     /// No depth was measured there.
     Nothing,
-    /// A depth, mm, on an edge or beside missing points: good to tell before from behind.
+    /// A depth, mm, on an edge or beside missing points: good enough to distinguish before from behind.
     Rough(f64),
     /// A depth, mm, between four blocks of one surface.
     Smooth(f64),
@@ -48,7 +49,7 @@ pub(super) struct Grid {
     /// Blocks down.
     pub rows: usize,
     pub camera: PinholeCamera,
-    /// 1/mm; NaN where the block has no depth.
+    /// 1/mm; NaN if the block has no depth.
     inverse: Vec<f32>,
     /// Neighbours may differ by this share of their depth.
     step_share: f64,
@@ -62,7 +63,7 @@ impl Grid {
         Self::of_depths((scan.width(), scan.height()), camera, |index| Some(points[index][2]).filter(|&z| z > 0.0))
     }
 
-    /// The same from the depth of each pixel, mm, `None` where it takes no part.
+    /// The same from the depth of each pixel, mm, `None` if the pixel is left out.
     pub fn of_depths(
         (width, height): (usize, usize),
         camera: &PinholeCamera,
@@ -150,7 +151,7 @@ impl Grid {
     }
 }
 
-/// So many of a block's pixels must agree.
+/// The number of a block's pixels that must agree.
 fn needed(pixels: usize) -> usize {
     (MIN_SHARE * pixels as f64).ceil().max(1.0) as usize
 }

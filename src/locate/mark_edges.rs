@@ -1,8 +1,9 @@
-//! Where a scan's picture shows the panel's marks, with the panel assumed at a pose.
+//! Finds the panel's marks in a scan's picture, with the panel assumed at a pose.
 //!
-//! Beside each taught border of a mark the picture is searched across it for the nearest step of brightness with the same sign: near the
-//! place where the border should be first, then farther away, for a flat panel may begin several pixels aside. Where something nearer lies
-//! before the place, or the surface looks away, the mark is hidden.
+//! Beside each taught border of a mark the picture is searched across it for the nearest step of brightness with
+//! the same sign. The search begins near the expected place of the border and continues farther away, because a
+//! flat panel may begin several pixels aside. If something nearer lies before the place, or the surface faces away,
+//! the mark is hidden.
 
 use super::edges::{Edge, Tangent};
 use super::grid::{Motion, Scan, camera_point};
@@ -11,7 +12,8 @@ use super::profile::{self, REACH};
 use super::taught_marks::MarkPoint;
 use crate::geometry::{PinholeCamera, Pixel};
 
-/// Where a step is looked for, px from its place, in this order; each finds those within 3 px.
+/// Places at which a step is looked for, px from the expected one, in this order; each search finds steps within 3
+/// px.
 const EXPECTED_PX: [f64; 5] = [0.0, -3.0, 3.0, -6.0, 6.0];
 /// A surface that is seen under a flatter angle than this shows no marks: cosine of the incidence.
 const MIN_COS: f64 = 0.1;

@@ -1,9 +1,10 @@
-//! Starts by the marks of a panel of which much gives no points.
+//! Starts by the marks of a panel if much of the panel gives no points.
 //!
-//! Pieces and their borders say little then of where a flat panel lies in its plane; what is printed on it does. The scan's picture is
-//! searched for its steps of brightness, block by block, and each block knows the nearest of them. At each turn of the panel about the
-//! piece's normal the shift is taken that puts the most borders of marks on steps which become brighter in the same direction.
-//! Where it may be shifted to, the picture is taken as an affine map of the panel's plane about each mark.
+//! Pieces and their borders then hardly show where a flat panel lies in its plane; its printed marks do. The scan's
+//! picture is searched for its steps of brightness, block by block, and each block stores the nearest of them. At
+//! each turn of the panel about the piece's normal, the shift is chosen that puts the most borders of marks on
+//! steps which become brighter in the same direction. Within the possible shifts, the picture is treated as an
+//! affine map of the panel's plane about each mark.
 
 use super::grid::{Grid, Motion, camera_point};
 use super::mark_steps::MarkSteps;
@@ -47,7 +48,7 @@ pub(super) fn mark_at(
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// The share of the marks that lie on such a step; 0 where none are looked for.
+/// The share of the marks that lie on such a step; 0 if no marks are looked for.
 pub(super) fn marks_found(motion: &Motion, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
     let is_on =
@@ -56,7 +57,8 @@ pub(super) fn marks_found(motion: &Motion, model: &Model, grid: &Grid, steps: Op
     chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
-/// Where the panel's middle lies with the most marks found, and how the panel is turned there, for the best of these turns.
+/// The place of the panel's middle with the most marks found, and the panel's rotation there, for the best of these
+/// turns.
 pub(super) fn starts(
     model: &Model,
     (grid, steps): (&Grid, &MarkSteps),
@@ -75,7 +77,8 @@ pub(super) fn starts(
     found.into_iter().map(|(_, centre, rotation)| (centre, rotation)).collect()
 }
 
-/// A mark with the panel's middle on the piece's: its place, the way of a millimetre to the right and up, and where it becomes brighter.
+/// A mark with the panel's middle on the piece's: its place, its displacement for a millimetre to the right and up,
+/// and the direction in which it becomes brighter.
 struct ShiftedMark {
     place: Vector2<f64>,
     right: Vector2<f64>,

@@ -24,7 +24,8 @@ pub(super) struct Steepest {
     pub brighter: Vector2<f64>,
 }
 
-/// That of a cell with this corner and side, px; `None` where nothing changes, or the cell lies at the picture's rim.
+/// The steepest change of a cell with this corner and side, px; `None` if nothing changes, or the cell lies at the
+/// picture's rim.
 pub(super) fn steepest<F: Frame>(
     scan: &OrganizedCloud<F>,
     [left, top]: [usize; 2],
@@ -56,7 +57,7 @@ pub(super) struct MarkSteps {
 }
 
 impl MarkSteps {
-    /// Those of at least so many grey levels in the rectangle that these pieces span.
+    /// The steps of at least this many grey levels in the rectangle that these pieces span.
     pub fn of(scan: &Scan, grid: &Grid, pieces: &[Piece], least_levels: f64) -> MarkSteps {
         let place = |block: &u32| [*block as usize % grid.columns, *block as usize / grid.columns];
         let spans = |axis: usize| {
@@ -76,7 +77,8 @@ impl MarkSteps {
         MarkSteps { nearest: Border::to_blocks(grid, steps), brighter }
     }
 
-    /// From a place of the grid to the nearest of them, blocks, where it becomes brighter in this direction; `None` where it does not.
+    /// The way from a place of the grid to the nearest step, blocks, if that becomes brighter in this direction;
+    /// otherwise `None`.
     pub fn way(&self, place: [f64; 2], brighter: &Vector2<f64>) -> Option<[f64; 2]> {
         let (block, way) = self.nearest.nearest(place)?;
         self.brighter[block]?.dot(brighter).ge(&SAME_DIRECTION).then_some(way)

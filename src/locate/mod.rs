@@ -1,13 +1,15 @@
-//! Where the panel is: 3D registration of a scan (thesis 3.8) and its correction by corners (thesis 3.9).
+//! The panel's place: 3D registration of a scan (thesis 3.8) and its correction by corners (thesis 3.9).
 //!
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
-//! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every rotation
-//! ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour picture together
-//! ([`fit`], [`edges`]), with the borders of marks inside it (`taught_marks`, `mark_edges`), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its covariance,
-//! the agreement of independent starts, and what the fixture shows of the camera's pose. [`gate`] judges this evidence.
-//! [`explain`] marks in the scan's picture where a reason comes from. [`corner`] finds the panel's corner in a picture of the
-//! flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison.
-//! An error of the camera's calibration moves taught and located panel alike and cannot be detected here.
+//! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every
+//! rotation ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the
+//! colour picture together ([`fit`], [`edges`]), with the borders of marks inside it (`taught_marks`,
+//! `mark_edges`), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its
+//! covariance, the agreement of independent starts, and the check of the camera's pose by the fixture. [`gate`]
+//! judges this evidence. [`explain`] marks the origin of a reason in the scan's picture. [`corner`] finds the
+//! panel's corner in a picture of the flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the
+//! thesis's own method, for comparison. An error of the camera's calibration moves taught and located panel alike
+//! and cannot be detected here.
 
 mod camera_check;
 mod consistency;
@@ -66,7 +68,7 @@ pub use scan_errors::{RangeErrors, ScanErrors};
 use search::PoseHypothesis;
 pub use taught_model::TaughtModel;
 
-/// A scan and where its camera stands.
+/// A scan and the place of its camera.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The scan.
@@ -139,7 +141,8 @@ impl<'a> Prepared<'a> {
     /// Finds the panel.
     ///
     /// # Errors
-    /// Where nothing of the panel's size and shape lies in the search box; [`gate::refusal`] makes it a verdict.
+    /// If nothing of the panel's size and shape lies in the search box; [`gate::refusal`] turns this into a
+    /// verdict.
     pub fn locate(&self) -> Result<Fit, LocateError> {
         let Prepared { taught, view, grid, inside, pieces, .. } = self;
         let model = &self.taught_model.model;
@@ -201,8 +204,9 @@ impl<'a> Prepared<'a> {
 enum Panels {
     /// As it was taught.
     AsTaught,
-    /// As it would have to be bent at each of the two, and where it then lies: the surface of a bent panel as it was taught says little for any
-    /// pose and pulls it aside. What speaks for one is what no bend explains, above all the outline.
+    /// As it would have to be bent at each of the two, and where it then lies. The surface of a bent panel as it
+    /// was taught gives little information on any pose and pulls it aside. The evidence for one pose is the part
+    /// that no bend explains, above all the outline.
     AsBent,
 }
 

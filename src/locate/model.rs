@@ -14,7 +14,7 @@ use crate::panel::TaughtPanel;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// A panel is complete if at least this share of it gave points.
+/// A panel is complete if at least this share of its surface gave points.
 const WHOLE: f64 = 0.9;
 /// Fewer points hold no panel.
 const MIN_SURFACE: usize = 200;
@@ -24,11 +24,11 @@ const MIN_SURFACE: usize = 200;
 pub(super) struct Model {
     /// Points of the surface, in the panel's frame, mm.
     pub points: Vec<Vector3<f64>>,
-    /// Their normals, towards the camera that took them.
+    /// Their normals, towards the camera that recorded them.
     pub normals: Vec<Vector3<f64>>,
     /// The outline, in order.
     pub outline: Vec<OutlinePoint>,
-    /// The steps of brightness inside of it.
+    /// The steps of brightness inside of the outline.
     pub marks: TaughtMarks,
     /// The middle of the surface.
     pub centre: Vector3<f64>,
@@ -36,17 +36,17 @@ pub(super) struct Model {
     pub normal: Vector3<f64>,
     /// Area of the surface, mm².
     pub area_mm2: f64,
-    /// The panel's own depths and where its camera stood.
+    /// The panel's own depths and the place of its camera.
     pub grid: Arc<Grid>,
-    /// Where that camera stood.
+    /// The place of that camera.
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// How many pixels a step of brightness at the outline took, median.
+    /// Width of a step of brightness at the outline, px, median.
     pub edge_width_px: f64,
-    /// Share of the panel that gave points at teaching, 0…1, where a person drew its outline; else 1.
+    /// Share of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
     pub given: f64,
     /// What shows the outline, and what does not.
     pub outline_seen: OutlineSeen,
-    /// Where something holds the panel, in the taught picture.
+    /// The places at which something holds the panel, in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
     /// How far off scans are.
     pub range: RangeErrors,
@@ -66,7 +66,7 @@ pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
 }
 
 impl Model {
-    /// Derives the model of a taught panel whose scans are so far off.
+    /// Derives the model of a taught panel, for scans with these errors.
     pub fn of(panel: &TaughtPanel, range: RangeErrors) -> Result<Model, LocateError> {
         let camera_from_panel = panel.panel_from_camera.inverse();
         let grid = taught_grid(panel, true);

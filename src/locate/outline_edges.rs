@@ -1,4 +1,4 @@
-//! The scan's edge beside each point of the model's outline, where the panel is assumed at a pose.
+//! The scan's edge beside each point of the model's outline, with the panel assumed at a pose.
 
 use super::edges::{Edge, Tangent, edge};
 use super::grid::{Motion, Scan, camera_point};

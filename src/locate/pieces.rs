@@ -1,9 +1,9 @@
 //! The connected smooth pieces of the scan in the search box, and the distance of each pixel block from their edge.
 //!
-//! Neighbouring blocks belong to one piece if their depths do not jump. A piece's border is a true border where something farther
-//! away, or nothing, is seen beyond it. It is not a true border where a nearer object occludes the continuation, where the
-//! picture ends, or where missing points divide a piece that may have holes.
-//! The nearest true border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
+//! Neighbouring blocks belong to one piece if their depths do not jump. A piece's border is a true border if
+//! something farther away, or nothing, is seen beyond it. It is not a true border if a nearer object occludes the
+//! continuation, if the picture ends there, or if missing points divide a piece that may have holes. The nearest
+//! true border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
 //! Process. 14, 1980).
 
 use super::grid::{Grid, Motion};
@@ -82,7 +82,7 @@ pub(super) struct Border {
 }
 
 impl Border {
-    /// Of a piece, which may have holes where points are missing.
+    /// The border of a piece, which may have holes at missing points.
     pub fn of(grid: &Grid, piece: &Piece, may_have_holes: bool) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut inside = vec![false; columns * rows];
@@ -191,7 +191,7 @@ fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bo
             None => return false,
             Some(_) => {}
         }
-        // Beyond the edge's own pixels: nearer things hide what goes on behind them.
+        // Beyond the edge's own pixels: nearer objects hide the continuation behind them.
         let nearer = (1..=BEYOND).filter_map(|far| at(i * far, j * far)).any(|beyond| {
             !inside[beyond] && grid.depth_mm(beyond).is_some_and(|z| z < here_mm && !grid.joined(here_mm, z))
         });

@@ -1,10 +1,12 @@
-//! Where a picture changes from one brightness to another along a short line, to a fraction of a pixel.
+//! Finds where a picture changes from one brightness to another along a short line, to a fraction of a pixel.
 //!
-//! Brightness is read every pixel along the line; inside and outside of the edge it has a level each, a and b. Near where
-//! it passes the middle between the two, the edge is where an ideal step has the same sum of brightness:
+//! Brightness is read every pixel along the line; inside and outside of the edge it has the levels a and b. The
+//! edge lies near the place at which brightness passes the middle between the two. It is the place of an ideal step
+//! with the same sum of brightness:
 //!     Σᵢ (b − gᵢ) / (b − a)  =  number of places inside of the edge.                                         (1)
-//! A pixel is the mean over its area, so that (1) holds wherever the edge lies in its pixel; the crossing itself is drawn
-//! to the pixels' middles. A taught and a scanned edge are read alike: what a lens or a gamma does to both cancels.
+//! A pixel is the mean over its area, so that (1) holds wherever the edge lies in its pixel; the crossing itself is
+//! drawn to the pixels' middles. A taught and a scanned edge are read alike: the effect of a lens or a gamma on
+//! both cancels.
 
 use crate::geometry::OrganizedCloud;
 use crate::geometry::{Frame, Pixel};
@@ -16,7 +18,7 @@ pub(super) const PLACES: usize = 2 * REACH + 1;
 /// The levels are read from here to there beside the edge, px.
 const LEVEL_FROM: f64 = 2.5;
 const LEVEL_TO: f64 = 6.0;
-/// The edge is looked for this far from where it is expected, px.
+/// The edge is looked for this far from its expected place, px.
 const SEARCH: f64 = 3.0;
 /// The sum of (1) runs this far to each side of the crossing, px.
 const SUM_REACH: f64 = 1.6;
@@ -38,7 +40,7 @@ pub(super) struct Step {
     pub offset_px: f64,
     /// Level outside less level inside, grey levels.
     pub contrast: f64,
-    /// How many pixels the step would take at its slope.
+    /// The width of the step at its slope, px.
     pub width_px: f64,
 }
 
@@ -72,10 +74,10 @@ pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [
     Some(line)
 }
 
-/// The step near a place of a line; `None` where the two sides are too much alike.
+/// The step near a place of a line; `None` if the two sides are too much alike.
 pub(super) fn step(line: &Line, expected_px: f64) -> Option<Step> {
     let first = step_once(line, expected_px)?;
-    // Levels that are read around the edge itself, not around where it was expected.
+    // The levels are read around the edge itself, not around its expected place.
     step_once(line, first.offset_px).or(Some(first))
 }
 
@@ -91,7 +93,7 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let ((inside, uneven_inside), (outside, uneven_outside)) =
         (level(-LEVEL_TO, -LEVEL_FROM)?, level(LEVEL_FROM, LEVEL_TO)?);
     let contrast = outside - inside;
-    // FurtherEvidence another edge, of a post behind the panel say, there is no level to read.
+    // Beside another edge, for example of a post behind the panel, there is no level to read.
     let uneven = uneven_inside.max(uneven_outside) > MAX_UNEVEN.max(MAX_UNEVEN_SHARE * contrast.abs());
     if contrast.abs() < MIN_CONTRAST || uneven {
         return None;

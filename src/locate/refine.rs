@@ -1,19 +1,20 @@
 //! The correction of a localization by corners that the flange camera sees (thesis 3.9, Eq. 3.22–3.25).
 //!
-//! The expected pixel of a corner is the projection of its taught place through the pose to be corrected. The thesis
-//! drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where that pixel is the taught reference pixel; from
-//! any other pose it is as well known, so the camera may stand near there and need not stand exactly there.
-//! The thesis then moves the camera in small amounts until both coincide. With the image Jacobian one computed step is
-//! enough: in undistorted image coordinates x, y, at the corner's depth Z,
+//! The expected pixel of a corner is the projection of its taught place through the pose to be corrected. The
+//! thesis drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where that pixel is the taught reference
+//! pixel. From any other pose the pixel is known equally well, so the camera may be near there and need not be
+//! exactly there. The thesis then moves the camera in small amounts until both coincide. With the image Jacobian
+//! one computed step is enough: in undistorted image coordinates x, y, at the corner's depth Z,
 //!     Δ = Z · (x_found − x_expected,  y_found − y_expected)  along the camera's X and Y.                      (3.23)
-//! A corner found to the right of where it is expected asks the camera to move right to see it in its place, and the
-//! panel stands to the right by as much:
+//! If a corner is found to the right of its expected place, the camera must move right to see it in its place, and
+//! the panel lies to the right by as much:
 //!     ᵇT_w' = ᵇT_w · ʷR_newCP · T(Δ) · ʷR_newCPᵀ,   ʷR_newCP the rotation of  ʷT_newCP = ᵇT_w⁻¹ · ᵇT_newCP.  (3.24, 3.25)
-//! This shifts the panel by Δ along the camera's axes and turns nothing. Several corners give the shift v that fits all in
-//! the sense of least squares, and where they lie apart the turn φ about the direction f in which the cameras look as well:
-//! a corner p then moves by  v + φ f × (p − p̄).  A direction along which every camera looks stays as it was.
-//! What the corners leave of their own errors says whether they are corners of one rigid panel; what they ask for, whether
-//! they agree with the 3D scan. Neither is averaged away: see [`judge`] and [`disagreement`].
+//! This shifts the panel by Δ along the camera's axes and turns nothing. Several corners give the shift v that fits
+//! all in the sense of least squares. If they lie apart, they also give the turn φ about the direction f in which
+//! the cameras look: a corner p then moves by  v + φ f × (p − p̄).  A direction along which every camera looks
+//! stays as it was. The errors that remain at the corners show whether they are corners of one rigid panel; the
+//! requested correction shows whether they agree with the 3D scan. Neither is averaged away: see [`judge`] and
+//! [`disagreement`].
 
 mod correction;
 mod judge;
@@ -39,9 +40,9 @@ pub struct CornerView<'a> {
     pub corner: usize,
     /// The corner as taught.
     pub taught: &'a TaughtCorner,
-    /// Where the camera stood at this picture: base_from_flange · flange_from_camera.
+    /// The place of the camera at this picture: base_from_flange · flange_from_camera.
     pub base_from_camera: Rigid<Base, FlangeCamera>,
-    /// Where the corner was found.
+    /// The pixel at which the corner was found.
     pub found_px: Pixel,
 }
 
@@ -67,7 +68,7 @@ pub enum RefineError {
 /// Corrects a pose by one or more corner pictures.
 ///
 /// # Errors
-/// Where there is no view, or a corner is not before its camera.
+/// If there is no view, or a corner is not before its camera.
 pub fn refine(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,
@@ -114,7 +115,7 @@ struct CornerObservation {
     down: Vector<Base>,
 }
 
-/// One corner by itself; the depth where that is not in view.
+/// One corner by itself; the depth if the corner is not in view.
 fn look(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,

@@ -23,7 +23,7 @@ pub struct RangeErrors {
     pub is_measured: bool,
 }
 
-/// A point is off by so many times what a square's mean is.
+/// The error of a point is this many times that of a square's mean.
 const POINT: f64 = 1.5;
 
 impl Default for RangeErrors {
@@ -67,9 +67,9 @@ impl RangeErrors {
 pub struct ScanErrors {
     /// What differs from scan to scan.
     pub range: RangeErrors,
-    /// What is the same in each scan and is taken off; none where it is not known.
+    /// The part that is the same in each scan and is removed; `None` if it is not known.
     pub field: Option<DepthField>,
-    /// Measured over true distances, less one, in all scans alike: taken off too; 0 where it is not known.
+    /// Measured over true distances, less one, in all scans alike: removed too; 0 if it is not known.
     pub scale_off: f64,
 }
 
@@ -78,7 +78,7 @@ pub struct ScanErrors {
 const BOARD_SHARE: f64 = 0.000_25;
 
 impl ScanErrors {
-    /// As measured, where that was done.
+    /// The errors as measured, if there was a measurement.
     pub fn of(measured: Option<&MeasuredScanner>) -> Self {
         let Some(measured) = measured else { return ScanErrors::default() };
         let range = RangeErrors {

@@ -1,11 +1,11 @@
 //! Pose hypotheses for a scan, without a start value.
 //!
-//! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation about the
-//! normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the surface and by
-//! the piece's true border to its local optimum. Its score counts in both directions: taught points that lie on the scan against
-//! those that the scan sees through; outline points on the border; the piece's points that the taught panel covers. No features
-//! are used, as a smooth panel has none; but where much of a panel with marks gives no points, the borders of marks take part
-//! (`mark_search`).
+//! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation
+//! about the normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by
+//! the surface and by the piece's true border to its local optimum. Its score counts in both directions: taught
+//! points that lie on the scan against those that the scan sees through; outline points on the border; the piece's
+//! points that the taught panel covers. No features are used, as a smooth panel has none. But if much of a panel
+//! with marks gives no points, the borders of marks are used, too (`mark_search`).
 
 use super::grid::{DepthReading, Grid, Motion, Scan, camera_point};
 use super::mark_search::{mark_at, marks_found, starts};
@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 /// Rotations about the normal.
 const TURNS: usize = 36;
-/// The same where marks are looked for.
+/// The same if marks are looked for.
 const MARK_TURNS: usize = 72;
 /// Shifts to each side along both axes, and their step as a share of the panel's reach.
 const SHIFTS: i32 = 2;
@@ -51,9 +51,10 @@ const ON_MM: f64 = 1.5;
 const BESIDE_MM: f64 = 3.0;
 /// Hypotheses closer than this are the same, as a share of the panel's extent.
 const SAME: f64 = 0.06;
-/// A hypothesis whose score, of at most 3, or 4 with marks, is this much below the best is dropped.
+/// A hypothesis with a score this much below the best is dropped; the score is at most 3, or 4 with marks.
 const WORSE: f64 = 1.2;
-/// Pose hypotheses that are kept; and their number where much of the taught panel is missing, so that pieces and borders carry less information.
+/// Pose hypotheses that are kept; and their number if much of the taught panel is missing, so that pieces and
+/// borders carry less information.
 const KEPT: usize = 5;
 const KEPT_OF_PATCHES: usize = 20;
 /// A piece with a smaller share of the panel's area is no start by itself, and with a still smaller one no part of one.
@@ -74,11 +75,11 @@ pub(super) struct PoseHypothesis {
 enum By<'a> {
     /// The piece's true border.
     Border(&'a Border),
-    /// The borders of marks, which say more where much of the panel gives no points.
+    /// The borders of marks, which give more information if much of the panel gives no points.
     Marks(&'a MarkSteps),
 }
 
-/// A piece's true border, and the steps of brightness beside it where marks are looked for.
+/// A piece's true border, and the steps of brightness beside it if marks are looked for.
 struct Lines<'a> {
     border: Border,
     steps: Option<&'a MarkSteps>,
@@ -89,7 +90,7 @@ pub(super) fn kept(model: &Model) -> usize {
     if model.is_patchy() { KEPT_OF_PATCHES } else { KEPT }
 }
 
-/// Starts: single pieces, and several as one where something parts the panel.
+/// Starts: single pieces, and several as one if something divides the panel.
 pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Piece> {
     let parts: Vec<&Piece> =
         pieces.iter().filter(|piece| (PART..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2))).collect();
@@ -147,7 +148,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piec
     distinct
 }
 
-/// The panel at one turn about the piece's normal, at the shift whose points the scan shows best.
+/// The panel at one turn about the piece's normal, at the shift at which the scan shows its points best.
 fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
     let rotation = turned(model, piece, turn);
     let right = rotation * any_across(&model.normal);
@@ -231,7 +232,7 @@ pub(super) fn surface_at(motion: &Motion, model: &Model, grid: &Grid, chosen: &[
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
 
-/// (1) of `grid` at one taught point; `None` where the scan shows no smooth surface, or the point looks away.
+/// (1) of `grid` at one taught point; `None` if the scan shows no smooth surface, or the point faces away.
 pub(super) fn surface_residual(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
@@ -259,7 +260,7 @@ fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: us
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// Are points missing just inside of the outline, so that the scan does not say whether the panel ends here?
+/// Are points missing just inside of the outline, so that the scan does not show whether the panel ends here?
 fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> bool {
     let sample = &model.outline[k];
     let inside = motion.point(&(sample.point - sample.outward * BESIDE_MM));
@@ -300,7 +301,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
 pub(super) enum PointObservation {
     /// The scan has the point; its distance before the scan along the normal, (1) of `grid`, mm.
     On(f64),
-    /// The scan has the point beside an edge or missing points, where the depth is not precise.
+    /// The scan has the point beside an edge or missing points, with a depth that is not precise.
     Near,
     /// The scan shows something behind the point: the panel is not there.
     Through,

@@ -1,8 +1,9 @@
-//! How much of the panel and of the scan was matched.
+//! The shares of the panel and of the scan that were matched.
 //!
-//! Each taught point is looked up where it projects to, each point of the outline where its edge should be, and the scan's
-//! pieces where the taught panel would show them. A point that is occluded or out of view is neither counted against the pose nor
-//! as matched; nor is a missing point beside a nearer object, which may shade it.
+//! Each taught point is looked up at its projection, each point of the outline at the expected place of its edge,
+//! and the scan's pieces at the places that the taught panel would show. A point that is occluded or out of view is
+//! neither counted against the pose nor as matched; nor is a missing point beside a nearer object, which may shade
+//! it.
 
 use super::edges::Edge;
 use super::fit::{FitInputs, Residuals};
@@ -14,11 +15,11 @@ use super::shadow;
 use crate::geometry::{median, polygon};
 use rayon::prelude::*;
 
-/// A point of the outline is found where the edge is this near, px.
+/// A point of the outline is found if the edge is this near, px.
 pub(super) const EDGE_FOUND_PX: f64 = 1.5;
 /// A channel at this level or above is saturated.
 pub const SATURATED: u8 = 252;
-/// Pieces with at least this share on the panel are part of it.
+/// Pieces with at least this share on the panel are part of the panel.
 const PART_OF_PANEL: f64 = 0.2;
 
 /// Shares of the taught surface, 0…1.
@@ -108,10 +109,10 @@ impl OutlineShares {
     }
 }
 
-/// A panel with less border of marks in view than this has none that tell anything, mm.
+/// A panel with less border of marks in view than this has no usable marks, mm.
 const MIN_MARKS_MM: f64 = 100.0;
 
-/// Of the marks in view, by the length of their borders, the share that is where it should be, 0…1.
+/// The share of the marks in view that is at its place, by the length of their borders, 0…1.
 pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
     for (mark, edge) in &residuals.mark_edges {
@@ -123,8 +124,8 @@ pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     (in_view_mm >= MIN_MARKS_MM).then(|| found_mm / in_view_mm)
 }
 
-/// Of the pieces that are part of the panel, the share that the taught panel has. What hangs on the panel where it is held is
-/// another piece.
+/// Returns the share of the panel's pieces that the taught panel covers. An object attached to the panel at a held
+/// place counts as another piece.
 pub(super) fn scan_found(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !inputs.model.held_px.is_empty() {
         return share_of(motion, inputs, &cut_where_held(motion, inputs, pieces));
@@ -144,7 +145,7 @@ fn share_of(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     found / f64::max(whole, 1.0)
 }
 
-/// The pieces without the blocks that the taught picture shows where something holds the panel.
+/// The pieces without the blocks that lie in a held place of the taught picture.
 fn cut_where_held(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
     let FitInputs { model, grid, .. } = inputs;
     let (back, taught) = (motion.inverse(), Motion::of(&model.camera_from_panel));

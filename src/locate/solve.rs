@@ -97,7 +97,7 @@ impl Sums {
         Sums { information: self.information + other.information, gradient: self.gradient + other.gradient }
     }
 
-    /// The twist of (1); `None` where a direction is free.
+    /// Returns the twist of (1); `None` if a direction is free.
     pub fn twist(&self) -> Option<Vector6<f64>> {
         let inverse = self.information.try_inverse()?;
         let held = (0..6).all(|i| 1.0 / inverse[(i, i)] > MIN_CONDITION * self.information[(i, i)]);
@@ -145,8 +145,8 @@ mod tests {
         assert!((point - Vector3::new(559.9, 100.0, 700.5)).norm() < 1e-4, "{point}");
     }
 
-    /// A plane of 5 × 5 points, moved by a known twist: (1) undoes it in one step where the outline holds the plane
-    /// sideways, and says that it is free where there is none.
+    /// A plane of 5 × 5 points, moved by a known twist. If the outline constrains the plane sideways, (1) undoes
+    /// the twist in one step; without an outline, (1) reports a free direction.
     #[test]
     fn one_step_undoes_a_small_twist() {
         let centre = Vector3::new(20.0, -10.0, 700.0);

@@ -1,9 +1,10 @@
-//! The panel's marks: printed, painted or bright places inside of its outline, by the steps of brightness at their borders.
+//! The panel's marks: printed, painted or bright places inside its outline, found by the brightness steps at their
+//! borders.
 //!
-//! A flat panel slides along its surface, and where its outline is held, hidden or without points nothing else holds it sideways.
-//! What is printed on it does. The taught picture is searched cell by cell for its steepest change of brightness; where that is a step
-//! between two even levels, its place is read to a fraction of a pixel (`profile`) and put on the surface. A composite's weave has too
-//! little contrast to be a mark.
+//! A flat panel can slide along its surface. If its outline is held, hidden or without points, only what is printed
+//! on the panel constrains it sideways. The taught picture is searched cell by cell for its steepest change of
+//! brightness. If this change is a step between two uniform levels, its place is measured to a fraction of a pixel
+//! (`profile`) and projected onto the surface. A composite's weave has too little contrast to be a mark.
 
 use super::grid::{Grid, Motion};
 use super::mark_steps::steepest;
@@ -23,13 +24,13 @@ const MIN_CONTRAST: f64 = 40.0;
 const STEEP: f64 = 0.35;
 /// The change of brightness at the border of a mark, grey levels.
 pub(super) const LEAST_STEP: f64 = STEEP * MIN_CONTRAST;
-/// A held place this near says nothing of the panel, px.
+/// A mark within this distance of a held place gives no information about the panel, px.
 const HELD_NEAR_PX: f64 = PLACES as f64;
 
 /// A place at the border of a mark.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MarkPoint {
-    /// Where, in the panel's frame, mm.
+    /// Its position in the panel's frame, mm.
     pub point: Vector3<f64>,
     /// The direction along the border.
     pub along: Vector3<f64>,
@@ -37,7 +38,7 @@ pub(super) struct MarkPoint {
     pub brighter: Vector3<f64>,
     /// The surface's normal.
     pub normal: Vector3<f64>,
-    /// Length of border that it stands for, mm.
+    /// Length of border that this point represents, mm.
     pub length_mm: f64,
 }
 
@@ -50,8 +51,8 @@ pub(super) struct TaughtMarks {
 }
 
 impl TaughtMarks {
-    /// Of a taught panel whose depths and surface are these. Errors are alike over this length, mm: what errs most is the depth at
-    /// which the taught scan puts a mark.
+    /// Finds the marks of a taught panel with these depths and this surface. Errors are correlated over this
+    /// length, mm: the largest error is the depth that the taught scan gives a mark.
     pub fn of(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
         let search = MarkSearch { panel, grid, surface, panel_from_camera: Motion::of(&panel.panel_from_camera) };
@@ -131,8 +132,9 @@ impl MarkSearch<'_> {
         })
     }
 
-    /// On the panel; where a person drew its outline its points may be missing, as they are between bright marks on a dark panel.
-    /// Elsewhere what gave no point may be a window, through which the background is seen.
+    /// Returns whether the pixel is on the panel. If a person drew the outline, points may be missing, as between
+    /// bright marks on a dark panel. Otherwise a pixel without a point may be a window through which the background
+    /// is seen.
     fn is_inside(&self, column: usize, row: usize) -> bool {
         let panel = self.panel;
         panel.mask.contains(column, row)

@@ -1,4 +1,5 @@
-//! What the localization makes of a taught panel before there is a scan: once, since nothing of it depends on the scan.
+//! The data that the localization derives from a taught panel before there is a scan: once, because nothing here
+//! depends on the scan.
 
 use super::LocateError;
 use super::grid::Grid;
@@ -15,10 +16,10 @@ pub struct TaughtModel {
 }
 
 impl TaughtModel {
-    /// Derives it.
+    /// Derives the model.
     ///
     /// # Errors
-    /// Where the taught panel has too little surface or outline.
+    /// If the taught panel has too little surface or outline.
     pub fn of(panel: &TaughtPanel, range: RangeErrors) -> Result<Self, LocateError> {
         let (model, fixture) = rayon::join(|| Model::of(panel, range), || taught_grid(panel, false));
         Ok(TaughtModel { model: model?, fixture })

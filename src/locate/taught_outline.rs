@@ -1,10 +1,10 @@
-//! The taught outline in space: the points at which rays through the edge in the taught picture, located to a fraction of a pixel,
-//! meet the surface beside it.
+//! The taught outline in space: the points at which rays through the edge in the taught picture, located to a
+//! fraction of a pixel, meet the surface beside it.
 //!
-//! The contour of the scan's points runs close to the edge. The colour picture gives the edge exactly; where colour shows no edge,
-//! the border of the points is used instead. Beside an outline that a person drew, the edge is searched as in a scan that is being
-//! located (`edges`): a place at which neither colour nor depth shows it is not measured and not used. Places at which the panel is
-//! held are not used either.
+//! The contour of the scan's points runs close to the edge. The colour picture gives the edge exactly; if colour
+//! shows no edge, the border of the points is used instead. Beside an outline that a person drew, the edge is
+//! searched as in a scan that is being located (`edges`). A place at which neither colour nor depth shows the edge
+//! is not measured and not used. Places at which the panel is held are not used either.
 
 use super::edges::{self, Edge};
 use super::grid::{Grid, Motion, Scan};
@@ -15,13 +15,13 @@ use crate::panel::{OutlineFrom, TaughtPanel};
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 
-/// Half the length of outline that is averaged to say where and which way it runs, px of the contour.
+/// Half the length of outline that is averaged to get its place and direction, px of the contour.
 const CONTOUR_REACH: usize = 5;
 /// Distance of the outline's points along the contour, px.
 const CONTOUR_STEP: usize = 2;
 /// The mask's border lies this far inside of the edge, px: pixels that are half panel have no point.
 const MASK_INSET_PX: f64 = 1.0;
-/// A place of the contour whose mean takes in what is this near to a held one says nothing, px.
+/// A contour place this near to a held place is not used, because its mean includes held pixels, px.
 const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
 /// The number of points to each side from which the direction of the outline is taken.
 const ALONG_REACH: usize = 3;
@@ -31,7 +31,7 @@ pub(super) const MIN_OUTLINE: usize = 60;
 /// A point of the outline.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OutlinePoint {
-    /// Where, in the panel's frame, mm.
+    /// Its position in the panel's frame, mm.
     pub point: Vector3<f64>,
     /// The direction along the outline.
     pub along: Vector3<f64>,
@@ -39,7 +39,7 @@ pub(super) struct OutlinePoint {
     pub normal: Vector3<f64>,
     /// The direction in the surface that leads off the panel.
     pub outward: Vector3<f64>,
-    /// Length of outline that it stands for, mm.
+    /// Length of outline that this point represents, mm.
     pub length_mm: f64,
     /// Was its edge found by colour?
     pub by_colour: bool,
@@ -61,7 +61,7 @@ pub struct OutlineSeen {
 /// The outline as it was taught.
 pub(super) struct TaughtOutline {
     pub points: Vec<OutlinePoint>,
-    /// How many pixels a step of brightness takes at its edges, median.
+    /// Width of a brightness step at its edges, px, median.
     pub edge_width_px: f64,
     pub seen: OutlineSeen,
 }
@@ -81,14 +81,14 @@ struct OutlineContext<'a> {
     panel: &'a TaughtPanel,
     grid: &'a Grid,
     surface: &'a Surface,
-    /// The taught scan in its camera's frame, where a person drew the outline.
+    /// The taught scan in its camera's frame, if a person drew the outline.
     scan: Option<Scan>,
-    /// Positive where the contour runs clockwise on a screen.
+    /// Positive if the contour runs clockwise on a screen.
     side: f64,
 }
 
 impl TaughtOutline {
-    /// Of a taught panel whose depths and surface are these.
+    /// Finds the outline of a taught panel with these depths and this surface.
     pub fn of(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
         let contour = &panel.outline_px;
         if contour.len() < 8 * CONTOUR_REACH {
@@ -101,7 +101,7 @@ impl TaughtOutline {
         let steps = contour.len().div_ceil(CONTOUR_STEP);
         let is_held: Vec<bool> =
             (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], HELD_NEAR_PX)).collect();
-        // A point beside a held stretch would take its direction from across it.
+        // The direction at a point beside a held stretch would be computed across that stretch.
         let is_used =
             |k: usize| (k + steps - ALONG_REACH..=k + steps + ALONG_REACH).all(|near| !is_held[near % steps]);
         let found: Vec<Option<EdgePoint>> = (0..steps)
@@ -153,8 +153,8 @@ impl OutlineContext<'_> {
         (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
     }
 
-    /// The edge beside a place of the contour, on the surface; `None` where no surface was measured, or nothing shows an edge
-    /// that a person drew.
+    /// Finds the edge beside a place of the contour, on the surface; `None` if no surface was measured, or if
+    /// nothing shows an edge that a person drew.
     fn edge(&self, k: usize) -> Option<EdgePoint> {
         let (middle, outward) = self.place(k)?;
         let (offset_px, width_px) = match &self.scan {
@@ -177,7 +177,8 @@ impl OutlineContext<'_> {
         profile::step(&line, expected_px)
     }
 
-    /// From the border of the scan's points outwards to the edge, px, and the edge's width where colour shows it.
+    /// Returns the distance from the border of the scan's points outwards to the edge, px, and the edge's width if
+    /// colour shows it.
     fn at_the_border(&self, middle: Pixel, outward: Vector2<f64>) -> (f64, Option<f64>) {
         let step = self.step(middle, outward, MASK_INSET_PX);
         (step.map_or(MASK_INSET_PX, |step| step.offset_px), step.map(|step| step.width_px))
@@ -189,13 +190,13 @@ impl OutlineContext<'_> {
         match edges::beside(&self.panel.camera, scan, (middle, outward), (&point, &normal)) {
             Edge::Colour { offset_px, width_px } => Some((offset_px, Some(width_px))),
             Edge::Depth { offset_px } => Some((offset_px, None)),
-            // Where something goes on in the panel's own plane, depth shows no edge, and colour may.
+            // If something continues in the panel's own plane, depth shows no edge, but colour may.
             Edge::Absent => self.step(middle, outward, 0.0).map(|step| (step.offset_px, Some(step.width_px))),
             Edge::Hidden | Edge::OutOfView => None,
         }
     }
 
-    /// An edge with its directions; `None` where its neighbours do not determine them.
+    /// An edge with its directions; `None` if its neighbours do not determine them.
     fn point(&self, edges: &[EdgePoint], k: usize) -> Option<OutlinePoint> {
         let count = edges.len();
         let EdgePoint { point: here, normal, width_px } = edges[k];

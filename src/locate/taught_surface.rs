@@ -50,8 +50,8 @@ impl Surface {
         surface
     }
 
-    /// Depth and normal of the surface at a place beside it: its inverse depth goes on as a polynomial of second order, for
-    /// planes alone would leave a bent surface on one side of it.
+    /// Returns depth and normal of the surface at a place beside it. The inverse depth is extrapolated as a
+    /// second-order polynomial, because planes alone would deviate from a bent surface to one side.
     pub fn beside(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
         let [x, y] = grid.place(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);

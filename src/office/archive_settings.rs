@@ -1,31 +1,32 @@
-//! `archive.toml`: where the broker, the database and the folder of files are.
+//! `archive.toml`: the places of the broker, the database and the folder of files.
 
 use crate::cell::Broker;
 use crate::config::{self, Problems, Section};
 use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// Where the archive gets and keeps what cells send.
+/// The sources and the storage of the data that cells send to the archive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ArchiveSettings {
     /// The broker.
     pub broker: Broker,
-    /// At most so much waits in the broker, GB: what comes then stays in its cell.
+    /// Limit of the data that waits in the broker, GB; further data stays in its cell.
     pub waiting_gb: usize,
     /// The database.
     pub database: Database,
     /// The folder of files: pictures, recipes, calibrations.
     pub files: PathBuf,
-    /// The office's page; `None` where there is none.
+    /// The office's page; `None` if there is no page.
     pub fleet: Option<FleetPage>,
 }
 
-/// Where the office's page is served.
+/// The address of the office's page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetPage {
     /// The address and port.
     pub listen: SocketAddr,
-    /// The certificate's file and its key's, PEM; without them the program makes its own where others can reach the page.
+    /// The certificate file and its key file, PEM. Without them the program makes its own certificate if other
+    /// computers can reach the page.
     pub certificate: Option<[PathBuf; 2]>,
 }
 
@@ -40,7 +41,7 @@ pub struct Database {
     pub name: String,
     /// The user.
     pub user: String,
-    /// The file in which the password stands alone; `None` where the database wants none.
+    /// The file that contains only the password; `None` if the database needs no password.
     pub password_file: Option<PathBuf>,
     /// The certificate authority's file, PEM: with it the connection is encrypted, and another certificate is refused.
     pub ca: Option<PathBuf>,

@@ -1,7 +1,7 @@
-//! Parts put together again, in whatever order and however often they come.
+//! Parts joined into a whole, in any order and with any number of repetitions.
 //!
-//! Each part comes with a receipt, by which its broker is told once the whole is kept. A part that comes again brings a new receipt, and the
-//! former one goes: what never becomes whole does not grow.
+//! Each part comes with a receipt, with which the broker is notified once the whole is kept. A part that comes
+//! again brings a new receipt, which replaces the former one. So an item that never becomes whole does not grow.
 
 use super::chunk::{Chunk, What};
 use super::error::OfficeError;
@@ -9,7 +9,7 @@ use crate::cell::CellName;
 use crate::files::content_hash;
 use std::collections::BTreeMap;
 
-/// What is put together at one time, bytes. Whoever begins more loses what began first: it is sent again.
+/// Limit of the bytes that are joined at one time. If more is begun, the oldest item is dropped: it is sent again.
 const MOST_BYTES: usize = 512 << 20;
 
 /// Something that is whole.
@@ -65,10 +65,11 @@ impl<R> Default for Assembly<R> {
 }
 
 impl<R> Assembly<R> {
-    /// Takes a part; what it makes whole comes back.
+    /// Adds a part; returns the whole if this part completes it.
     ///
     /// # Errors
-    /// Where it contradicts the parts before it, or the whole is not the file that its name says. What was begun is then forgotten.
+    /// If the part contradicts the parts before it, or the whole is not the file that its name states. All parts
+    /// received until then are forgotten.
     pub fn take(&mut self, chunk: Chunk, receipt: R) -> Result<Option<Assembled<R>>, Unfit<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;
         let key = (cell, what);

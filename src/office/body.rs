@@ -17,7 +17,7 @@ pub struct Envelope {
     pub body: Body,
 }
 
-/// What is sent. Each content is canonical JSON, whose hash names it.
+/// The content that is sent. Each content is canonical JSON and is named by its hash.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Body {
     /// A [`CycleEnd`].
@@ -71,11 +71,11 @@ pub struct NamedFile {
     pub name: String,
     /// Its SHA-256.
     pub hash: String,
-    /// Why the cell has it no more, so that it is not sent; `None` where it is sent.
+    /// The reason why the cell no longer has the file and does not send it; `None` if it is sent.
     pub gone: Option<String>,
 }
 
-/// How a cycle ended, as the store's row says it; its signed record follows as a statement.
+/// The end of a cycle, as in the store's row; its signed record follows as a statement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CycleEnd {
@@ -97,7 +97,7 @@ pub struct CycleEnd {
     pub verdict: String,
     /// Its reasons as the store has them: a list of objects with code and message.
     pub reasons: Value,
-    /// The part; `None` where none was named.
+    /// The part; `None` if no part was named.
     pub part: Option<PartNames>,
 }
 

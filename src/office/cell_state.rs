@@ -1,4 +1,4 @@
-//! How a cell stands, as it tells the office again and again. What is told may be lost: the next one comes soon.
+//! The state of a cell, which it reports to the office repeatedly. A report may be lost: the next one comes soon.
 
 use super::error::OfficeError;
 use super::position::Position;
@@ -9,7 +9,7 @@ const FORM: &str = "panelprep-state-1";
 /// The longest one.
 const MOST_BYTES: usize = 64 * 1024;
 
-/// How a cell stands.
+/// The state of a cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CellState {
@@ -19,7 +19,7 @@ pub struct CellState {
     pub unix_ms: i64,
     /// The program's version.
     pub version: String,
-    /// The state's word; `None` where the loop does not answer.
+    /// The state's word; `None` if the loop does not answer.
     pub state: Option<String>,
     /// The phase of the cycle that runs.
     pub phase: Option<String>,
@@ -29,7 +29,7 @@ pub struct CellState {
     pub cycle: Option<i64>,
     /// How far the path has come: waypoint and how many there are.
     pub waypoint: Option<[u32; 2]>,
-    /// Why it stands as it does: codes and messages.
+    /// The reasons for its state: codes and messages.
     pub reasons: Vec<Told>,
     /// What is wrong with the cell between cycles: a disk, a calibration that ends.
     pub standing: Vec<Told>,
@@ -48,23 +48,23 @@ pub struct Told {
 }
 
 impl CellState {
-    /// Of this cell, with nothing told yet.
+    /// Returns the state of this cell, with nothing reported yet.
     pub fn of(cell: &CellName) -> Self {
         CellState { form: FORM.to_owned(), cell: cell.as_str().to_owned(), ..CellState::default() }
     }
 
-    /// The bytes that are sent.
+    /// Returns the bytes to send.
     ///
     /// # Errors
-    /// Where JSON cannot hold it.
+    /// If JSON cannot represent the state.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         serde_json::to_vec(self).map_err(|error| OfficeError::form("state of a cell", error))
     }
 
-    /// Reads a state, with the cell that it is of.
+    /// Reads a state and the name of its cell.
     ///
     /// # Errors
-    /// Where it is none.
+    /// If the bytes are not a state.
     pub fn read(bytes: &[u8]) -> Result<(CellName, Self), OfficeError> {
         let wrong = |problem: String| OfficeError::form("state of a cell", problem);
         if bytes.len() > MOST_BYTES {

@@ -1,4 +1,5 @@
-//! Parts of messages and files, small enough for the broker: one line of JSON that says of what, and then the part's bytes.
+//! Parts of messages and files, small enough for the broker: one line of JSON that names the message or file, then
+//! the part's bytes.
 
 use super::error::OfficeError;
 use super::message::is_epoch;
@@ -52,10 +53,10 @@ struct Head {
     parts: u32,
 }
 
-/// Cuts bytes into parts; nothing is one part too.
+/// Cuts bytes into parts; no bytes are one part too.
 ///
 /// # Errors
-/// Where they are too many.
+/// If this gives too many parts.
 pub fn chunks(cell: &CellName, what: &What, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
     let count = bytes.len().div_ceil(PART_BYTES).max(1);
     let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MOST_PARTS} parts") };
@@ -69,7 +70,8 @@ pub fn chunks(cell: &CellName, what: &What, bytes: &[u8]) -> Result<Vec<Chunk>, 
 }
 
 impl Chunk {
-    /// The name by which the broker knows it again, unless it is sent `again` since the office does not have it.
+    /// Returns the name by which the broker recognizes the part. `again` changes it if the part is sent again
+    /// because the office does not have it.
     pub fn message_id(&self, again: u64) -> String {
         let Chunk { cell, what, part, .. } = self;
         let name = match what {
@@ -79,10 +81,10 @@ impl Chunk {
         if again == 0 { name } else { format!("{name}/{again}") }
     }
 
-    /// The bytes that are sent.
+    /// Returns the bytes to send.
     ///
     /// # Errors
-    /// Where JSON cannot hold the line.
+    /// If JSON cannot represent the line.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         let (position, file) = match &self.what {
             What::Message(position) => (Some(position.clone()), None),
@@ -99,7 +101,7 @@ impl Chunk {
     /// Reads a part.
     ///
     /// # Errors
-    /// Where it is none, or larger than any.
+    /// If the bytes are not a part, or exceed the largest part.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let wrong = |problem: String| OfficeError::form("line of a part", problem);
         let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');

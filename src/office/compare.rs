@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// Messages of one kind; the rest is counted.
 const MOST: usize = 50;
 
-/// What came of it.
+/// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Compared {
     /// What both have, with one hash.

@@ -29,14 +29,14 @@ pub enum OfficeError {
         /// In the same unit.
         allowed: String,
     },
-    /// The parts of one thing say different numbers of parts.
+    /// The parts of one item state different numbers of parts.
     #[error("part {part} says that there are {found} parts, another one said {before}")]
     Parts {
         /// Which part.
         part: u32,
-        /// What it says.
+        /// The number that this part states.
         found: u32,
-        /// What was said before.
+        /// The number that an earlier part stated.
         before: u32,
     },
     /// A signature that its key does not verify, or a statement that is none.

@@ -1,4 +1,4 @@
-//! A message: one line of JSON that says what follows, and then the content's bytes as the cell has them.
+//! A message: one line of JSON that describes the content, then the content's bytes as the cell has them.
 
 use super::body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
 use super::error::OfficeError;
@@ -44,10 +44,10 @@ struct SignedHead {
 }
 
 impl Message {
-    /// The bytes that are sent.
+    /// Returns the bytes to send.
     ///
     /// # Errors
-    /// Where JSON cannot hold the head.
+    /// If JSON cannot represent the head.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         let Envelope { position, unix_ms, body } = &self.envelope;
         let signed = match body {
@@ -72,11 +72,11 @@ impl Message {
         Ok(bytes)
     }
 
-    /// Reads a message. Its content has the hash that its head states, reads as what its kind is, and is signed by the key that it
-    /// names; whether that key is the cell's is for whoever knows the cell's key.
+    /// Reads a message. Its content must have the hash that the head states, must be readable as its kind, and must
+    /// be signed by the key that it names. The caller must check that this key is the cell's.
     ///
     /// # Errors
-    /// Where it is not so.
+    /// If one of these conditions is not met.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
         let Some(end) = end else { return Err(OfficeError::form("head of a message", "its line does not end")) };

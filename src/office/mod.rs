@@ -1,13 +1,15 @@
-//! Records on their way to the office: what is sent, how it is cut into messages, and whether cell and office hold the same.
+//! Records on their way to the office: their content, how it is cut into messages, and whether cell and office hold
+//! the same.
 //!
-//! A cell numbers everything that the office is to have (see `store`, table `outbox`): the end of each cycle, each signature with the
-//! statement that it signs, each verification. The cell, the epoch and the number name one of them for ever; its content is named
-//! by its SHA-256. It is sent at least once, and the office keeps the first one of each name. A second one with the same hash is
-//! nothing new; a second one with another hash is a contradiction, which is kept and told, and never replaces the first.
+//! A cell numbers everything that the office must receive (see `store`, table `outbox`): the end of each cycle,
+//! each signature with the statement that it signs, each verification. The cell, the epoch and the number name one
+//! of these items for ever; its content is named by its SHA-256. An item is sent at least once, and the office
+//! keeps the first one of each name. A second one with the same hash is ignored. A second one with another hash is
+//! a contradiction: it is kept and reported, and never replaces the first.
 //!
 //! Files that a record names (pictures, recipe, calibrations) are sent before it, under their hash.
 //!
-//! Pure: sockets are the business of `broker`, `daemon/office` and `archive`.
+//! Pure: sockets are handled in `broker`, `daemon/office` and `archive`.
 
 mod archive_settings;
 mod assembly;

@@ -1,5 +1,5 @@
-//! A recipe that the office has approved and offers to its cells. A cell takes none by itself: a person there looks at the difference,
-//! and approves it as every change.
+//! A recipe that the office has approved and offers to its cells. A cell never adopts a recipe automatically: a
+//! person there checks the difference and approves it like any change.
 
 use super::error::OfficeError;
 use crate::files::content_hash;
@@ -29,10 +29,10 @@ pub struct RecipeOffer {
 }
 
 impl RecipeOffer {
-    /// An offer of this recipe.
+    /// Creates an offer of this recipe.
     ///
     /// # Errors
-    /// Where the name or the reason cannot be printed as it stands, or the text is too long.
+    /// If the name or the reason cannot be printed unchanged, or the text is too long.
     pub fn new(panel: &str, text: &str, (by, why): (&str, &str), unix_ms: i64) -> Result<Self, OfficeError> {
         let [panel, text, by, why] = [panel, text, by, why].map(str::to_owned);
         let offer = RecipeOffer { form: FORM.to_owned(), panel, text, by, why, unix_ms };
@@ -58,10 +58,10 @@ impl RecipeOffer {
         content_hash(self.text.as_bytes())
     }
 
-    /// The bytes that are sent.
+    /// Returns the bytes to send.
     ///
     /// # Errors
-    /// Where JSON cannot hold it.
+    /// If JSON cannot represent the offer.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
         serde_json::to_vec(self).map_err(|error| OfficeError::form("offer of a recipe", error))
     }
@@ -69,7 +69,7 @@ impl RecipeOffer {
     /// Reads an offer.
     ///
     /// # Errors
-    /// Where it is none.
+    /// If the bytes are not an offer.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         if bytes.len() > 2 * MOST_BYTES {
             let [found, allowed] = [bytes.len(), 2 * MOST_BYTES].map(|count| format!("{count} bytes"));

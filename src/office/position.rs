@@ -6,7 +6,7 @@ use strum::{EnumString, IntoStaticStr, VariantArray};
 /// A place among all that one store sends.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Position {
-    /// A random name, 32 hexadecimal digits; a new one begins where a store does not know all of its past.
+    /// A random name, 32 hexadecimal digits; a new one begins if a store does not have all of its past.
     pub epoch: String,
     /// From 1, without gaps; 0 before the first.
     pub number: u64,

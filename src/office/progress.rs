@@ -1,8 +1,8 @@
-//! How far a cell has sent each epoch, and how far the office says that it has it.
+//! How far a cell has sent each epoch, and how far the office confirms it.
 //!
-//! The office has the last word: what it does not have is sent again, also where the broker once took it. So a broker or a
-//! database that comes back without its last days costs nothing but time. Losing this costs no more: everything is then sent again, and the
-//! office knows it by its names.
+//! The office decides: data that it does not have is sent again, even if the broker once accepted it. So a broker
+//! or a database that is restored without its last days costs only time. A loss of this progress costs no more:
+//! everything is then sent again, and the office recognizes it by its names.
 
 use super::position::Position;
 use serde::{Deserialize, Serialize};
@@ -12,13 +12,14 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Progress {
-    /// Which stream of which broker took what was sent: its name and when it was made.
+    /// The broker's stream that accepted the data: its name and its creation time.
     stream: String,
-    /// The last number that the broker took, by epoch.
+    /// The last number that the broker accepted, by epoch.
     sent: BTreeMap<String, u64>,
     /// The last number up to which the office has all, by epoch.
     archived: BTreeMap<String, u64>,
-    /// How often sending began again: a broker drops what it knows, so what is sent again needs another name.
+    /// The number of times that sending began again. A broker drops data with a known name, so data that is sent
+    /// again needs another name.
     #[serde(default)]
     again: u64,
 }
@@ -26,7 +27,7 @@ pub struct Progress {
 /// What came of a word of the office.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OfficeSays {
-    /// It has what the cell knows that it has, or more.
+    /// It has at least the data that the cell expects there.
     Known,
     /// It has less than it once had: what it does not have is sent again.
     HasLess,
@@ -68,13 +69,14 @@ impl Progress {
         }
     }
 
-    /// The broker took everything up to here; what was sent again may be older than the last.
+    /// The broker accepted everything up to here; an item that was sent again may be older than the last.
     pub fn took(&mut self, position: &Position) {
         let sent = self.sent.entry(position.epoch.clone()).or_default();
         *sent = position.number.max(*sent);
     }
 
-    /// The office says up to where it has all of an epoch, whose last number in the store is `last`.
+    /// Processes the office's report up to which number it has all of an epoch; the last number in the store is
+    /// `last`.
     pub fn told(&mut self, epoch: &str, archived: u64, last: u64) -> OfficeSays {
         if archived > last {
             return OfficeSays::HasMore;

@@ -5,37 +5,38 @@ use crate::files::content_hash;
 
 /// The stream of records and files on their way.
 pub const STREAM: &str = "PANELPREP";
-/// Every subject of it.
+/// Every subject of this stream.
 pub const ALL_RECORDS: &str = "panelprep.records.*";
 /// The stream of what the office has: the last word for each cell and epoch.
 pub const ARCHIVED_STREAM: &str = "PANELPREP_ARCHIVED";
-/// Every subject of it.
+/// Every subject of this stream.
 pub const ALL_ARCHIVED: &str = "panelprep.archived.*.*";
 /// Every cell's state as it is now.
 pub const ALL_STATES: &str = "panelprep.state.*";
 
 /// The stream of recipes that the office offers: the last one for each panel.
 pub const OFFER_STREAM: &str = "PANELPREP_OFFERS";
-/// Every subject of it.
+/// Every subject of this stream.
 pub const ALL_OFFERS: &str = "panelprep.offers.*";
 
-/// Where the office offers a recipe of this panel, whose name may hold what a subject may not.
+/// The subject on which the office offers a recipe of this panel. The panel's name may contain characters that a
+/// subject must not.
 pub fn offer(panel: &str) -> String {
     let hash = content_hash(panel.as_bytes());
     format!("panelprep.offers.{}", hash.get(..16).unwrap_or(&hash))
 }
 
-/// Where a cell sends records and files.
+/// The subject on which a cell sends records and files.
 pub fn records(cell: &CellName) -> String {
     format!("panelprep.records.{cell}")
 }
 
-/// Where the office says how far it has an epoch of a cell.
+/// The subject on which the office reports how far it has an epoch of a cell.
 pub fn archived(cell: &CellName, epoch: &str) -> String {
     format!("panelprep.archived.{cell}.{epoch}")
 }
 
-/// Where a cell says its state.
+/// The subject on which a cell reports its state.
 pub fn state(cell: &CellName) -> String {
     format!("panelprep.state.{cell}")
 }

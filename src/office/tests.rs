@@ -74,7 +74,7 @@ fn a_message_reads_back_and_each_changed_byte_is_found() {
     }
 }
 
-/// Whoever sends another content with its right hash still needs the cell's key.
+/// A sender of other content with a correct hash still needs the cell's key.
 #[test]
 fn a_statement_that_somebody_else_wrote_is_refused() {
     let message = signature();
@@ -198,7 +198,7 @@ proptest! {
     }
 }
 
-/// A broker drops what it knows by its name: what the office lost would never come again.
+/// A broker drops data with a known name, so data that the office lost would never arrive again.
 #[test]
 fn what_is_sent_again_has_another_name() {
     let part = chunks(&cell(), &What::Message(at(3)), b"x").expect("parts").remove(0);

@@ -1,4 +1,5 @@
-//! The one table of methods: what each requests, what it takes, and who may call it. What is not in it cannot be called.
+//! The one table of methods: what each requests, its arguments, and the permission that it needs. A method that is
+//! not in the table cannot be called.
 
 use crate::accounts::{Permission, Role};
 
@@ -58,7 +59,7 @@ pub struct Method {
     pub name: &'static str,
     /// What it requests.
     pub command: Command,
-    /// What it takes.
+    /// Its arguments.
     pub arguments: &'static [Argument],
     /// Who may call it; `None` is every session that the server lets in.
     pub needs: Option<Permission>,
@@ -67,7 +68,7 @@ pub struct Method {
 }
 
 impl Method {
-    /// Whether it may be called in this role; `None` is somebody without an account.
+    /// Returns whether it may be called in this role; `None` is a caller without an account.
     pub fn is_allowed(&self, role: Option<Role>) -> bool {
         self.needs.is_none_or(|permission| role.is_some_and(|role| role.may(permission)))
     }

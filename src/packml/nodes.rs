@@ -1,4 +1,5 @@
-//! The one table of nodes: where each stands, what it is, its unit and meaning, and how its value follows from what is known.
+//! The one table of nodes: the place of each, its kind, its unit and meaning, and how its value follows from the
+//! known state.
 
 use super::snapshot::{Snapshot, Verified, alarm_id};
 use super::unit::{UnitMode, UnitState};
@@ -13,7 +14,7 @@ pub struct Node {
     pub path: &'static str,
     /// What its values are.
     pub kind: Kind,
-    /// Their unit; empty where they have none.
+    /// Their unit; empty if they have none.
     pub unit: &'static str,
     /// What it means.
     pub meaning: &'static str,
@@ -51,7 +52,7 @@ fn robot(now: &Snapshot) -> Value {
     some(now.state, |state| Value::String(state.facts.robot.word().to_owned()))
 }
 
-/// Why the unit does not work on a panel: the first reason, where it neither works nor is on its way to.
+/// Returns why the unit does not work on a panel: the first reason, if the unit neither works nor is about to.
 fn stop_reason(now: &Snapshot) -> Option<&Reason> {
     use UnitState::{Completing, Execute, Resetting, Starting, Unholding};
     let works = matches!(unit_state(now)?, Starting | Execute | Unholding | Completing | Resetting);

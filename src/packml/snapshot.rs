@@ -8,7 +8,7 @@ use crate::verdict::{Reason, Verdict};
 /// What is known of the cell at one moment. What is not known is absent, never a default.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Snapshot {
-    /// Whether the service's loop answers now; where it does not, all else is what it said last.
+    /// Whether the service's loop answers now; if it does not, all other fields are its last report.
     pub answers: bool,
     /// The state of the cycle's table.
     pub state: Option<State>,
@@ -16,7 +16,7 @@ pub struct Snapshot {
     pub in_state_s: u32,
     /// As `in_state_s`, of the mode.
     pub in_mode_s: u32,
-    /// The phase inside of Execute; where the cycle is held, the one in which it goes on.
+    /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
     /// The cycle that runs, or ran last since the service started.
     pub cycle: Option<i64>,
@@ -36,7 +36,7 @@ pub struct Snapshot {
     pub verdict: Option<Verdict>,
     /// Why the cell is in its state, and what was found wrong last.
     pub reasons: Vec<Reason>,
-    /// Words of the requests that the table would take now.
+    /// Words of the requests that the table would accept now.
     pub possible: Vec<&'static str>,
     /// Whether the cycle waits for a person's word on a result.
     pub is_review: bool,
@@ -44,7 +44,7 @@ pub struct Snapshot {
     pub part: PartNames,
     /// The grids of the cycle's panel, in order.
     pub grids: Vec<GridState>,
-    /// Verifications, where there were any: of the 3D camera, the camera on the flange, and the tool.
+    /// Verifications, if there were any: of the 3D camera, the camera on the flange, and the tool.
     pub scanner: Option<Verified>,
     /// As `scanner`.
     pub flange_camera: Option<Verified>,
@@ -106,7 +106,7 @@ pub struct CycleCounts {
     pub failed: u32,
     /// With the verdict reject: the panel was not treated.
     pub rejected: u32,
-    /// With the verdict invalid: the test says nothing.
+    /// With the verdict invalid: the test gives no result.
     pub invalid: u32,
     /// Ended by an abort or a stop.
     pub aborted: u32,
@@ -121,7 +121,7 @@ impl CycleCounts {
         passed + failed + rejected + invalid + aborted + other
     }
 
-    /// Those whose panel is not good.
+    /// The cycles in which the panel is not good.
     pub fn defective(&self) -> u32 {
         self.failed + self.rejected
     }

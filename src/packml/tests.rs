@@ -69,7 +69,7 @@ fn the_mode_follows_the_robots_switch_and_what_the_cycle_is_for() {
     }
 }
 
-/// A client trusts the type that a node says.
+/// A client trusts the data type that a node states.
 #[test]
 fn each_value_is_of_its_nodes_kind_in_every_state() {
     let full = full();

@@ -26,7 +26,7 @@ pub enum UnitState {
 }
 
 impl UnitState {
-    /// The state of the unit where the cycle is in this one.
+    /// Returns the state of the unit for this state of the cycle.
     pub fn of(at: At) -> Self {
         match at {
             At::Stopped => UnitState::Stopped,
@@ -75,7 +75,7 @@ pub enum UnitMode {
 }
 
 impl UnitMode {
-    /// The mode while the cycle stands so. The robot's switch goes before what a cycle is for.
+    /// Returns the mode for this state of the cycle. The robot's switch has priority over the purpose of the cycle.
     pub fn of(state: &State) -> Self {
         match state.facts.robot {
             Robot::NotAutomatic => UnitMode::Manual,

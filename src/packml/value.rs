@@ -47,7 +47,7 @@ impl Kind {
 }
 
 impl Value {
-    /// What it is; `None` where there is none.
+    /// Returns its kind; `None` if there is no value.
     pub fn kind(&self) -> Option<Kind> {
         Some(match self {
             Value::Absent => return None,

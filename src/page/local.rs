@@ -21,15 +21,15 @@ pub enum LocalError {
         "{address}: this page is for the browser on this computer alone: name an address such as 127.0.0.1:8090"
     )]
     NotLoopback {
-        /// As asked for.
+        /// The requested address.
         address: SocketAddr,
     },
     /// The system refuses.
     #[error("{address}: the page cannot be served here: {source}; name another port")]
     System {
-        /// As asked for.
+        /// The requested address.
         address: SocketAddr,
-        /// What it says.
+        /// The system's error.
         source: std::io::Error,
     },
 }
@@ -42,16 +42,16 @@ pub struct Local {
     key: String,
 }
 
-/// Who may ask: the host that a browser on this computer names.
+/// The accepted hosts: those that a browser on this computer names.
 struct Gate {
     hosts: [String; 2],
 }
 
 impl Local {
-    /// Listens on a loopback address; port 0 takes a free one.
+    /// Listens on a loopback address; port 0 selects a free one.
     ///
     /// # Errors
-    /// Where the address is another computer's way in, or is taken.
+    /// If other computers can reach the address, or it is in use.
     pub fn listen(address: SocketAddr) -> Result<Self, LocalError> {
         if !address.ip().is_loopback() {
             return Err(LocalError::NotLoopback { address });
@@ -74,10 +74,10 @@ impl Local {
         format!("/{}/{page}", self.key)
     }
 
-    /// Serves these pages until `done` is told or dropped.
+    /// Serves these pages until `done` is signalled or dropped.
     ///
     /// # Errors
-    /// Where the system refuses.
+    /// If the system refuses.
     pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
         let Local { runtime, listener, address, .. } = self;
         let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
@@ -94,7 +94,8 @@ impl Local {
     }
 }
 
-/// Lets a request through that names this computer as its host; whatever is served is kept nowhere and framed by nobody.
+/// Passes on a request that names this computer as its host. Responses are not cached and cannot be framed by
+/// another page.
 async fn pass(State(gate): State<Arc<Gate>>, request: Request<Body>, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| gate.hosts.iter().any(|own| own == host)) {

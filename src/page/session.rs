@@ -6,7 +6,7 @@ use serde_json::json;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// How often something was saved, and whom to tell that the person is done.
+/// The number of savings, and the channel that signals that the person is done.
 pub(super) struct Session(Mutex<(u32, Option<oneshot::Sender<()>>)>);
 
 impl Session {
@@ -26,7 +26,7 @@ impl Session {
         self.lock().0
     }
 
-    /// Tells, once, that the person is done.
+    /// Signals, once, that the person is done.
     pub fn end(&self) -> Response {
         if let Some(tell) = self.lock().1.take() {
             #[expect(clippy::let_underscore_must_use, reason = "refused where it has ended already")]

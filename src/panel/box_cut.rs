@@ -1,6 +1,7 @@
-//! Where the search box cuts the panel: its surface continues beyond a face of the box.
+//! Finds where the search box cuts the panel: its surface continues beyond a face of the box.
 //!
-//! What lies outside of the box is neither taught nor searched, and the panel's border there is the box's and no edge.
+//! The part outside the box is neither taught nor searched. There the panel's border is the border of the box and
+//! not an edge.
 
 use super::extent::{self, is_held};
 use super::segment::max_step_mm;
@@ -19,7 +20,7 @@ pub struct BoxCut {
     pub key: &'static str,
     /// X, Y or Z: 0, 1 or 2.
     pub axis: usize,
-    /// Where the face is, mm.
+    /// The position of the face, mm.
     pub face_mm: f64,
     /// How many pixels of the panel's border continue beyond it.
     pub border_px: usize,
@@ -113,7 +114,8 @@ mod tests {
         (panel.box_cut(recipe.locate()), highest_mm)
     }
 
-    /// The simulated cell's box holds its panel, whose region ends 15 mm below its upper edge; a box that ends 7 mm below the edge cuts it.
+    /// The simulated cell's box contains its panel; the region ends 15 mm below the panel's upper edge. A box that
+    /// ends 7 mm below the edge cuts the panel.
     #[test]
     fn a_box_that_cuts_the_panel_is_named() {
         let cell = Cell::new(4, Scene::Good, 4);

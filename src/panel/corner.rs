@@ -1,8 +1,9 @@
-//! A taught corner: the pose of the flange camera, the pixel at which it saw the corner, and the corner's position on the panel.
+//! A taught corner: the pose of the flange camera, the pixel at which it saw the corner, and the corner's position
+//! on the panel.
 //!
 //! Nominal camera pose and reference pixel are taught together (thesis 3.9). The corner's position on the panel is
-//! where the reference pixel's ray meets the plane of the surface beside it. From this position the expected pixel follows for
-//! every camera pose, not only for the nominal one.
+//! the intersection of the reference pixel's ray with the plane of the surface beside it. From this position the
+//! expected pixel follows for every camera pose, not only for the nominal one.
 
 use super::error::LearnError;
 use super::taught::TaughtPanel;
@@ -18,7 +19,7 @@ const MAX_DISTANCE_MM: f64 = 15.0;
 pub struct CornerTeaching {
     /// The corner's pixel in the taught picture.
     pub reference_px: Pixel,
-    /// Where the camera stood, `wT_nominalCP` of the thesis.
+    /// The camera's pose, `wT_nominalCP` of the thesis.
     pub panel_from_camera: Rigid<Panel, FlangeCamera>,
 }
 
@@ -42,10 +43,11 @@ impl TaughtCorner {
 }
 
 impl TaughtPanel {
-    /// Finds the place of a taught corner on the panel.
+    /// Finds the position of a taught corner on the panel.
     ///
     /// # Errors
-    /// Where the reference pixel's ray passes the panel's outline at more than a rounding's distance.
+    /// If the distance between the reference pixel's ray and the panel's outline is larger than the rounding of a
+    /// corner explains.
     pub fn corner(&self, teaching: CornerTeaching, camera: &PinholeCamera) -> Result<TaughtCorner, LearnError> {
         let Pixel { u, v } = teaching.reference_px;
         let off = LearnError::CornerOffPanel { u, v };

@@ -4,7 +4,8 @@ use super::region::GridId;
 use crate::geometry::Pixel;
 use crate::imaging::ImagingError;
 
-/// Where points are missing, the neighbourhood of a plane is doubled up to this, px: some 15 mm, over which a panel is nearly flat.
+/// If points are missing, the neighbourhood of a plane is doubled up to this size, px: some 15 mm, over which a
+/// panel is nearly flat.
 pub(super) const WIDEST_HALF_WIDTH_PX: usize = 40;
 
 /// Why a scan does not teach a panel.
@@ -63,7 +64,7 @@ pub enum LearnError {
         /// Its height, px.
         height: usize,
     },
-    /// A grid has a hole where its edge should be, and no surface around it.
+    /// A grid has a hole at its edge, and no surface around the hole.
     #[error(
         "grid {grid} has too few scan points around its edge at ({u:.0}, {v:.0}) px to say where the surface is there; scan again, at a \
          steeper angle or with a longer exposure, or move the region"
@@ -79,7 +80,7 @@ pub enum LearnError {
     /// The region's corners enclose nothing.
     #[error("the region's four corners enclose no area")]
     EmptyRegion,
-    /// No panel lies where a corner picture looks.
+    /// No panel lies in the view of a corner picture.
     #[error(
         "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel's outline; is the flange pose right, \
          and where the recipe has outline_px, does that follow the panel's edge?"
@@ -100,9 +101,9 @@ pub enum LearnError {
 pub struct WrongCorner {
     /// Which one, from 1.
     pub corner: usize,
-    /// Where the recipe has it.
+    /// Its position in the recipe.
     pub at: Pixel,
-    /// The size of the picture, px, where it lies outside of that.
+    /// The size of the picture, px, if the corner lies outside the picture.
     pub outside_of: Option<[usize; 2]>,
 }
 
@@ -121,7 +122,7 @@ fn list(corners: &[WrongCorner]) -> String {
     corners.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// What the search box holds away from where the panel was looked for.
+/// Describes the content of the search box outside the place at which the panel was searched.
 fn elsewhere(largest: usize) -> String {
     match largest {
         0 => "nor does any other".to_owned(),

@@ -1,8 +1,8 @@
-//! Which pixels of the taught scan belong to the panel, and where its outline runs.
+//! Finds which pixels of the taught scan belong to the panel, and where its outline runs.
 //!
-//! Without an outline in the recipe, the panel is the connected piece of the scan in the search box under the region's centre.
-//! With one, it is everything inside of that polygon and on the panel's surface, however many points are missing. Where
-//! a holder or clamp touches the panel, neither surface nor outline is used.
+//! Without an outline in the recipe, the panel is the connected piece of the scan in the search box under the
+//! region's centre. With an outline, the panel is everything inside that polygon and on the panel's surface, even
+//! if many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
 
 use super::error::{LearnError, WrongCorner};
 use super::region::Region;
@@ -19,7 +19,7 @@ const LEAST_PART: f64 = 0.002;
 /// Distance between the points of a drawn outline, px: that of a contour of pixels.
 const OUTLINE_STEP_PX: f64 = 1.0;
 
-/// Who says where the outline runs.
+/// The source of the outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutlineFrom {
     /// The border of the scan's points.
@@ -46,10 +46,10 @@ struct SearchArea<'a> {
 }
 
 impl Extent {
-    /// The panel's extent in a scan of its nominal place.
+    /// Finds the panel's extent in a scan of its nominal place.
     ///
     /// # Errors
-    /// Where no panel lies under the recipe's region, or a corner of the region is not on it.
+    /// If no panel lies under the recipe's region, or a corner of the region is not on the panel.
     pub fn of(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Extent, LearnError> {
         let pixels = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
         let held_px: Vec<[Pixel; 4]> =
@@ -100,7 +100,7 @@ fn walked(corners: &[Pixel]) -> Vec<Pixel> {
 }
 
 impl SearchArea<'_> {
-    /// Corners of the region that are outside of the picture, or are not where `is_on` says.
+    /// Returns the corners of the region that are outside the picture, or for which `is_on` is false.
     fn wrong_corners(&self, is_on: &dyn Fn(Pixel) -> bool) -> Vec<WrongCorner> {
         let (width, height) = (self.scan.width(), self.scan.height());
         let wrong = |(index, &at): (usize, &Pixel)| {

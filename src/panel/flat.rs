@@ -32,9 +32,9 @@ pub struct Flat {
     pub is_hole_empty: bool,
     /// Some points are missing here and there.
     pub dropouts: bool,
-    /// The recipe says where the outline runs.
+    /// The recipe contains the outline.
     pub is_drawn: bool,
-    /// Where the region ends on the right.
+    /// The right end of the region.
     pub region_right_px: f64,
 }
 

@@ -1,8 +1,8 @@
-//! The taught panel: what is known of a panel at its nominal pose, derived from one scan and the recipe.
+//! The taught panel: the data of a panel at its nominal pose, derived from one scan and the recipe.
 //!
-//! The panel's frame equals the robot's base at teaching (thesis 3.8). The scan is kept as it was taken. Crop, outline,
-//! region, grids and corners are derived from it each time it is loaded, so that an improved derivation needs no new
-//! scan. This room does not determine where the panel is now: see `locate`.
+//! The panel's frame equals the robot's base at teaching (thesis 3.8). The scan is kept unchanged. Crop, outline,
+//! region, grids and corners are derived from it each time it is loaded, so that an improved derivation needs no
+//! new scan. This module does not determine where the panel is now: see `locate`.
 
 mod box_cut;
 mod corner;

@@ -1,7 +1,8 @@
-//! Where the region is not panel: it hangs over the panel's edge, or over a hole.
+//! Finds where the region is not on the panel: it extends over the panel's edge, or over a hole.
 //!
-//! Off the panel there is no surface to test or to sand, and what the camera sees there lies far behind. It is measured on the
-//! taught scan, in mm on the panel's surface continued, and named by its grid. A few missing points inside of the panel are no hole.
+//! Off the panel there is no surface to test or to sand, and the surfaces that the camera sees there lie far
+//! behind. Such a part is measured on the taught scan, in mm on the extrapolated surface of the panel, and named by
+//! its grid. A few missing points inside the panel are not a hole.
 
 use super::extent::OutlineFrom;
 use super::region::GridId;
@@ -19,7 +20,7 @@ const NEAR_A_CORNER_PX: f64 = 12.0;
 const MOST_PLACES: usize = 20_000;
 /// Points of the outline that they are measured to: each second one.
 const OUTLINE_STEP: usize = 2;
-/// Half the width of the neighbourhood from which the surface is continued, px: doubled where points are missing.
+/// Half the width of the neighbourhood from which the surface is extrapolated, px: doubled if points are missing.
 const AROUND_PX: [usize; 4] = [5, 10, 20, 40];
 
 /// What the region hangs over.
@@ -36,13 +37,14 @@ pub enum Beyond {
 pub struct OffPanel {
     /// What it hangs over.
     pub beyond: Beyond,
-    /// How far, or how large the hole is: the side of the largest square in it, mm. `None` where no surface is near enough to measure it.
+    /// The overhang, or the size of the hole: the side of its largest inscribed square, mm. `None` if no surface is
+    /// near enough to measure it.
     pub size_mm: Option<f64>,
     /// The place that is farthest out, or the hole's middle, in the taught picture.
     pub at: Pixel,
     /// The grid there.
     pub grid: GridId,
-    /// The region's corner there, from 1, where one is near.
+    /// The region's corner there, from 1, if one is near.
     pub corner: Option<usize>,
     /// All grids with such places.
     pub grids: Vec<GridId>,
@@ -79,8 +81,9 @@ impl OffPanel {
 }
 
 impl TaughtPanel {
-    /// The parts of the region that are not panel: where it hangs farthest over the edge, and each hole in which a square of more than
-    /// `hole_mm` finds place. What lies in `masked_px`, quadrilaterals of the taught picture, is left out.
+    /// Finds the parts of the region that are not on the panel: the place that extends farthest over the edge, and
+    /// each hole that contains a square of more than `hole_mm`. The areas in `masked_px`, quadrilaterals of the
+    /// taught picture, are left out.
     pub fn region_off_panel(&self, hole_mm: f64, masked_px: &[[[f64; 2]; 4]]) -> Vec<OffPanel> {
         let masks: Vec<Vec<Pixel>> =
             masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
@@ -165,7 +168,8 @@ impl TaughtPanel {
         Some(OffPanel { beyond, size_mm, at, grid, corner: corner.map(|index| index + 1), grids })
     }
 
-    /// How far two pixels are apart on the panel's surface, continued from where it is near a third one, mm.
+    /// Returns the distance of two pixels on the panel's surface, extrapolated from its neighbourhood at a third
+    /// pixel, mm.
     fn apart_mm(&self, [one, other]: [Pixel; 2], near: Pixel) -> Option<f64> {
         let at = near.whole(self.scan.width(), self.scan.height())?;
         let plane = AROUND_PX.into_iter().find_map(|half_width_px| self.plane_at(at, half_width_px))?;

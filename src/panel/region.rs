@@ -67,7 +67,7 @@ impl Region {
         Pixel::at(p.x / p.z, p.y / p.z)
     }
 
-    /// Where a pixel lies in the unit square; outside of 0…1 it lies outside of the region.
+    /// Returns the position of a pixel in the unit square; a position outside 0…1 is outside the region.
     pub fn unit(&self, pixel: Pixel) -> Point2<f64> {
         let p = self.unit_from_px * Vector3::new(pixel.u, pixel.v, 1.0);
         Point2::new(p.x / p.z, p.y / p.z)

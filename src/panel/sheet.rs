@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 /// A piece is another thing from this far off the sheet, mm: a clamp or a mark glued on is thicker, and a panel of second order
 /// is met by less at the ends of a gap.
 const MAX_AWAY_MM: f64 = 4.0;
-/// Points that a fit, and the height of a piece, take at most.
+/// Largest number of points that a fit, and the height of a piece, use.
 const FIT_POINTS: usize = 4_000;
 const PIECE_POINTS: usize = 200;
 
@@ -45,15 +45,15 @@ pub(super) struct Sheet {
     pub(super) rms_mm: f64,
 }
 
-/// A place is no farther from the points than their own rim where its tᵀ (Σ t tᵀ / n)⁻¹ t is at most this: 6 is the points' mean, and
-/// the corners of an evenly filled square have 1 + 3 + 3 + 5 + 5 + 9 = 26.
+/// A place is no farther from the points than their own rim if its tᵀ (Σ t tᵀ / n)⁻¹ t is at most this value. The
+/// points' mean is 6, and the corners of an evenly filled square have 1 + 3 + 3 + 5 + 5 + 9 = 26.
 const RIM: f64 = 26.0;
-/// Steps to where a ray meets the sheet, and the last of them at most, mm.
+/// Steps to the intersection of a ray with the sheet, and the largest length of the last step, mm.
 const MEET_STEPS: usize = 20;
 const MET_MM: f64 = 1e-6;
 
 impl Sheet {
-    /// Where the ray meets the sheet; `None` far from the points.
+    /// Returns the intersection of the ray with the sheet; `None` far from the points.
     pub(super) fn meet(&self, viewer: Point<Panel>, ray: Vector<Panel>) -> Option<Point<Panel>> {
         let normal = self.axes.column(2).into_owned();
         let slope = normal.dot(&ray.mm);
@@ -129,8 +129,8 @@ fn some(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
 mod tests {
     use super::*;
 
-    /// By hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the middle of the hole, (50, 25),
-    /// the sheet is at 502.5; far outside, at (400, 25), nothing is said.
+    /// By hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the middle
+    /// of the hole, (50, 25), the sheet is at 502.5; far outside, at (400, 25), there is no result.
     #[test]
     fn a_hole_is_bridged_and_nothing_is_said_far_off() {
         let point = |i: usize| {

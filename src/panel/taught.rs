@@ -15,7 +15,7 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 
 /// The same over a hole, in turn.
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
-/// Points that are farther off that surface say that it has another shape, rms, mm.
+/// If the points are farther off that surface, it has another shape, rms, mm.
 const OFF_SURFACE_MM: f64 = 0.5;
 
 /// One grid of the region on the panel's surface.
@@ -34,17 +34,17 @@ pub struct Grid {
 pub struct TaughtPanel {
     /// The scan in the panel's frame, on the taught picture's pixel grid.
     pub scan: OrganizedCloud<Panel>,
-    /// The 3D camera that took it.
+    /// The 3D camera that took the scan.
     pub camera: PinholeCamera,
-    /// Where that camera stood.
+    /// The pose of that camera.
     pub panel_from_camera: Rigid<Panel, Camera>,
     /// The panel's pixels in the scan.
     pub mask: Mask,
     /// The panel's outline in the taught picture, px, closed.
     pub outline_px: Vec<Pixel>,
-    /// Who says where that runs.
+    /// The source of that outline.
     pub outline_from: OutlineFrom,
-    /// Places in the taught picture where something holds the panel.
+    /// Held places of the panel in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
     /// The outline's points on the surface.
     pub outline: Vec<Point<Panel>>,
@@ -54,7 +54,7 @@ pub struct TaughtPanel {
     pub grids: Vec<Grid>,
 }
 
-/// At teaching the panel's frame is the base (thesis 3.8): the one claim that says so.
+/// At teaching the panel's frame is the base (thesis 3.8): the only claim that states this.
 pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
     Rigid::claim(Isometry3::identity())
 }
@@ -66,7 +66,7 @@ impl TaughtPanel {
     /// Derives the panel from its scan at the nominal place.
     ///
     /// # Errors
-    /// Where no panel lies under the recipe's region, or the region leaves it.
+    /// If no panel lies under the recipe's region, or the region extends beyond it.
     pub fn learn(
         scan: &OrganizedCloud<Camera>,
         camera: PinholeCamera,
@@ -114,7 +114,7 @@ impl TaughtPanel {
         plane.meet(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
     }
 
-    /// The same where points are missing around the pixel, from a neighbourhood as wide as is needed.
+    /// The same if points are missing around the pixel, from a neighbourhood of the necessary width.
     fn surface_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
@@ -138,8 +138,8 @@ impl TaughtPanel {
             .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
     }
 
-    /// The same where a hole is wider still: on the surface of second order through what lies around it, no farther from the points
-    /// than their own rim.
+    /// The same for an even wider hole: on the second-order surface through the points around it, no farther from
+    /// these points than their own rim.
     fn surface_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
@@ -158,14 +158,15 @@ impl TaughtPanel {
         }
     }
 
-    /// The share of the panel inside of a drawn outline that gave points, 0…1; 1 where the points themselves are the outline.
+    /// Returns the share of the panel inside a drawn outline that has points, 0…1; 1 if the points themselves are
+    /// the outline.
     pub fn given(&self) -> f64 {
         if self.outline_from == OutlineFrom::Scan {
             return 1.0;
         }
         let held_px2: f64 = self.held_px.iter().map(|held| polygon::signed_area_px2(held).abs()).sum();
         let whole_px2 = polygon::signed_area_px2(&self.outline_px).abs();
-        // A held place may reach beyond the outline: at most half of it is taken for panel.
+        // A held place may extend beyond the outline: at most half of its area counts as panel.
         (self.mask.count() as f64 / (whole_px2 - held_px2 / 2.0).max(1.0)).min(1.0)
     }
 

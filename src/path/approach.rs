@@ -1,9 +1,9 @@
-//! How the axes stand before contact: the arm's way from its park pose over the views of the taught corners.
+//! The axes before contact: the arm's motion from its park pose through the views of the taught corners.
 //!
-//! Before contact the arm stands at the last corner that Verify looks at, where it came from the park pose: by way of the
-//! ready pose, unless the park pose lies inside of the box, and then by lines from corner to corner; lines keep its
-//! configuration. So that way is part of what is looked at, through the same gate and beside the same obstacles.
-//! What moves is looked at again from the actual axes: see `routes`.
+//! Before contact the arm is at the last corner that Verify looks at. It came there from the park pose through the
+//! ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines keep its
+//! configuration. So these motions are checked too, by the same gate and with the same obstacles. Each actual
+//! motion is checked again from the actual axes: see `routes`.
 
 use super::Kinematics;
 use super::panel_reach::Stand;
@@ -15,42 +15,42 @@ use crate::panel::TaughtCorner;
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// The arm, where it begins, and the corners that its camera can be sent to.
+/// The arm, its start, and the corners that its camera can be sent to.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerTour<'a> {
     /// The cell's limits.
     pub limits: &'a Limits,
     /// The arm.
     pub arm: &'a cell::Arm,
-    /// Where it parks.
+    /// Its park pose.
     pub park: Joints,
-    /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
+    /// `[poses.ready]`: on the way to and from the park pose, if the cell names one.
     pub ready: Option<Joints>,
     /// How the flange camera is mounted.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// Where the sanding tool's contact is.
+    /// The contact point of the sanding tool.
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The taught corners.
     pub corners: &'a [TaughtCorner],
 }
 
-/// Where the panel stands, the corners that are looked at before contact, in this order, and what the arm keeps off on its
-/// way to them.
+/// The panel's place, the corners that are viewed before contact, in this order, and the obstacles that the arm
+/// avoids on its way to them.
 #[derive(Debug, Clone, Copy)]
 pub struct Approach<'a> {
     /// The place.
     pub base_from_panel: Rigid<Base, Panel>,
     /// Numbers of taught corners, from 0.
     pub corners: &'a [usize],
-    /// The panel and what else a scan showed; `None` where there is no scan.
+    /// The panel and everything else that a scan showed; `None` without a scan.
     pub obstacles: Option<&'a Arc<Obstacles>>,
 }
 
 impl<'a> CornerTour<'a> {
-    /// The panel before the arm as it will stand there, with its sanding tool.
+    /// Returns the panel before the arm as it will be there, with its sanding tool.
     ///
     /// # Errors
-    /// Where there is no corner, or the arm does not come to one of them.
+    /// If there is no corner, or the arm does not reach one of them.
     pub fn stand<'k>(&self, kinematics: &'k Kinematics, panel: &Approach<'_>) -> Result<Stand<'k>, Reason> {
         let mut at = self.begin(kinematics, panel.obstacles)?;
         for &corner in panel.corners {
@@ -63,10 +63,11 @@ impl<'a> CornerTour<'a> {
         Ok(Stand { arm: kinematics, flange_from_tool, base_from_panel, from: Some(at) })
     }
 
-    /// The first corners, at most so many, that the arm comes to where nothing is in the way but what the cell's file says.
+    /// Returns the first corners, up to this number, that the arm reaches if only the obstacles of the cell's file
+    /// are in the way.
     ///
     /// # Errors
-    /// Where no corner was taught, or the arm comes to none of them.
+    /// If no corner was taught, or the arm reaches none of them.
     pub fn corners_in_reach(
         &self,
         kinematics: &Kinematics,
@@ -95,7 +96,7 @@ impl<'a> CornerTour<'a> {
         Rigid::claim(*self.flange_from_camera.isometry())
     }
 
-    /// How the axes stand where the first line begins.
+    /// Returns the axes at the start of the first line.
     fn begin(&self, kinematics: &Kinematics, obstacles: Option<&Arc<Obstacles>>) -> Result<Joints, Reason> {
         let park_is_inside = self.limits.workspace().is_some_and(|workspace| {
             let flange = kinematics.base_from_flange(&self.park);
@@ -113,7 +114,7 @@ impl<'a> CornerTour<'a> {
         Ok(ready)
     }
 
-    /// How the axes stand at a corner, where they come by a line from `at`.
+    /// Returns the axes at a corner that is reached by a line from `at`.
     fn joints_at_corner(
         &self,
         kinematics: &Kinematics,

@@ -88,7 +88,7 @@ fn nearest_next(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> Vec<(usize,
     order
 }
 
-/// The order with one piece of it turned about, where that is shorter.
+/// Returns the order with one part of it reversed, if that is shorter.
 fn shortened(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
     let now_mm = way_mm(ends, order);
     for from in 0..order.len() {

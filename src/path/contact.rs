@@ -1,12 +1,13 @@
 //! How a path approaches the panel, stays in contact and retracts.
 //!
-//! Through the air to a place beside the first one in contact, down to the landing height, then along the surface to the
-//! first place while the last millimetres are lost: the disc touches while it moves. Leaving is the same backwards. The
-//! landing's way runs over the area's own middle, so nothing outside of it is touched. Over a hole it goes on at the
-//! landing height. In contact the tool's point goes into the panel by the press-in, which the pad takes up. The feed is the one
-//! that makes the times under the disc even, in the air the recipe's, or less where the controller could not plan lines so
-//! short in time (`eki` 4.2); corners are rounded by a share of the shorter line beside them,
-//! at least never by more than half of it. A path stops at its ends alone, and on the panel where it comes straight down.
+//! The tool moves through the air to a place beside the first one in contact and down to the landing height. Then
+//! it moves along the surface to the first place while it loses the last millimetres: the disc touches while it
+//! moves. Leaving is the same backwards. The landing runs over the area's own middle, so nothing outside the area
+//! is touched. Over a hole the path continues at the landing height. In contact the tool's point goes into the
+//! panel by the press-in, which the pad absorbs. In contact the feed is the one that makes the times under the disc
+//! even; in the air it is the recipe's feed. The feed is lower if the controller could not plan such short lines in
+//! time (`eki` 4.2). Corners are rounded by a share of the shorter adjacent line, and never by more than half of
+//! that line. A path stops only at its ends, and on the panel if it comes straight down.
 
 use super::orientation::{OrientationError, Stance, panel_from_tool};
 use super::piece::Piece;
@@ -16,7 +17,7 @@ use crate::geometry::{Panel, Rigid, Tool};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
 
-/// A place to stand at.
+/// A place of the tool on the path.
 #[derive(Clone, Copy)]
 struct Station {
     at: Parameter,
@@ -26,7 +27,8 @@ struct Station {
     feed_mm_s: f64,
 }
 
-/// The path over one piece of work, its feeds being those on the way to each place of its track, from above where the one before ended; and where it ends itself.
+/// Returns the path over one piece of work, and its end. The feeds apply on the way to each place of its track. The
+/// path begins above the end of the path before it.
 pub(super) fn tool_path(
     surface: &BSplineSurface,
     (piece, feeds_mm_s): (&Piece, &[f64]),
@@ -57,8 +59,8 @@ pub(super) fn tool_path(
     Ok((ToolPath { grids, waypoints: waypoints(surface, &stations, settings)? }, Some(up.unwrap_or(last))))
 }
 
-/// A place the landing's way from an end of the track, towards the middle of the area, or away from an end that lies
-/// there itself; `None` where the recipe lands straight down.
+/// Returns a place at the landing's length from an end of the track, towards the middle of the area, or away from
+/// an end that lies in the middle itself; `None` if the recipe lands straight down.
 fn beside(surface: &BSplineSurface, piece: &Piece, end: Parameter, settings: &recipe::Path) -> Option<Parameter> {
     let landing_mm = settings.landing_mm();
     let from = surface.point(end);

@@ -1,7 +1,7 @@
 //! Coverage: the share of a grid that the disc reaches, and the resulting distance between neighbouring rows.
 //!
-//! A sample of the surface is covered where its distance to the contact track is at most the disc's radius. Samples
-//! stand about 1 mm apart and weigh |S_u × S_v| each. The disc is taken as wholly in contact: a compliant pad.
+//! A sample of the surface is covered if its distance to the contact track is at most the disc's radius. Samples
+//! are about 1 mm apart and weigh |S_u × S_v| each. The whole disc is assumed to be in contact: a compliant pad.
 
 use crate::geometry::{Panel, Point};
 use crate::panel::GridId;
@@ -19,7 +19,7 @@ pub struct GridCoverage {
     pub id: GridId,
     /// Its area on the surface, mm².
     pub area_mm2: f64,
-    /// What of it the disc touches, mm².
+    /// The part of this area that the disc touches, mm².
     pub covered_mm2: f64,
 }
 
@@ -85,7 +85,8 @@ fn foot(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64)
     (share, (offset - piece * share).norm())
 }
 
-/// Distances of a row's waypoints to the next row, mm, where that one runs beside them; turns apart.
+/// Returns the distances of a row's waypoints to the next row, mm, if the next row runs beside them; turns are left
+/// out.
 pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
     if let ([point], [other]) = (row, next) {
         return vec![point.distance_mm(*other)];

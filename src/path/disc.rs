@@ -4,15 +4,15 @@ use super::planned::Plan;
 use crate::recipe;
 use crate::verdict::{Check, SetBy};
 
-/// What a plan asks of the discs.
+/// The wear of the discs by a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscUse {
     /// Panel that the disc sweeps, overlaps counted each time, mm².
     pub swept_mm2: f64,
-    /// What is worn of the disc in use once the plan is done, mm²; more than a disc's life where it must be changed on
-    /// the way.
+    /// Wear of the disc in use once the plan is done, mm²; more than a disc's life if it must be changed on the
+    /// way.
     pub worn_after_mm2: f64,
-    /// What one disc lasts for, mm²; `None` where the recipe does not count.
+    /// Life of one disc, mm²; `None` if the recipe does not count it.
     pub life_mm2: Option<f64>,
 }
 
@@ -23,7 +23,7 @@ impl DiscUse {
         DiscUse { swept_mm2, worn_after_mm2: worn_mm2 + swept_mm2, life_mm2: settings.disc_life_mm2() }
     }
 
-    /// Discs that the plan wears, whole and in part; `None` where they are not counted.
+    /// Returns the discs that the plan wears, whole and in part; `None` if they are not counted.
     pub fn discs(&self) -> Option<f64> {
         self.life_mm2.map(|life_mm2| self.swept_mm2 / life_mm2)
     }
@@ -33,7 +33,7 @@ impl DiscUse {
         self.life_mm2.is_some_and(|life_mm2| self.worn_after_mm2 > life_mm2)
     }
 
-    /// What is worn of the disc in use once `what` is done; a new one is asked for where it would not last.
+    /// Checks the wear of the disc in use once `what` is done; a new disc is requested if this one would not last.
     pub fn check(&self, name: &'static str, what: &str) -> Check {
         let Some(life_mm2) = self.life_mm2 else { return Check::new(name, "mm²", None) };
         let check = Check::new(name, "mm²", self.worn_after_mm2);

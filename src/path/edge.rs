@@ -1,7 +1,8 @@
 //! How far the disc reaches beyond the panel's outline.
 //!
-//! The overhang at a contact point is R − d inside the outline and R + d outside of it, d its distance to the
-//! nearest outline point. Inside or outside is told in the outline's mean plane, so a panel must not bend by 180°.
+//! The overhang at a contact point is R − d inside the outline and R + d outside the outline, d being the distance
+//! to the nearest outline point. Inside or outside is determined in the outline's mean plane, so a panel must not
+//! bend by 180°.
 
 use crate::geometry::{Panel, Pixel, Point, polygon};
 use nalgebra::Vector3;
@@ -12,7 +13,7 @@ const BLOCK: usize = 32;
 /// How far a disc reaches beyond the outline along a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Overhang {
-    /// The farthest, mm; 0 where the disc stays on the panel.
+    /// The largest overhang, mm; 0 if the disc stays on the panel.
     pub largest_mm: f64,
     /// Share of contact waypoints with more than is allowed, 0…1.
     pub share_beyond: f64,
@@ -46,12 +47,12 @@ impl Outline {
         }
     }
 
-    /// Is there an outline at all?
+    /// Returns whether there is an outline at all.
     pub(super) fn is_known(&self) -> bool {
         !self.points.is_empty()
     }
 
-    /// How far a disc of this radius around a contact reaches beyond the outline, mm; 0 where it does not.
+    /// Returns how far a disc of this radius around a contact reaches beyond the outline, mm; 0 if it does not.
     pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
         let (_, distance_mm) = self.nearest(contact);
         if self.holds(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
@@ -102,8 +103,8 @@ fn flat([x, y]: [Vector3<f64>; 2], point: Point<Panel>) -> Pixel {
 mod tests {
     use super::*;
 
-    /// By hand: in a square of ±50 mm that stands upright, a disc of 15 mm at 40 mm reaches 5 mm over the edge, in
-    /// the middle none, and 10 mm beyond the edge 25.
+    /// By hand: in an upright square of ±50 mm, a disc of 15 mm at 40 mm reaches 5 mm over the edge. In the middle
+    /// it does not reach over the edge, and 10 mm beyond the edge it reaches 25.
     #[test]
     fn a_disc_at_the_edge_of_an_upright_square() {
         let corner = |n: usize| {

@@ -1,12 +1,13 @@
-//! How long each place is under the disc, and the feeds that make it even.
+//! The time that each place is under the disc, and the feeds that make it even.
 //!
-//! A line that is travelled at w = 1 / feed holds a place within the disc's radius R of it under the disc for c w, c being
-//! the length of the line that lies within R of the place. All places together: t = C w. Near the border of what is
-//! treated fewer lines pass than in its middle, so there the feed is lower: with a wanted time t₀,
+//! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for c w, c being the
+//! length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
+//! fewer lines pass than in its middle, so there the feed is lower. With a wanted time t₀,
 //!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
-//! brings C w near to t₀ and keeps w positive; w stays between that of the recipe's feed, or of what the controller can
-//! plan, and [`SLOWEST`] times as much. t₀ is what the long times are at an equal feed, and at least the time of rows that
-//! lie beside one another without an end. All areas of a plan are looked at together, because neighbours lap.
+//! brings C w near to t₀ and keeps w positive. The lower limit of w is that of the recipe's feed, or of the feed
+//! that the controller can plan; the upper limit is [`SLOWEST`] times as much. t₀ is the level of the long times at
+//! an equal feed, and at least the time of adjacent rows without an end. All areas of a plan are treated together,
+//! because neighbours overlap.
 
 use super::piece::Piece;
 use crate::geometry::{Panel, Point};
@@ -22,7 +23,8 @@ const SLOWEST: f64 = 3.0;
 const STEPS: usize = 15;
 /// The wanted time is that which this share of the places has at most, at an equal feed.
 const WANTED: f64 = 0.9;
-/// A time this much longer than wanted or shorter counts as so much alone: one place must not rule a line.
+/// A time that is longer or shorter than wanted by more than this factor counts only as this factor: one place must
+/// not dominate a line.
 const MOST_WEIGHT: f64 = 3.0;
 
 /// The feeds along the lines of each piece, and the times that come of them.
@@ -30,13 +32,13 @@ const MOST_WEIGHT: f64 = 3.0;
 pub(super) struct Even {
     /// For each piece the feed on the way to each place of its track, mm/s.
     pub feeds_mm_s: Vec<Vec<f64>>,
-    /// Over all that is treated; `None` where nothing is.
+    /// Over the whole treated area; `None` if nothing is treated.
     pub all: Option<Spread>,
     /// The same for each grid.
     pub grids: Vec<(GridId, Spread)>,
 }
 
-/// Lowers the feed where that makes the times under the disc more even.
+/// Lowers the feed at places at which this makes the times under the disc more even.
 pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], settings: &recipe::Path) -> Even {
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let ids: Vec<GridId> = pieces.iter().flat_map(|piece| piece.area.grids.iter().copied()).collect();
@@ -83,7 +85,7 @@ struct Line {
     reach: [f64; 2],
 }
 
-/// The ways between neighbouring places of a track; `None` where the tool is lifted.
+/// The lines between neighbouring places of a track; `None` if the tool is lifted.
 fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<Line>> {
     let line = |(ends, contact): (&[Parameter], &[bool])| {
         let [from, to] = [ends[0], ends[1]];
@@ -121,7 +123,8 @@ impl Places {
         Places { net, points, area_mm2 }
     }
 
-    /// Tells each place that the disc passes on a line, with the length of the line that lies within the radius of it, mm.
+    /// Calls back for each place that the disc passes on a line, with the length of the line within the radius of
+    /// the place, mm.
     fn under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
         let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
         let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };

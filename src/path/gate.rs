@@ -1,9 +1,9 @@
 //! Judges a plan before anything moves: whole paths, rejected and never clipped.
 //!
-//! Looks at the poses as they would be sent, not at how they were made: every number finite, no large step, no large
-//! turn between neighbours, contact only between air and air. Then at what the plan reaches: coverage, and the disc
-//! beyond the panel's outline. Does not know the robot: reach, speed of the axes and keep-out boxes come where it is
-//! known.
+//! Checks the poses as they would be sent, not how they were made: every number finite, no large step, no large
+//! turn between neighbours, contact only between air and air. Then it checks the plan's results: coverage, and the
+//! disc beyond the panel's outline. It does not know the robot: reach, speed of the axes and keep-out boxes are
+//! checked in the modules that know it.
 
 use super::coverage::{GridCoverage, MIN_COVERAGE};
 use super::planned::{Plan, ToolPath, Waypoint};
@@ -17,10 +17,10 @@ use nalgebra::{Isometry3, Vector3};
 
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
-/// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
+/// Waypoints may be farther apart than requested by this factor: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
 
-/// Accepts a plan, asks a person, or rejects it, with reasons.
+/// Accepts a plan, requests a person's decision, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     judged(plan, settings).1
 }
@@ -46,8 +46,8 @@ pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
     Vector::new(mean).direction()
 }
 
-/// The gate before a motion on a whole plan where the panel stands, from its first waypoint on: the cell's box, steps,
-/// turns, and the tilt against the taught direction. Lists what is not as it must be.
+/// Applies the gate before a motion to a whole plan at the panel's place, from its first waypoint on: the cell's
+/// box, steps, turns, and the tilt against the taught direction. Lists the violations.
 pub fn broken_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Vec<Check> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> =
@@ -61,21 +61,22 @@ pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
 /// How the check of a grid begins of which the disc reaches too little.
 pub const OF_GRID: &str = "coverage of grid ";
 
-/// Largest share of the pad's stroke that the error at the tool may take.
+/// Largest share of the pad's stroke that the error at the tool may use.
 const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
 
-/// Accepts a press-in, or rejects it: the pad must take up the error at the tool (`[limits] tool_error_mm`) three times.
+/// Accepts a press-in, or rejects it: the pad must be able to absorb three times the error at the tool (`[limits]
+/// tool_error_mm`).
 pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
     Judgement::of_checks(&check_pad(settings, tool_error_mm))
 }
 
-/// The error at the tool against what the pad takes up; none where nothing is pressed in.
+/// Checks the error at the tool against the error that the pad absorbs; none if nothing is pressed in.
 pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
     let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
     let allowed_mm = ERROR_OF_STROKE * stroke_mm;
     let check =
         Check::new(TOOL_ERROR, "mm", tool_error_mm).at_most(allowed_mm, SetBy::recipe("path.pad_stroke_mm"));
-    // An error that nobody stated is none that the pad takes up.
+    // If the error is not stated, the pad does not count as absorbing it.
     let is_taken_up = tool_error_mm.is_some() && check.is_kept();
     Some(check.broken(!is_taken_up, Severity::Reject, "pad_stroke", || match tool_error_mm {
         Some(error_mm) => {

@@ -1,10 +1,11 @@
-//! Which axis angles put the flange where, for the cell's arm: the analytic solver behind our types.
+//! Finds the axis angles for a flange pose of the cell's arm: the analytic solver behind our types.
 //!
-//! Up to eight ways lead to a pose: in front of axis 1 or over the head, elbow up or down, wrist or wrist turned over;
-//! each axis may stand a whole turn on. The solver is `rs-opw-kinematics`; what it returns it has checked against its
-//! own forward solution. Where the arm's own errors were measured, poses are where the flange truly is; the controller, which
-//! knows only the drawing, is sent others: `sent_flange`. Knows nothing of limits of speed, paths or panels: see `reach`.
-//! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
+//! A pose has up to eight solutions: in front of axis 1 or overhead, elbow up or down, wrist normal or turned over.
+//! Each axis may also be a whole turn further. The solver is `rs-opw-kinematics`; it checks its results against its
+//! own forward solution. If the arm's own errors were measured, poses are the true poses of the flange; the
+//! controller, which has only the drawing, is sent other poses: `sent_flange`. This module does not handle limits
+//! of speed, paths or panels: see `reach`. Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop
+//! 2014.
 
 use super::obstacles::Obstacles;
 use crate::calib::robot::{ArmPose, Correction};
@@ -20,7 +21,7 @@ use std::sync::Arc;
 /// Angles of the axes, degrees, axis 1 first.
 pub(super) type Angles = [f64; 6];
 
-/// An arm that can be asked.
+/// The kinematic model of an arm.
 #[derive(Debug, Clone)]
 pub struct Kinematics {
     arm: Arm,
@@ -29,11 +30,11 @@ pub struct Kinematics {
     obstacles: Option<Arc<Obstacles>>,
 }
 
-/// The axes settle to this, degrees, where a correction depends on them.
+/// Accuracy to which the axes settle if a correction depends on them, degrees.
 const SETTLED_DEG: f64 = 1e-9;
 const MOST_STEPS: usize = 10;
 
-/// Where the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
+/// The points at which the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
 pub(super) type Skeleton = [Point<Base>; 4];
 
 impl Kinematics {
@@ -72,7 +73,7 @@ impl Kinematics {
         &self.arm
     }
 
-    /// Where the flange is; `None` for angles that are no numbers.
+    /// Returns the flange pose; `None` for angles that are not numbers.
     pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let drawn = self.drawn_flange(joints)?;
         match &self.correction {
@@ -83,7 +84,7 @@ impl Kinematics {
         }
     }
 
-    /// Where the flange would be were the arm as it is drawn: what the controller computes.
+    /// Returns the flange pose of the arm as drawn: the pose that the controller computes.
     pub fn drawn_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let pose = self.solver.try_forward(&joints.degrees().map(f64::to_radians)).ok()?;
         let (t, q) = (pose.translation, pose.rotation);
@@ -91,14 +92,14 @@ impl Kinematics {
         Some(Rigid::claim(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
     }
 
-    /// Where the flange truly is when the controller reports this pose and these axes.
+    /// Returns the true flange pose when the controller reports this pose and these axes.
     pub fn true_flange(&self, reported: Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
         let pose = ArmPose { joints: Some(*joints), base_from_flange: reported };
         self.correction.as_ref().and_then(|correction| correction.base_from_flange(&pose)).unwrap_or(reported)
     }
 
-    /// The pose that the controller has to be sent so that the flange comes to this one, and the axes there, in the
-    /// configuration of `near`; `None` where no axes lead there.
+    /// Returns the pose to send to the controller so that the flange comes to this one, and the axes there, in the
+    /// configuration of `near`; `None` if no axes lead there.
     pub fn sent_flange(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -126,8 +127,8 @@ impl Kinematics {
         self.correction.as_ref().is_none_or(|correction| correction.covers(base_from_flange))
     }
 
-    /// All ways to put the flange there, whatever the axes' limits, each axis within half a turn of zero; none where it
-    /// is out of reach.
+    /// Returns all axis solutions for this flange pose, regardless of the axes' limits, each axis within half a
+    /// turn of zero; none if the pose is out of reach.
     pub(super) fn ways(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<Angles> {
         let drawn = self.drawn_ways(base_from_flange);
         if self.correction.is_none() {
@@ -144,7 +145,7 @@ impl Kinematics {
         self.solver.inverse(&pose).into_iter().map(|way| way.map(f64::to_degrees)).collect()
     }
 
-    /// How far the wrist's centre lies beyond what the arm spans, mm; 0 where it is spanned.
+    /// Returns how far the wrist's centre lies outside the arm's span, mm; 0 if it lies inside.
     pub(super) fn beyond_reach_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
         let g = self.arm.geometry();
         let wrist = wrist(base_from_flange, g);
@@ -168,7 +169,7 @@ impl Kinematics {
         wrist(base_from_flange, self.arm.geometry()).xy().norm()
     }
 
-    /// Where the arm's middle line bends.
+    /// Returns the points at which the arm's middle line bends.
     pub(super) fn skeleton(&self, angles: &Angles) -> Skeleton {
         let g = self.arm.geometry();
         let q = |axis: usize| (angles[axis] * f64::from(g.signs[axis]) - g.offsets_deg[axis]).to_radians();
@@ -188,7 +189,7 @@ impl Kinematics {
     }
 }
 
-/// Of these ways the one nearest to where the axes stand, turn by turn.
+/// Returns the solution nearest to the current axes, with each axis shifted by whole turns.
 pub(super) fn nearest_way(ways: &[Angles], at: &Angles) -> Option<Angles> {
     let wound = |way: &Angles| -> Angles {
         std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
@@ -234,8 +235,8 @@ mod tests {
         }
     }
 
-    /// Where public models of the named arms have the flange at some angles of the axes, and its Z: computed from the joint frames of those
-    /// models (URDF) by another program.
+    /// The flange position and its Z in public models of the named arms at some angles of the axes: computed from
+    /// the joint frames of those models (URDF) by another program.
     #[test]
     fn named_arms_are_as_their_public_models() {
         const MODELS: [(&str, Angles, [f64; 3], [f64; 3]); 21] = [
@@ -380,8 +381,8 @@ mod tests {
         }
     }
 
-    /// By hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2; 1000 mm in front of it,
-    /// 299.145 are missing.
+    /// By hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2. At 1000 mm in front of
+    /// axis 2, 299.145 mm are missing.
     #[test]
     fn what_is_missing_beyond_the_reach() {
         let level = kr6().base_from_flange(&Joints::from([0.0; 6])).expect("numbers").rotation();
@@ -403,7 +404,8 @@ mod tests {
         [CorrectionNumbers::Geometry(geometry), CorrectionNumbers::Smooth { middle_mm, half_mm, numbers: smooth }]
     }
 
-    /// By hand: a zero of axis 1 that is 0.001 rad off turns the whole arm: 480 mm in front of it, that is 0.48 mm.
+    /// By hand: a zero of axis 1 that is 0.001 rad off turns the whole arm. At 480 mm in front of it, that is 0.48
+    /// mm.
     #[test]
     fn a_corrected_arm_stands_where_its_own_zero_puts_it() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
@@ -419,7 +421,8 @@ mod tests {
     }
 
     proptest! {
-        /// What the controller is sent brings the corrected arm where it should be, in the configuration that was asked for.
+        /// The pose sent to the controller brings the corrected arm to the wanted pose, in the requested
+        /// configuration.
         #[test]
         fn what_is_sent_leads_to_where_the_flange_should_be(angles in prop::array::uniform6(-60.0..60.0f64)) {
             for numbers in corrections() {

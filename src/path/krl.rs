@@ -1,9 +1,10 @@
-//! A plan as a KRL program, for those who run it by hand: pure text, `.src`.
+//! A plan as a KRL program that a person runs by hand: pure text, `.src`.
 //!
-//! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on what was active before. It begins with a PTP to
-//! the axes with which the arm was found to follow the path, in the air above its first place: a PTP to axes is the block
-//! coincidence that a controller asks for, and it leaves no doubt about the configuration. All other motions are lines in
-//! the panel's frame. The program switches nothing: tool, water and extraction stay with whoever runs it, in T1.
+//! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on the values that were active before. It
+//! begins with a PTP to the axes with which the arm was found to follow the path, in the air above its first place.
+//! A PTP to axes is the block coincidence that a controller requires, and it defines the configuration without
+//! doubt. All other motions are lines in the panel's frame. The program switches nothing: the person who runs it in
+//! T1 controls tool, water and extraction.
 
 use super::planned::Plan;
 use crate::geometry::{Joints, KukaPose};
@@ -61,7 +62,7 @@ pub struct Program<'a> {
     pub plan: &'a Plan,
     /// The sanding tool on the flange: `$TOOL`.
     pub flange_from_tool: KukaPose,
-    /// Where the panel stands: `$BASE`.
+    /// The panel's pose: `$BASE`.
     pub base_from_panel: KukaPose,
     /// The axes at the plan's first waypoint, as the arm was found to follow it from there.
     pub start: Joints,
@@ -108,7 +109,7 @@ pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
                 contact = waypoint.contact;
                 text.push_str(if contact { "; contact\n" } else { "; air\n" });
             }
-            // The advance run takes both over without a stop; each only where it changes.
+            // The advance run processes both without a stop; each is written only when it changes.
             let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
             let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
             change(&mut text, &mut feed, next_feed);
@@ -149,7 +150,7 @@ fn axes(joints: &Joints) -> String {
     format!("{{{}}}", words.join(", "))
 }
 
-/// A number with so many decimals, and no minus before nothing.
+/// Returns a number with this many decimals, and no minus sign before zero.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));

@@ -14,8 +14,9 @@ const ALONG_DEG: f64 = 0.01;
 /// depths, by up to 15 %.
 const WINDING: f64 = 0.85;
 
-/// A line shorter than this is left out, its end moved to the next one's, mm; or than [`LEAST_OF_SPACING`] of the spacing.
-/// So short a line would be travelled slowly, because the controller takes its time to plan each.
+/// A line shorter than this, mm, or than [`LEAST_OF_SPACING`] of the spacing, is left out, and its end is moved to
+/// the next one's. Such a short line would be travelled slowly, because the controller needs time to plan each
+/// line.
 const LEAST_MM: f64 = 1.0;
 const LEAST_OF_SPACING: f64 = 0.25;
 
@@ -127,7 +128,7 @@ fn there_and_back(surface: &BSplineSurface, rows: Vec<Vec<Parameter>>, spacing_m
     Lines { track, neighbours: rows.windows(2).map(|pair| [pair[0].clone(), pair[1].clone()]).collect() }
 }
 
-/// Two sets of rows, the second one from whichever of its ends is nearer.
+/// Joins two sets of rows; the second one begins at its nearer end.
 fn crossed(surface: &BSplineSurface, first: Lines, second: Lines, spacing_mm: f64) -> Lines {
     let (mut track, mut across) = (first.track, second.track);
     let from = track.last().map(|at| surface.point(*at));

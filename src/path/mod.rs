@@ -1,13 +1,18 @@
 //! Tool paths over the grids of a surface (thesis 4.6–4.8, Fig. 4.29), in the panel's frame.
 //!
-//! - `areas`: which grids are one, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over an area
-//! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined ·
-//!   `planned`: what a plan is
-//! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times under the disc even
-//! - `coverage`, `edge`, `dwell`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
-//! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
-//! - `approach`: how the axes stand before contact · `routes`: paths as they are sent, each through the gates · `trace`: where the tool was
-//! - `waypoint_gate`: the last look at what is about to move, in the base · `krl`: for those who run it by hand
+//! - `areas`: which grids form one area, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over
+//!   an area
+//! - `orientation`: the tool's attitude · `contact`: how it lands, continues and leaves · `plan`: all of these
+//!   joined · `planned`: the data of a plan
+//! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times
+//!   under the disc even
+//! - `coverage`, `edge`, `dwell`, `disc`, `touching`: the results of a plan, and of its execution · `gate`: judges
+//!   a plan
+//! - `kinematics`, `reach`, `panel_reach`: whether the arm can follow, at the panel's place
+//! - `approach`: the axes before contact · `routes`: paths as they are sent, each through the gates · `trace`:
+//!   where the tool was
+//! - `waypoint_gate`: the last check of a motion before it starts, in the base · `krl`: a program that a person
+//!   runs by hand
 
 pub mod approach;
 mod areas;

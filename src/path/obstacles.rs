@@ -1,7 +1,8 @@
-//! What stands in the cell as a scan shows it: points that no part of the arm may come near.
+//! Objects in the cell as a scan shows them: points that no part of the arm may come near.
 //!
-//! Boxes of the cell's file say what always stands there; these say what stands there now: the panel where it was found, and
-//! everything else that the scan saw. What the scan did not see is not known: behind obstacles only the boxes protect the arm.
+//! Boxes of the cell's file state the objects that are always there. These points state the objects that are there
+//! now: the panel at its measured place, and everything else that the scan saw. Objects that the scan did not see
+//! are not known: behind obstacles only the boxes protect the arm.
 
 use crate::geometry::{Base, Point};
 use std::collections::BTreeMap;
@@ -18,7 +19,7 @@ const ROUNDING_MM: f64 = 1e-6;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Obstacles(Vec<Obstacle>);
 
-/// One thing that stands in the cell.
+/// One object in the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Obstacle {
     pub(super) name: &'static str,
@@ -58,8 +59,9 @@ impl Obstacles {
 }
 
 impl Obstacle {
-    /// The least distance of its points, mm, by a function that says how far a place is from something, and none where all are
-    /// farther than `needed_mm`: what is around a block of points says that none of them is near.
+    /// Returns the least distance of its points, mm, by a function that gives the distance of a place from
+    /// something; none if all are farther than `needed_mm`. The ball around a block of points shows when none of
+    /// them is near.
     pub(super) fn nearer_mm(&self, needed_mm: f64, distance_mm: impl Fn(Point<Base>) -> f64) -> Option<f64> {
         let may_be_near = |block: &&Block| distance_mm(block.middle) - block.radius_mm <= needed_mm + ROUNDING_MM;
         let near = self.blocks.iter().filter(may_be_near).flat_map(|block| &block.points);

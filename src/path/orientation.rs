@@ -1,10 +1,10 @@
-//! How the tool stands on the surface (thesis 4.7).
+//! The tool's attitude on the surface (thesis 4.7).
 //!
-//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis takes Y = Z × (0, 0, −1), which does not exist
-//! where the normal is vertical and spins beside it. Here X is a reference made perpendicular to Z and
+//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which does not exist
+//! if the normal is vertical and spins near that direction. Here X is a reference made perpendicular to Z and
 //!     X = (e − (e·Z) Z) / |…|,   Y = Z × X.                                              (4.18, 4.19 replaced)
-//! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed direction
-//! itself would turn the wrist by 180° at every row. Where e stands along the normal the path is refused.
+//! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed
+//! direction itself would turn the wrist by 180° at every row. If e lies along the normal, the path is refused.
 
 use crate::geometry::{Degrees, Panel, Point, Rigid, Tool, Vector};
 use crate::recipe;
@@ -31,12 +31,12 @@ impl Reference {
     }
 }
 
-/// How the tool stands: its spin, and how it leans.
+/// The tool's attitude: its spin, and how it leans.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stance {
     /// What holds the spin.
     pub reference: Reference,
-    /// Turn about the tool's own Y: it leans along its X. One sign for the whole path, whichever way a row runs.
+    /// Turn about the tool's own Y: it leans along its X. One sign for the whole path, in both directions of a row.
     pub lead: Degrees,
     /// Turn about the tool's own X, after the lead.
     pub tilt: Degrees,
@@ -61,13 +61,13 @@ impl Stance {
     }
 }
 
-/// Why the tool cannot stand at a place.
+/// Why there is no pose of the tool at a place.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OrientationError {
     /// No normal.
     #[error("the surface has no normal at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     NoNormal {
-        /// Where.
+        /// The place.
         at: Parameter,
     },
     /// The reference leaves the spin open.
@@ -81,10 +81,11 @@ pub enum OrientationError {
     },
 }
 
-/// The tool standing on the surface, its point `height_mm` above it along the normal; it leans about that point.
+/// Returns the tool's pose on the surface, with its point `height_mm` above it along the normal; the tool leans
+/// about that point.
 ///
 /// # Errors
-/// Where the surface has no normal or the reference stands along it.
+/// If the surface has no normal or the reference lies along it.
 pub fn panel_from_tool(
     surface: &BSplineSurface,
     at: Parameter,

@@ -1,8 +1,9 @@
-//! Whether the arm reaches the panel where it stands: a plan as a whole, and, before the panel is wetted, every grid.
+//! Checks whether the arm reaches the panel at its place: a plan as a whole, and, before the panel is wetted, every
+//! grid.
 //!
-//! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most room;
-//! one that leaves enough is taken as it comes. Only the [`turned`] plan is the one that was followed. A refusal names
-//! the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
+//! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most
+//! room; the first one that leaves enough room is used. Only the [`turned`] plan is the one that was followed. A
+//! refusal names the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
 
 use super::disc::DiscUse;
 use super::gate::judged;
@@ -26,7 +27,7 @@ const ENOUGH_DEG: f64 = 10.0;
 /// Waypoints by which a shift is judged, at most.
 const SHIFT_LEGS: usize = 60;
 
-/// Where a panel stands before an arm with its tool.
+/// The panel's place before an arm with its tool.
 #[derive(Debug, Clone, Copy)]
 pub struct Stand<'a> {
     /// The arm.
@@ -35,8 +36,8 @@ pub struct Stand<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The panel.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The axes from where a line leads to the plan's first point, so that the arm comes in their configuration; without
-    /// them that with the most room is taken.
+    /// The axes from which a line leads to the plan's first point, so that the arm arrives in their configuration.
+    /// Without them the configuration with the most room is used.
     pub from: Option<Joints>,
 }
 
@@ -52,7 +53,7 @@ pub struct Reached {
 /// A plan that the arm cannot follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unreached {
-    /// Where and why, with the spin that comes farthest.
+    /// The place and the reason, with the spin that comes farthest.
     pub fault: ReachFault,
     /// The point on the panel.
     pub at: Point<Panel>,
@@ -63,10 +64,10 @@ pub struct Unreached {
 /// Follows a plan.
 ///
 /// # Errors
-/// Where the arm does not reach, with the reason of the spin that comes farthest.
+/// If the arm does not reach, with the reason of the spin that comes farthest.
 ///
 /// # Panics
-/// Where a number of the plan is not finite: see [`plan`].
+/// If a number of the plan is not finite: see [`plan`].
 pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
     with_room(plan, stand, settings, ENOUGH_DEG)
 }
@@ -122,7 +123,7 @@ fn followed(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Result<Travel, Rea
 fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {
     let legs = legs(plan, stand, spin_deg);
     let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
-    // Far apart, such legs say nothing of speed: they are walked slowly.
+    // Such legs are far apart and give no information about speed, so they are followed slowly.
     let mut slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
     if matches!(fault.cause, Infeasibility::Retract { .. }) {
         // A shift that helps leaves room for the retract, too.
@@ -137,7 +138,7 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
     Unreached { fault, at, shift: helpful_shift(stand.arm, stand.flange_from_tool, &slow) }
 }
 
-/// The plan as the arm would be told, its tool turned about its own axis.
+/// Returns the plan as the arm would receive it, its tool turned about its own axis.
 pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
     let spin = about_own_axis(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
@@ -149,7 +150,7 @@ pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
     waypoints.map(leg).collect()
 }
 
-/// The plan with its tool turned about its own axis, as [`Reached::spin`] asks.
+/// Returns the plan with its tool turned about its own axis, as [`Reached::spin`] requires.
 pub fn turned(plan: &Plan, spin: Degrees) -> Plan {
     let mut plan = plan.clone();
     for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
@@ -172,14 +173,15 @@ pub struct GridReach {
     pub outcome: Result<f64, Box<Unreached>>,
     /// Panel that the disc sweeps on the path over this grid alone, mm².
     pub swept_mm2: f64,
-    /// Why the gate rejects that path; empty where it does not.
+    /// Why the gate rejects that path; empty if it does not.
     pub refused: Vec<Check>,
 }
 
-/// The reach of every grid of a region, each by the path that would abrade it alone: known before the panel is wetted.
+/// Returns the reach of every grid of a region, each by the path that would abrade it alone: known before the panel
+/// is wetted.
 ///
 /// # Errors
-/// Where the surface allows no path over a grid.
+/// If the surface allows no path over a grid.
 ///
 /// # Panics
 /// As [`of_plan`].
@@ -202,14 +204,15 @@ pub fn of_grids(
     all.into_iter().collect()
 }
 
-/// Accepts a region of which every grid is reached. Where some are not, a person decides, since perhaps none of them
-/// fails; where none is, the panel stands wrong. A path that the gate rejects is rejected, whichever grid it is over: no
-/// person can accept what would never be sent.
+/// Accepts a region if every grid is reached. If some are not, a person decides, since perhaps none of them fails;
+/// if none is reached, the panel is at a wrong place. A path that the gate rejects is rejected for every grid: no
+/// person can accept a path that would never be sent.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     Judgement::of_checks(&broken_by_grids(grids))
 }
 
-/// The grids that are not reached, and what the gate rejects of the path over one; empty where all is well.
+/// Returns the grids that are not reached, and the gate's rejections of the path over one grid; empty if there are
+/// none.
 pub fn broken_by_grids(grids: &[GridReach]) -> Vec<Check> {
     let is_none_reached = grids.iter().all(|grid| grid.outcome.is_err());
     let severity = if is_none_reached { Severity::Reject } else { Severity::Review };
@@ -222,8 +225,8 @@ pub fn broken_by_grids(grids: &[GridReach]) -> Vec<Check> {
     refused.chain(grids.iter().filter_map(unreached)).collect()
 }
 
-/// The room that is left where the arm follows a plan; where it does not, the plan is rejected in words: grid and waypoint,
-/// axis, how far, what helps.
+/// Checks the room that is left if the arm follows a plan. If it does not, the plan is rejected in words: grid and
+/// waypoint, axis, how far, and what helps.
 pub fn check_plan(
     reached: &Result<Reached, Box<Unreached>>,
     (surface, region): (&BSplineSurface, &Region),
@@ -238,7 +241,7 @@ pub fn check_plan(
     Check::new(ROOM, "°", room_deg).gives(refused, Severity::Reject)
 }
 
-/// The number that [`check_plan`] tells.
+/// The number that [`check_plan`] reports.
 pub const ROOM: &str = "room beyond the arm's margins";
 
 /// The grid below a point; `None` beside the region.

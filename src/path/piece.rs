@@ -1,5 +1,5 @@
-//! One area's share of the work: its lines, laid again until the disc keeps to the outline, reaches all of it, and no two
-//! lines are farther apart than the recipe's step-over.
+//! The work in one area: its lines, laid again until the disc keeps to the outline, reaches the whole area, and no
+//! two lines are farther apart than the recipe's step-over.
 
 use super::areas::Area;
 use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
@@ -12,7 +12,7 @@ use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
-/// Is there a panel at a place?
+/// Returns whether there is panel at a place.
 pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 /// What is done in one area, before paths are joined.
@@ -20,7 +20,7 @@ pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 pub(super) struct Piece {
     pub area: Area,
     pub track: Vec<Parameter>,
-    /// Is there a panel below each place of the track?
+    /// Whether each place of the track has panel below it.
     pub contact: Vec<bool>,
     pub spacing_mm: f64,
     pub coverage: Vec<GridCoverage>,
@@ -30,16 +30,17 @@ pub(super) struct Piece {
 
 /// Times that lines are laid again because the disc reaches too far beyond the outline, or lines are too far apart.
 const ROUNDS: usize = 16;
-/// Lines are moved so much farther inwards than the disc reaches too far, mm: what is left after a round is less than that.
+/// Lines are moved inwards by the excess of the disc plus this distance, mm: the rest after a round is less than
+/// that.
 const OUTLINE_CLEAR_MM: f64 = 0.01;
 /// Lines are laid this much closer again than what they were too far apart.
 const CLOSER: f64 = 0.999;
 /// Places on each side of a patch at which its bend is looked at.
 const BEND_STEPS: usize = 6;
-/// Where one place would do for all of a patch, the disc moves over it by so much of its radius: it never comes down and
-/// leaves at one place.
+/// If one place would do for a whole patch, the disc moves over it by this share of its radius: it never comes down
+/// and leaves at one place.
 const STROKE_RADII: f64 = 0.5;
-/// Times that this way is halved where the disc would reach beyond the outline.
+/// Times that this way is halved if the disc would reach beyond the outline.
 const STROKE_HALVES: usize = 3;
 
 pub(super) fn first_grid(area: &Area) -> GridId {
@@ -105,7 +106,7 @@ pub(super) fn piece(
     }
 }
 
-/// A short way over one place, along u or v, whichever keeps the disc more on the panel.
+/// Returns a short way over one place, along u or v: the direction that keeps more of the disc on the panel.
 fn stroke(
     surface: &BSplineSurface,
     at: Parameter,
@@ -136,8 +137,8 @@ fn stroke(
     best.to_vec()
 }
 
-/// The recipe's spacing, or less where a chord of it would leave the surface by more than the recipe allows: a chord of
-/// length s over curvature κ lies κ s² / 8 off.
+/// Returns the recipe's spacing, or less if a chord of this length would leave the surface by more than the recipe
+/// allows: a chord of length s over curvature κ lies κ s² / 8 off.
 fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> f64 {
     let mut bend: f64 = 0.0;
     for n in 0..=BEND_STEPS * BEND_STEPS {

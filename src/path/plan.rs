@@ -1,11 +1,11 @@
 //! Tool paths over chosen grids, with the evidence that the gate judges (thesis Fig. 4.29).
 //!
 //! Neighbouring grids are one area, and each area has one path (`contact`): through the air to a place above its
-//! lines, down, along the lines in contact, up. Areas follow one another on a short way; between them the tool flies
-//! over the surface at the height of its approach: a straight way could cut through a bulge. Where the disc would reach
-//! too far beyond the panel's outline, lines keep more distance from that side of their area; what is then not reached
-//! shows in the coverage. The feed is lower where a place would be under the disc for less time (`evenness`). Poses are the
-//! tool's in the panel's frame. What comes out is in `planned`.
+//! lines, down, along the lines in contact, up. Areas follow one another on a short way. Between them the tool
+//! flies over the surface at the height of its approach: a straight way could cut through a bulge. If the disc
+//! would reach too far beyond the panel's outline, lines keep more distance from that side of their area; the
+//! coverage shows the part that is then not reached. The feed is lower at places that would be under the disc for
+//! less time (`evenness`). Poses are the tool's in the panel's frame. The result is in `planned`.
 
 use super::areas::{Area, areas, order};
 use super::contact::tool_path;
@@ -21,13 +21,14 @@ use crate::recipe;
 use crate::surface::{BSplineSurface, Holes, Parameter, Patch};
 use rayon::prelude::*;
 
-/// Paths over these grids. `outline` is the panel's, closed.
+/// Plans paths over these grids. `outline` is the panel's, closed.
 ///
 /// # Errors
-/// Where a grid is unknown or named twice, or the surface allows no rows or poses there.
+/// If a grid is unknown or named twice, or the surface allows no rows or poses there.
 ///
 /// # Panics
-/// Where a number of the plan is not finite: that is a fault of this program, and nobody can put it right at the cell.
+/// If a number of the plan is not finite: that is a fault of this program, and a person at the cell cannot correct
+/// it.
 pub fn plan(
     surface: &BSplineSurface,
     region: &Region,
@@ -38,7 +39,7 @@ pub fn plan(
     planned(surface, region, grids, (outline, &|_| true), (settings, 0.0))
 }
 
-/// The same, the tool lifted where the panel has a hole.
+/// The same, with the tool lifted over holes of the panel.
 ///
 /// # Errors
 /// As [`plan`].
@@ -55,8 +56,8 @@ pub fn plan_around(
     planned(surface, region, grids, (outline, &|at| !holes.holds(at)), (settings, 0.0))
 }
 
-/// The same, the lines laid so far beyond the border of what is treated, mm: where the removal is to be even up to that border, the
-/// disc must leave it.
+/// The same, with the lines laid this far beyond the border of the treated area, mm: for an even removal up to that
+/// border, the disc must leave it.
 ///
 /// # Errors
 /// As [`plan`].
@@ -107,7 +108,7 @@ fn planned(
     Ok(plan)
 }
 
-/// An area whose lines are laid as if it were so much larger on each side, mm.
+/// Returns an area with lines laid as if it were larger by this length on each side, mm.
 fn widened(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
     let middle = surface.tangents(area.patch.at(Parameter { u: 0.5, v: 0.5 }));
     let (by_u, by_v) = (by_mm / middle.s_u.mm.norm(), by_mm / middle.s_v.mm.norm());

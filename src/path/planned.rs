@@ -15,7 +15,7 @@ use crate::surface::dwell::Dwell;
 pub struct Waypoint {
     /// The tool in the panel's frame.
     pub panel_from_tool: Rigid<Panel, Tool>,
-    /// Is the disc on the panel here? A move is one in contact where both its ends are.
+    /// Whether the disc is on the panel here. A move is in contact if both its ends are.
     pub contact: bool,
     /// Speed of the tool's point on the way here, mm/s.
     pub feed_mm_s: f64,
@@ -47,7 +47,7 @@ impl Waypoint {
 pub struct ToolPath {
     /// What it abrades.
     pub grids: Vec<GridId>,
-    /// Where the tool goes.
+    /// The waypoints of the tool.
     pub waypoints: Vec<Waypoint>,
 }
 
@@ -69,25 +69,25 @@ pub struct Plan {
     pub length_mm: f64,
     /// Length of the moves in contact, mm.
     pub contact_mm: f64,
-    /// Time for all moves, s, with starting and stopping where the path stops.
+    /// Time for all moves, s, including starting and stopping at each stop of the path.
     pub duration_s: f64,
     /// Covered share of all grids together, 0…1.
     pub coverage: f64,
     /// The same for each grid.
     pub grids: Vec<GridCoverage>,
-    /// Time under the disc over all that is treated; `None` where nothing is.
+    /// Time under the disc over the whole treated area; `None` if nothing is treated.
     pub dwell: Option<Spread>,
     /// The same for each grid.
     pub grid_dwell: Vec<(GridId, Spread)>,
-    /// Distance between neighbouring rows, turns apart; `None` where no path has two rows.
+    /// Distance between neighbouring rows, without turns; `None` if no path has two rows.
     pub step_over_mm: Option<StepOver>,
     /// How far the disc leaves the panel.
     pub overhang: Overhang,
 }
 
 impl Plan {
-    /// The largest ratio of the longest to the shortest time under the disc, of all together and of each grid, with the
-    /// grid where it is one's; `None` where nothing is treated.
+    /// Returns the largest ratio of the longest to the shortest time under the disc, of all grids together and of
+    /// each grid, with the grid if the ratio is one grid's; `None` if nothing is treated.
     pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
         let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
@@ -154,7 +154,7 @@ pub enum PlanError {
     /// The region has no such grid.
     #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
     UnknownGrid {
-        /// The grid asked for.
+        /// The requested grid.
         grid: GridId,
         /// Rows of the region.
         rows: usize,

@@ -2,19 +2,18 @@
 //!
 //! With rows along u, F = S_u / |S_u| and D = N × F across, a step r along D has
 //!     Q − P ≈ S_u Δu + S_v Δv,   [[S_u·D, S_v·D], [S_u·F, S_v·F]] (Δu, Δv)ᵀ = (r, 0)ᵀ,          (4.20–4.23)
-//! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. A row goes on from each point of the one before
-//! it, on columns of constant u: sliding Q back along F to its column leaves v as it is. That is the first guess; then
-//! v is corrected until the distance across, measured on the surface,
+//! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. A row continues from each point of the row
+//! before it, on columns of constant u: sliding Q back along F to its column does not change v. That is the first
+//! guess; then v is corrected until the distance across, measured on the surface,
 //!     a(v) = ∫ |S_u × S_v| / |S_u| dv,
-//! is right. Rows along v are the same with u and v exchanged. Rows stand at the equal distance
-//! r' = w / ceil(w / r) ≤ r, w being what is left of the patch's width between the first and the last row; where a patch
-//! is narrower on one side, each column divides its own width by the number of rows, so that the last row follows the
-//! far border.
+//! is right. Rows along v are the same with u and v exchanged. Rows have the equal distance r' = w / ceil(w / r) ≤
+//! r, w being the patch's width between the first and the last row. If a patch is narrower on one side, each column
+//! divides its own width by the number of rows, so that the last row follows the far border.
 //!
-//! Rows and their ends are inset from the patch's border by 0.2 of the disc's radius R, or more where the panel's
-//! outline asks for it. So the disc laps onto neighbouring grids by 0.8 R: with its middle farther inside, the border
-//! would be under it for too short a time. A patch narrower than two insets gets one row in its middle, one shorter than
-//! two insets rows of one point.
+//! Rows and their ends are inset from the patch's border by 0.2 of the disc's radius R, or more if the panel's
+//! outline requires it. So the disc overlaps neighbouring grids by 0.8 R: with its middle farther inside, the
+//! border would be under it for too short a time. A patch narrower than two insets gets one row in its middle, one
+//! shorter than two insets rows of one point.
 
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch, Tangents};
@@ -47,7 +46,7 @@ pub enum RasterError {
     /// The surface has no area there.
     #[error("the surface has no area at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     Degenerate {
-        /// Where.
+        /// The place.
         at: Parameter,
     },
     /// The correction did not settle.
@@ -55,7 +54,7 @@ pub enum RasterError {
     NoRow {
         /// Place of the previous row, or of the border.
         from: Parameter,
-        /// Distance asked for, mm.
+        /// Requested distance, mm.
         distance_mm: f64,
     },
 }
@@ -104,7 +103,7 @@ pub(super) struct Insets {
 }
 
 impl Insets {
-    /// Those that the disc alone asks for.
+    /// Returns the insets that the disc alone requires.
     pub fn of_disc(settings: &recipe::Path) -> Self {
         let inset_mm = border_inset_mm(settings);
         Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
@@ -119,7 +118,7 @@ impl Insets {
         self.more[side] = self.more[side].max(excess_mm);
     }
 
-    /// Takes over what was noted.
+    /// Applies the noted changes.
     pub fn settle(&mut self) {
         for (side, more) in std::mem::take(&mut self.more).into_iter().enumerate() {
             let insets = if side < 2 { &mut self.u } else { &mut self.v };
@@ -128,8 +127,8 @@ impl Insets {
         }
     }
 
-    /// Sides that no outline has pushed give way up to their border: the disc laps onto the neighbours by its radius.
-    /// False where no side was pushed, or all gave way before.
+    /// Moves the sides that no outline has pushed out to their border: the disc overlaps the neighbours by its
+    /// radius. Returns false if no side was pushed, or all were moved out before.
     pub fn give_way(&mut self) -> bool {
         let free: Vec<usize> = (0..4).filter(|side| !self.pushed[*side]).collect();
         let mut gave = false;
@@ -159,10 +158,10 @@ pub(super) struct Laying {
     pub spacing_mm: f64,
 }
 
-/// Rows along u over one patch.
+/// Returns rows along u over one patch.
 ///
 /// # Errors
-/// Where the surface is degenerate.
+/// If the surface is degenerate.
 pub fn raster(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> Result<Raster, RasterError> {
     let laying = Laying {
         along: Along::U,
@@ -283,7 +282,8 @@ fn columns(surface: &BSplineSurface, patch: &Patch, laying: &Laying) -> Result<V
     (0..=pieces).map(column).collect()
 }
 
-/// Where one line goes that has no room for both insets, from the low border, mm: as far beyond either.
+/// Returns the place of a line that has no room for both insets, from the low border, mm: equally far beyond each
+/// inset.
 pub(super) fn between_insets_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
     ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)
 }
@@ -333,8 +333,8 @@ fn trimmed(surface: &BSplineSurface, row: &[Parameter], laying: &Laying) -> Vec<
     resampled(surface, row, [low_mm / sine(&start), high_mm / sine(&end)], laying.spacing_mm)
 }
 
-/// Places at equal distances along a line, without so much at each of its ends, mm; one in the middle where nothing
-/// would be left.
+/// Returns places at equal distances along a line, without these lengths at its two ends, mm; one place in the
+/// middle if nothing would be left.
 pub(super) fn resampled(
     surface: &BSplineSurface,
     line: &[Parameter],

@@ -1,14 +1,15 @@
 //! Lines that run around a patch: offset contours and spirals (thesis Fig. 4.26 b–d).
 //!
 //! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
-//! beyond that border's inset. With h being half of what the insets leave of the patch's shorter side, depths are equal
-//! steps r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, stand r' apart in the middle and at most
-//! r where the patch is longer by e; no line is travelled twice. Where h is nothing there is one line, or one point, in the middle.
+//! beyond that border's inset. Let h be half of the patch's shorter side without the insets. Depths are equal steps
+//! r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, are r' apart in the middle. They are at
+//! most r apart where the patch is longer by e; no line is travelled twice. If h is zero, there is one line, or one
+//! point, in the middle.
 
 use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
-/// Steps of the search for a ring's corner, where two borders meet; each gains about three digits.
+/// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
 const CORNER_STEPS: usize = 4;
 /// Places along one side of a ring before it is resampled.
 const SIDE_STEPS: usize = 24;
@@ -24,7 +25,7 @@ pub(super) struct Rings<'a> {
     /// Rings inside of the outermost one.
     steps: usize,
     shorter: Along,
-    /// Is there no room for a ring?
+    /// Whether there is no room for a ring.
     is_line: bool,
 }
 
@@ -50,8 +51,9 @@ impl<'a> Rings<'a> {
         let shorter = if left_u_mm < left_v_mm { Along::U } else { Along::V };
         let middle_mm = if shorter == Along::U { u_mm } else { v_mm };
         let longest_mm = (0..=4).map(|n| length(shorter, n as f64 / 4.0)).fold(middle_mm, f64::max);
-        // So much farther apart than in the middle stand the sides of the innermost ring where the patch is longest. Where
-        // that is most of a step, more rings do not help, and the gate says how far apart they are.
+        // The sides of the innermost ring are farther apart by this length at the longest part of the patch than in
+        // the middle. If this is most of a step, more rings do not help, and the gate reports how far apart they
+        // are.
         let excess_mm = Some(longest_mm - middle_mm).filter(|excess_mm| *excess_mm < step_over_mm / 2.0);
         let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
         let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
@@ -63,7 +65,7 @@ impl<'a> Rings<'a> {
         self.step_mm * ring as f64
     }
 
-    /// Which two sides of the innermost ring stand beside one another: those across its shorter side.
+    /// Returns the two sides of the innermost ring that lie beside one another: those across its shorter side.
     pub fn beside(&self) -> [usize; 2] {
         if self.shorter == Along::U { [1, 3] } else { [0, 2] }
     }
@@ -73,7 +75,8 @@ impl<'a> Rings<'a> {
         (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
     }
 
-    /// As [`Rings::closed`], the last side of each ring going over to the corner of the next one where it meets that.
+    /// As [`Rings::closed`], but the last side of each ring leads to the corner of the next one at the place where
+    /// it meets that ring.
     pub fn stepped(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut rings = self.closed()?;
         for (ring, sides) in rings.iter_mut().take(self.steps).enumerate() {
@@ -101,7 +104,8 @@ impl<'a> Rings<'a> {
         Ok(all)
     }
 
-    /// Four sides between corners of these depths; the fifth is where the first one's ring goes on.
+    /// Returns four sides between corners of these depths; the fifth depth is the first corner's after a whole
+    /// turn, at which the line continues.
     fn sides(&self, depths_mm: [f64; SIDES + 1]) -> Result<[Vec<Parameter>; SIDES], RasterError> {
         let corner =
             |n: usize, depth_mm: f64| self.corner([n % SIDES == 1 || n % SIDES == 2, n % SIDES >= 2], depth_mm);

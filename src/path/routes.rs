@@ -1,7 +1,8 @@
-//! Paths as they are sent, each through the gate whole.
+//! Paths as they are sent, each checked as a whole by the gate.
 //!
-//! A way through air is a straight line cut into steps, so that the gate sees all of it. A contact path is the plan's,
-//! in the panel's frame, which is the base that was set. Every path is followed axis by axis from where the axes stand.
+//! A way through air is a straight line cut into steps, so that the gate checks all parts. A contact path is the
+//! plan's, in the panel's frame, which is the base that was set. Every path is followed axis by axis from the
+//! current axes.
 
 use super::gate::{check_pad, judged, taught_axis};
 use super::kinematics::Kinematics;
@@ -22,16 +23,16 @@ const AIR_TURN: Degrees = Degrees(8.0);
 /// Rounding at the steps of a way through air: of a step, and at most.
 const BLEND_SHARE: f64 = 0.2;
 const AIR_BLEND_MM: f64 = 5.0;
-/// Speed through air, mm/s, where the cell allows it.
+/// Speed through air, mm/s, if the cell allows it.
 const AIR_MM_S: f64 = 200.0;
 const ACCELERATION_M_S2: f64 = 1.0;
 
-/// Where the tip may be by the cell's arm and where it is by the controller: so far they may be apart, mm and degrees.
-/// Farther apart is another arm, another tool or another zero of an axis.
+/// Limits of the difference between the tip by the cell's arm and the tip by the controller, mm and degrees. A
+/// larger difference means another arm, another tool or another zero of an axis.
 const MODEL_MM: f64 = 3.0;
 const MODEL: Degrees = Degrees(1.0);
 
-/// The arm as it stands before a path.
+/// The state of the arm before a path.
 #[derive(Debug, Clone, Copy)]
 pub struct Standing<'a> {
     /// The cell's limits.
@@ -40,22 +41,22 @@ pub struct Standing<'a> {
     pub arm: &'a cell::Arm,
     /// The tool that the controller has.
     pub flange_from_tool: Rigid<Flange, Tool>,
-    /// How the axes stand.
+    /// The current axes.
     pub joints: Joints,
-    /// What it keeps off, where the way does not lead to the panel.
+    /// The obstacles that it avoids, if the way does not lead to the panel.
     pub obstacles: Option<&'a Arc<Obstacles>>,
 }
 
 /// A straight motion to a point, in the active base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearMotion {
-    /// Where it ends.
+    /// The pose at its end.
     pub pose: KukaPose,
     /// Rounding at its end, mm; 0 stops there.
     pub blend_mm: f64,
     /// Whether the tool is in contact at its end.
     pub contact: bool,
-    /// Its own speed, m/s; the path's where there is none.
+    /// Its own speed, m/s; the path's speed if there is none.
     pub speed_m_s: Option<f64>,
 }
 
@@ -71,15 +72,15 @@ pub struct PathSpeed {
 /// A path that may be sent, or why not.
 #[derive(Debug, Clone)]
 pub struct Gated {
-    /// What is not as it must be; empty where the path may be sent.
+    /// The violations; empty if the path may be sent.
     pub broken: Vec<Check>,
     /// The motions.
     pub points: Vec<LinearMotion>,
     /// How fast they are.
     pub speed: PathSpeed,
-    /// Where the tip will stand, in the robot's base.
+    /// The tip's pose at the end, in the robot's base.
     pub end: Option<Rigid<Base, Tool>>,
-    /// How the axes will stand there; `None` where the path is refused.
+    /// The axes at the end; `None` if the path is refused.
     pub joints: Option<Joints>,
 }
 
@@ -106,7 +107,7 @@ pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
-/// A straight way through air from where the arm stands, in a base that stands at `base_from_active`.
+/// Returns a straight way through air from the arm's current pose, in a base that is at `base_from_active`.
 pub fn air<Active: crate::geometry::Frame>(
     standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -151,9 +152,9 @@ pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     lifted
 }
 
-/// The path over the panel: all of the plan but its first point, the one in air where the arm already stands. Feed and
-/// rounding are each waypoint's own. A plan that its own gate rejects goes nowhere, whoever accepted what led to it; what
-/// that gate asks a person, it has asked before.
+/// Returns the path over the panel: the whole plan without its first point, which is in air and where the arm
+/// already is. Feed and rounding are each waypoint's own. A plan that its own gate rejects is not sent, even if a
+/// person accepted the steps before. The decisions that this gate requests from a person were requested before.
 pub fn contact(
     standing: &Standing<'_>,
     base_from_panel: Rigid<Base, Panel>,
@@ -234,7 +235,7 @@ fn gated<Active: crate::geometry::Frame>(
 }
 
 impl Standing<'_> {
-    /// Where the tip is to be exact, the arm's correction must have been measured.
+    /// If the tip must be exact, the arm's correction must have been measured there.
     fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
         let outside = tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_measured(flange));
@@ -261,7 +262,7 @@ impl Standing<'_> {
         retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
     }
 
-    /// How the axes stand at the end of each of these lines, followed from where they stand now, or what is in the way.
+    /// Returns the axes at the end of each of these lines, followed from the current axes, or the obstacle.
     fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
         let arm = Kinematics::new(self.arm);
         let arm = match self.obstacles {
@@ -276,8 +277,8 @@ impl Standing<'_> {
     }
 }
 
-/// Whether the tip is, by the axes and the cell's arm, where the controller says that it is. Another arm, axes in another unit
-/// or another root of the robot do not.
+/// Checks whether the tip computed from the axes and the cell's arm is where the controller reports it. This fails
+/// for another arm, axes in another unit or another root of the robot.
 ///
 /// # Errors
 /// How far apart the two are.
@@ -304,10 +305,10 @@ pub fn is_the_arm(
     Err(Reason::new("arm_model", message))
 }
 
-/// Whether something else that is mounted on the flange keeps clear on the same straight way.
+/// Checks whether another object mounted on the flange keeps clear on the same straight way.
 ///
 /// # Errors
-/// Where it does not, with its waypoint.
+/// If it does not, with its waypoint.
 pub fn mounted_follows(
     standing: &Standing<'_>,
     base_from_active: Rigid<Base, Base>,

@@ -49,7 +49,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
     let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
     let cell = Cell::new(seed, Scene::Good, reduction);
     let (recipe, truth) = (recipe(&cell, &turn), cell.truth());
-    // The turned cell's panel frame, seen from the one that the truth knows.
+    // The turned cell's panel frame, seen from the frame of the ground truth.
     let turned_from_panel: Rigid<Panel, Panel> =
         Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn.into()));
     let base_from_camera = Rigid::<Base, Base>::claim(*turned_from_panel.isometry()) * truth.base_from_camera;
@@ -99,8 +99,8 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
     }
 }
 
-/// The arm of the simulated cell follows the plan over all grids where the panel stands, and each grid alone; 400 mm
-/// farther off it does not, and the words say where, how far and what would help.
+/// The arm of the simulated cell follows the plan over all grids at the panel's place, and each grid alone. At 400
+/// mm farther away it does not, and the words state the place, the distance and what would help.
 #[test]
 fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let cell = Cell::new(1, Scene::Good, 4);
@@ -119,14 +119,14 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     println!("room {:.1}°, spin {}", reached.travel.room_deg, reached.spin);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     assert_eq!(reached.travel.joints.len(), waypoints);
-    // Forwards again: the joints put the tool where the plan wants it.
+    // Forward kinematics: the joints put the tool to the pose that the plan requires.
     let legs = panel_reach::legs(&panel_reach::turned(&plan, reached.spin), &stand, 0.0);
     for (joints, leg) in reached.travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
         assert!((there.inverse() * leg.base_from_tool).turn().0 < 1e-3, "as the tool is turned, too");
     }
-    // What was followed with a turned tool is what the turned plan says.
+    // The poses followed with a turned tool are those of the turned plan.
     let turned = panel_reach::legs(&panel_reach::turned(&plan, Degrees(60.0)), &stand, 0.0);
     for (written, followed) in turned.iter().zip(&panel_reach::legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;
@@ -135,7 +135,7 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
-    // So near that the arm follows the path, and could not lift off at a stop: told of grids, and of the plan.
+    // So near that the arm follows the path but could not lift off at a stop: reported for grids, and for the plan.
     let nearer =
         Stand { base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)), ..stand };
     let refused = panel_reach::of_plan(&plan, &nearer, recipe.path());

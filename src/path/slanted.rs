@@ -1,9 +1,9 @@
 //! Rows in any direction over a patch.
 //!
-//! In the patch's middle u and v are scaled to mm and turned by the feed angle: (a, b) along and across the rows. Rows
-//! begin at the corner of the patch, inset, that lies lowest in b; each goes on from the one before it by r' along b,
-//! measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. What lies outside of the inset patch is laid
-//! with the nearest place's measure, and then cut off.
+//! In the patch's middle u and v are scaled to mm and turned by the feed angle: (a, b) along and across the rows.
+//! Rows begin at the inset corner of the patch that is lowest in b. Each row continues from the row before it by r'
+//! along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Parts outside the inset patch
+//! are laid with the measure of the nearest place, and then cut off.
 
 use super::raster::{Along, Insets, Laying, RasterError, across_from, mix, resampled};
 use crate::geometry::Degrees;

@@ -1,5 +1,5 @@
-//! What a path touches: from which waypoint on the disc reaches each grid, which bounds where a path that was cut short may have been, and
-//! which taught pixels it may touch at all.
+//! The parts that a path touches: from which waypoint on the disc reaches each grid, and which taught pixels it may
+//! touch at all. The first limits the grids in which an interrupted path may have been.
 
 use super::planned::Plan;
 use crate::geometry::{Mask, Panel, Pixel, Point, Vector};
@@ -16,12 +16,12 @@ const MARGIN_MM: f64 = 1.0;
 
 /// A place is taken as touched that lies this far beyond the disc's edge, mm: the panel is placed, and the tool moves, within less.
 const BEYOND_MM: f64 = 1.5;
-/// Of the way between two waypoints a point is taken at least at this distance, mm; a place lies at most half of it farther from a point
-/// than from the way.
+/// Largest distance between the sampled points of the way between two waypoints, mm; a place lies at most half of
+/// this farther from a point than from the way.
 const STEP_MM: f64 = 0.5;
 
-/// The taught pixels that the disc may touch on a plan's way, whatever of it is executed. A pixel of the panel without a scanned point counts as
-/// touched if any does.
+/// Returns the taught pixels that the disc may touch on a plan's way, for any executed part. A pixel of the panel
+/// without a scanned point counts as touched if any pixel does.
 pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut way: Vec<[f64; 3]> = Vec::new();
@@ -70,8 +70,8 @@ fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
     near
 }
 
-/// Each planned grid with the first waypoint on whose way the disc reaches it, counted from the plan's first, which is
-/// 0. A grid that the path does not reach is left out.
+/// Returns for each planned grid the first waypoint on the way to which the disc reaches the grid, counted from the
+/// plan's first, which is 0. A grid that the path does not reach is left out.
 pub fn first_reached(
     plan: &Plan,
     surface: &BSplineSurface,

@@ -1,8 +1,8 @@
 //! Where the tool was while it was in contact, as the robot reported it.
 //!
-//! The robot tells its pose about every 100 ms together with the waypoints that it has executed. Where it told so
-//! seldom that waypoints lie between two reports, those stand in for them: it said that it was there. How far the
-//! reports lie off the planned lines is kept beside.
+//! The robot reports its pose about every 100 ms, together with the waypoints that it has executed. If the reports
+//! are so rare that waypoints lie between two of them, these waypoints replace the missing reports: the robot
+//! reported that it was there. The distance of the reports from the planned lines is kept too.
 
 use super::dwell::Executed;
 use super::planned::Waypoint;
@@ -15,7 +15,7 @@ pub struct PoseReport {
     pub time_ms: u32,
     /// The tool in the panel's frame, the base that was set.
     pub tip: KukaPose,
-    /// Waypoints executed, the first of the plan not counted: the arm stood there.
+    /// Waypoints executed, without the first of the plan: the arm was there already.
     pub done: u32,
     /// The contact force that a compliant tool measured at that time, N.
     pub force_n: Option<f64>,
@@ -88,7 +88,7 @@ impl Trace {
     }
 }
 
-/// Waypoints between two reports from which on they stand in.
+/// If more waypoints than this lie between two reports, they replace the missing reports.
 const MOST_MISSED: usize = 2;
 /// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
 const BESIDE: usize = 3;
@@ -98,8 +98,8 @@ fn towards(all: &[Waypoint], done: u32) -> usize {
     (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
 }
 
-/// Distance of a point from the planned lines around the one that the arm is on once this many waypoints are executed, mm; infinite
-/// where no line is planned.
+/// Returns the distance of a point from the planned lines around the line that the arm is on once this many
+/// waypoints are executed, mm; infinite if no line is planned.
 pub fn off_path_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
     let towards = towards(all, done);
     let place = |index: usize| all[index].panel_from_tool.origin();
@@ -130,7 +130,8 @@ mod tests {
         walked.poses.iter().map(way).collect()
     }
 
-    /// By hand: down at 0, along to 50, up. Reports on the way stand for themselves, half a millimetre beside the line.
+    /// By hand: down at 0, along to 50, up. Reports on the way are used as they are, half a millimetre beside the
+    /// line.
     #[test]
     fn reports_are_the_path() {
         let all: Vec<Waypoint> =
@@ -147,7 +148,8 @@ mod tests {
         assert!((walked.contact_mm - 2.0 * 36.25f64.sqrt()).abs() < 1e-9, "{}", walked.contact_mm);
     }
 
-    /// After a silence the waypoints that were told as executed stand in, and share its time.
+    /// After a silence the waypoints that were reported as executed replace the missing reports, and share its
+    /// time.
     #[test]
     fn waypoints_stand_in_for_a_silence() {
         let all: Vec<Waypoint> = (0..8).map(|n| waypoint(10.0 * f64::from(n), n > 0 && n < 7)).collect();
@@ -163,7 +165,7 @@ mod tests {
             (55.0, 0.2, true),
         ];
         assert_eq!(ways(&trace.executed(&all, 5)), expected);
-        // The rest is told with the path's end; the way up is not contact.
+        // The rest is reported with the path's end; the way up is not contact.
         let whole = trace.executed(&all, 7);
         assert_eq!(ways(&whole)[6..], [(60.0, 0.0, true), (70.0, 0.0, false)]);
         assert_eq!(Trace::default().executed(&all, 0), ExecutedPath::default(), "nothing moved");

@@ -1,9 +1,10 @@
-//! The one gate before every motion: the whole path is good, or nothing of it is sent.
+//! The one gate before every motion: the whole path is good, or no part is sent.
 //!
-//! Looks at the tool's tip in the robot's base, where base and tool already are what the controller will use: every
-//! number finite, every point inside the cell's box, the first point near where the arm stands, no large step and no
-//! large turn between neighbours, and near the panel no large tilt against the direction in which it was taught (a
-//! wrong base shows as one). Rejects and never clips. Does not know the arm: reach comes where its kinematics are.
+//! Checks the tool's tip in the robot's base, with the base and tool that the controller will use: every number
+//! finite, every point inside the cell's box, the first point near the arm's place, no large step and no large turn
+//! between neighbours. Near the panel it also checks for a large tilt against the direction in which the tool was
+//! taught (a wrong base causes one). Rejects and never clips. Does not know the arm: reach is checked in the
+//! modules that have its kinematics.
 
 use crate::cell::{Limits, Workspace};
 use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
@@ -37,11 +38,11 @@ impl From<&Limits> for WaypointLimits {
 /// A path of straight lines as it would be executed.
 #[derive(Debug, Clone, Copy)]
 pub struct Route<'a> {
-    /// Where the arm stands, as it said.
+    /// The arm's pose, as reported.
     pub from: Rigid<Base, Tool>,
-    /// Where it goes.
+    /// The poses to move to.
     pub waypoints: &'a [Rigid<Base, Tool>],
-    /// Where the tool's Z points on the panel at its nominal place; `None` away from the panel.
+    /// The direction of the tool's Z on the panel at its nominal place; `None` away from the panel.
     pub taught_axis: Option<Vector<Base>>,
 }
 
@@ -50,7 +51,7 @@ pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
     Judgement::of_checks(&broken_by_route(route, limits))
 }
 
-/// Everything of a path of lines that is not as it must be; empty where the path may be sent.
+/// Returns all violations by a path of lines; empty if the path may be sent.
 pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
     let nothing_moves = |what: &str, code: &'static str, words: String| {
         vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
@@ -98,7 +99,7 @@ fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())
 }
 
-/// How far a waypoint is outside of the box, where it is.
+/// Checks whether a waypoint is outside the box, and how far.
 fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
     // Each number beside the side of the box that is nearer to it.

@@ -16,9 +16,9 @@ pub struct Drawn {
     pub columns: u32,
     /// What is not inspected: quadrilaterals.
     pub masked_px: Vec<[[f64; 2]; 4]>,
-    /// The panel's outline, corner by corner; none where the scan shows it.
+    /// The panel's outline, corner by corner; none if the scan shows it.
     pub outline_px: Vec<[f64; 2]>,
-    /// Where something holds the panel: quadrilaterals.
+    /// The held places of the panel: quadrilaterals.
     pub held_px: Vec<[[f64; 2]; 4]>,
 }
 
@@ -28,7 +28,7 @@ pub enum EditError {
     /// It is no TOML.
     #[error("the recipe is no TOML: {0}")]
     NotToml(#[from] toml_edit::TomlError),
-    /// Something else stands where a table belongs.
+    /// A key that must be a table has another value.
     #[error("{key} must be a table")]
     NotATable {
         /// Its key.
@@ -36,10 +36,10 @@ pub enum EditError {
     },
 }
 
-/// The recipe's text with what was drawn in it. Pixels are rounded to a tenth.
+/// Returns the recipe's text with the drawn shapes. Pixels are rounded to a tenth.
 ///
 /// # Errors
-/// Where the text is no TOML, or `region` or `inspect` is no table.
+/// If the text is not TOML, or `region` or `inspect` is not a table.
 pub fn drawn_into(text: &str, drawn: &Drawn) -> Result<String, EditError> {
     let mut document: DocumentMut = text.parse()?;
     put(&mut document, "region", "corners_px", polygon(&drawn.corners_px))?;
@@ -57,7 +57,7 @@ fn polygon(corners: &[[f64; 2]]) -> Array {
     corners.iter().map(|corner| array(corner.map(number))).collect()
 }
 
-/// Sets a list where it holds something, or the text has one already.
+/// Sets a list if it is not empty, or if the text already has one.
 fn put_where_any(document: &mut DocumentMut, table: &'static str, key: &str, list: Array) -> Result<(), EditError> {
     let has_one = document.get(table).and_then(|table| table.get(key)).is_some();
     if has_one || !list.is_empty() {
@@ -66,7 +66,8 @@ fn put_where_any(document: &mut DocumentMut, table: &'static str, key: &str, lis
     Ok(())
 }
 
-/// `panel = "name"` as `panel.name = "name"`, so that it takes more keys. What stands before it, comments too, stays before it.
+/// Rewrites `panel = "name"` as `panel.name = "name"`, so that it accepts more keys. Text before it, including
+/// comments, stays before it.
 fn lengthen(document: &mut DocumentMut, key: &'static str) {
     let Some((written, item)) = document.as_table_mut().get_key_value_mut(key) else { return };
     let Some(name) = item.as_value().filter(|value| value.is_str()).cloned() else { return };
@@ -89,7 +90,7 @@ fn array(values: [Value; 2]) -> Value {
     Value::from(values.into_iter().collect::<Array>())
 }
 
-/// Sets a value in a table, which is made where it is not there.
+/// Sets a value in a table, which is created if it does not exist.
 fn put(
     document: &mut DocumentMut,
     table: &'static str,
@@ -141,7 +142,7 @@ mod tests {
         assert!(!drawn_into(text, &DRAWN).expect("a recipe").contains("masked"), "none were, none are");
     }
 
-    /// The short form of the panel's name grows into a table where it stands.
+    /// The short form of the panel's name becomes a table at the same place.
     #[test]
     fn an_outline_and_held_edges_come_beside_the_panels_name() {
         let text = "# the door\npanel = \"door\" # the left one\nregion = { corners_px = [[1, 2], [3, 2], [3, 4], [1, 4]], rows = 1, columns = 1 }\n";

@@ -73,7 +73,7 @@ impl Recipe {
         self.panel.name_text()
     }
 
-    /// What a person says of the panel's outline.
+    /// Returns a person's statements on the panel's outline.
     pub fn outline(&self) -> &Panel {
         &self.panel
     }
@@ -83,7 +83,7 @@ impl Recipe {
         &self.process
     }
 
-    /// Where the panel is searched and what is accepted.
+    /// Returns where the panel is searched, and the limits for acceptance.
     pub fn locate(&self) -> &Locate {
         &self.locate
     }
@@ -113,7 +113,7 @@ impl Recipe {
         &self.path
     }
 
-    /// What is to be removed, where it says so.
+    /// The required removal, if the recipe states one.
     pub fn removal(&self) -> Option<&Removal> {
         self.removal.as_ref()
     }

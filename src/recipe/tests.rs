@@ -1,4 +1,4 @@
-//! A recipe as a user writes it, and what is said to the wrong ones.
+//! A recipe as a user writes it, and the messages for wrong ones.
 
 use super::*;
 use proptest::prelude::*;
@@ -31,7 +31,7 @@ fn the_least_recipe_names_panel_box_and_region() {
     );
 }
 
-/// The panel's table names it and says what a person knows of its outline.
+/// The panel's table names the panel and states what a person knows about its outline.
 #[test]
 fn a_panel_may_have_an_outline_and_held_edges() {
     let rest = LEAST.split_once('\n').map_or("", |(_, rest)| rest);
@@ -197,7 +197,7 @@ proptest! {
     }
 }
 
-/// Without the table nothing is said of removal, and nothing changes.
+/// Without the table no removal is stated, and nothing changes.
 #[test]
 fn removal_is_stated_or_not() {
     let recipe = |text: &str| Recipe::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));

@@ -1,14 +1,16 @@
-//! A cycle's verdict: how its table ended it, held against what its phases found.
+//! A cycle's verdict: the end that its table gave, compared with the findings of its phases.
 //!
-//! The verdict is never better than the worst finding that counts, and names the reasons of all that count. What counts:
+//! The verdict is never better than the worst finding that counts, and names the reasons of all that count. These
+//! count:
 //!
 //! - `reject` and `invalid` count always.
-//! - `review` counts until a person decides: it is followed by an accept, or by an unhold after which the cycle measures again or
-//!   goes on. A trouble of the cell (camera, link, feedback, tool) is kept as such a review.
-//! - `fail` counts until the panel was abraded and a later film judged it: that is the way to `pass`. It is the reason for the
-//!   abrasion, and a reason of the verdict only if that is `fail`.
+//! - `review` counts until a person decides: by an accept after it, or by an unhold after which the cycle measures
+//!   again or continues. A trouble of the cell (camera, link, feedback, tool) is kept as such a review.
+//! - `fail` counts until the panel was abraded and a later film judged it: that is the way to `pass`. It is the
+//!   reason for the abrasion, and a reason of the verdict only if that is `fail`.
 //!
-//! A request names how many findings it was decided upon ([`RequestRecord::findings`]), so that the order is on the record.
+//! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order
+//! is on the record.
 
 use super::{Answer, CycleId, Finding, Kind, RequestRecord, Wanted};
 use crate::cycle::Request;
@@ -83,8 +85,8 @@ fn decides(asked: &RequestRecord, index: usize) -> bool {
     wanted && asked.answer == Some(Answer::Done) && is_later
 }
 
-/// The verdict of a cycle that its table ended so. `because` says why it was ended, if it was: what no finding says by its code
-/// comes behind the findings' reasons.
+/// Returns the verdict of a cycle that its table ended with this verdict. `because` states why it was ended, if it
+/// was: reasons with a code that no finding has follow after the findings' reasons.
 pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], because: &[Reason]) -> Judgement {
     let counting = || {
         let all = findings.iter().zip(dispositions(findings, asked));

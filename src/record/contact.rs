@@ -1,8 +1,8 @@
 //! How far a contact path may have been executed, and which grids it may have touched.
 //!
-//! Before a waypoint in contact may be sent, the store keeps that it may be: waypoints are permitted in blocks. So after
-//! any end — a crash, a lost link — the robot has executed at least what it told and at most what was permitted. With the
-//! waypoint from which on the disc reaches each grid, that bounds what was touched.
+//! Before a waypoint in contact may be sent, the store keeps the permission: waypoints are permitted in blocks. So
+//! after any end (a crash, a lost link) the robot has executed at least the reported and at most the permitted
+//! waypoints. With the waypoint from which on the disc reaches each grid, this limits the grids that were touched.
 
 use super::finding::{CycleId, Finding, Kind};
 use crate::cycle::{Id, Motion, Outcome, Path};
@@ -16,7 +16,7 @@ pub struct MotionRecord {
     pub motion: Motion,
     /// How it ended; `None` while it is open.
     pub outcome: Option<Outcome>,
-    /// Waypoints executed, as the robot said at its end; without meaning where it did not.
+    /// Waypoints executed, as the robot reported at its end; without meaning if it did not report.
     pub done: u32,
     /// Of a contact path what it works on, as far as it was kept.
     pub contact: Option<Contact>,
@@ -25,17 +25,17 @@ pub struct MotionRecord {
 /// What a contact path works on; committed with the motion, before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ContactPath {
-    /// The act that moves, by which the robot's progress is told.
+    /// The act that moves; the robot reports its progress by this act.
     pub id: Id,
     /// Which pass, from 1.
     pub pass: u8,
-    /// The planned grids, each with the first waypoint on whose way the disc reaches it.
+    /// The planned grids, each with the first waypoint on the way to which the disc reaches it.
     pub grids: Vec<Reached>,
     /// What the whole path wears of the disc, mm²; counted before it begins.
     pub wears_mm2: f64,
 }
 
-/// From where on a grid is touched.
+/// The first waypoint at which a grid is touched.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reached {
     /// The grid.
@@ -44,12 +44,12 @@ pub struct Reached {
     pub first: u32,
 }
 
-/// A contact path, what the robot told of it and what it was permitted.
+/// A contact path, the robot's reports on it and the permission that the robot had.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// The path.
     pub path: ContactPath,
-    /// Waypoints executed, as far as the robot told.
+    /// Waypoints executed, as far as the robot reported.
     pub told: u32,
     /// Waypoints that were permitted to be sent.
     pub permitted: u32,
@@ -58,7 +58,7 @@ pub struct Contact {
 /// Bounds of a number of waypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
-    /// So many were executed.
+    /// This number was executed.
     pub at_least: u32,
     /// No more can have been.
     pub at_most: u32,
@@ -74,12 +74,13 @@ pub struct Touched {
 }
 
 impl MotionRecord {
-    /// Whether the robot told how the motion ended. It did not where the motion is open, or where a person cleared it.
+    /// Returns whether the robot reported how the motion ended. It did not if the motion is open, or if a person
+    /// cleared it.
     pub fn end_is_known(&self) -> bool {
         self.outcome.is_some_and(|outcome| outcome != Outcome::Cleared)
     }
 
-    /// How many waypoints were executed; `None` where nothing was kept that bounds it.
+    /// Returns how many waypoints were executed; `None` if nothing was kept that limits it.
     pub fn executed(&self) -> Option<Bounds> {
         if self.end_is_known() {
             return Some(Bounds { at_least: self.done, at_most: self.done });
@@ -88,13 +89,14 @@ impl MotionRecord {
         Some(Bounds { at_least: contact.told, at_most: contact.permitted.max(contact.told) })
     }
 
-    /// The grids that were touched, or may have been; `None` where that was not kept. None are for other motions.
+    /// Returns the grids that were touched, or may have been; `None` if that was not kept. The list is empty for
+    /// other motions.
     pub fn touched(&self) -> Option<Vec<Touched>> {
         if self.motion.path != Path::Contact {
             return Some(Vec::new());
         }
         let (contact, executed) = (self.contact.as_ref()?, self.executed()?);
-        // Where the robot told its end, it may have been on its way to the next waypoint.
+        // If the robot reported its end, it may have been on its way to the next waypoint.
         let begun = executed.at_most + u32::from(self.end_is_known());
         let grids = contact.path.grids.iter().filter(|reached| reached.first <= begun);
         let touched =
@@ -106,7 +108,7 @@ impl MotionRecord {
 /// What the tool did to a grid in a pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Abraded {
-    /// The grid; `None` stands for any: which ones was not kept.
+    /// The grid; `None` means any grid: the grids were not kept.
     pub grid: Option<String>,
     /// The pass.
     pub pass: u8,
@@ -121,9 +123,9 @@ pub enum How {
     Whole,
     /// In part, by the poses that the robot reported.
     InPart,
-    /// It was touched; how much of it is not known.
+    /// It was touched; the touched part is not known.
     Touched,
-    /// It may have been touched: nobody knows.
+    /// It may have been touched: this is not known.
     Perhaps,
 }
 
@@ -134,20 +136,21 @@ impl How {
     }
 }
 
-/// Where the tool was in an earlier cycle of the same panel, or may have been.
+/// The place of the tool, certain or possible, in an earlier cycle of the same panel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EarlierPass {
     /// The cycle.
     pub cycle: CycleId,
     /// Its pass.
     pub pass: u8,
-    /// The grid; `None` stands for any.
+    /// The grid; `None` means any grid.
     pub grid: Option<String>,
     /// Whether it is known that the grid was touched.
     pub is_sure: bool,
 }
 
-/// What the tool touched, or may have, by what was found and, where nothing was, by what each motion was permitted.
+/// Returns what the tool touched, or may have touched: by the findings, and without a finding by the permission of
+/// each motion.
 pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
     let mut all = Vec::new();
     let passes = findings.iter().filter(|finding| finding.kind == Kind::Abrade);
@@ -160,7 +163,7 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
             }));
         }
     }
-    // A finding is kept just before the end of its motion, and only where the robot told that end.
+    // A finding is kept just before the end of its motion, and only if the robot reported that end.
     let mut findings = passes;
     for record in motions.iter().filter(|record| record.motion.path == Path::Contact) {
         let found = if record.end_is_known() { findings.next() } else { None };
@@ -213,7 +216,8 @@ mod tests {
         touched.into_iter().map(|touched| (touched.grid, touched.is_sure)).collect()
     }
 
-    /// By hand: told 4 and permitted 16, so r1c1 (2) was touched, r1c2 (10) may have been, and r1c3 (30) was not.
+    /// By hand: reported 4 and permitted 16, so r1c1 (2) was touched, r1c2 (10) may have been, and r1c3 (30) was
+    /// not.
     #[test]
     fn an_unknown_end_lies_between_what_was_told_and_what_was_permitted() {
         for outcome in [None, Some(Outcome::Cleared)] {

@@ -65,7 +65,7 @@ pub mod name {
     pub const EXECUTED: &str = "waypoints executed";
     /// Depth that a path is expected to remove of the treated grids, mean, µm.
     pub const REMOVED_MEAN: &str = "expected removal, mean";
-    /// By so much of the target 95 % of the treated area differ from it at most, %.
+    /// Largest deviation from the target for 95 % of the treated area, %.
     pub const REMOVED_EVEN: &str = "removal even within";
     /// What no place of the part may come to, by its upper 95 % bound, over all passes so far, µm.
     pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
@@ -98,7 +98,7 @@ pub mod name {
     /// The most light of a film against the dry picture's, %.
     pub const LIGHT_MOST: &str = "change of the light, most";
 
-    /// The smallest area of broken film that is surely found where the panel stands, mm².
+    /// The smallest area of broken film that is surely found at the panel's place, mm².
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
     /// Of a plan: the covered share of its worst grid.
     pub const COVERAGE: &str = "coverage of the worst of them";
@@ -165,8 +165,8 @@ impl Finding {
         Finding { kind, pass, judgement, checks, details, pictures: Vec::new(), shots: Vec::new() }
     }
 
-    /// With these checks beside those that are there. A finding that is good is a review, if a limit among them is not kept and no rule
-    /// says what follows.
+    /// Adds these checks to the existing ones. A good finding becomes a review if one of these checks violates a
+    /// limit and no rule states the consequence.
     pub fn with(mut self, checks: impl IntoIterator<Item = Check>) -> Self {
         let more: Vec<Check> = checks.into_iter().collect();
         self.judgement = self.judgement.beside(&more);
@@ -180,7 +180,7 @@ impl Finding {
         self
     }
 
-    /// The names that this detail lists; none where there is no such list.
+    /// Returns the names that this detail lists; none if there is no such list.
     pub fn names(&self, detail: &str) -> Vec<String> {
         let value = self.details.get(detail);
         value.and_then(|value| serde_json::from_value(value.clone()).ok()).unwrap_or_default()

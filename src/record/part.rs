@@ -1,4 +1,5 @@
-//! The part that a cycle is about, as it was named when the cycle was started. Checks no name: whoever takes one does.
+//! The part that a cycle is about, as it was named when the cycle was started. This module checks no name: the
+//! module that accepts a name checks it.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +22,7 @@ impl PartNames {
     /// The name of the kept file that holds them, among a cycle's [`files`](super::CycleRecord::files).
     pub const FILE: &'static str = "part";
 
-    /// The names as the kept file has them; `None` where the text is none that this program wrote.
+    /// Reads the names from the kept file; `None` if this program did not write the text.
     pub fn read(text: &str) -> Option<PartNames> {
         toml::from_str(text).ok()
     }

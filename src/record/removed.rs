@@ -1,4 +1,4 @@
-//! What was removed of a part, as the findings of its cycle tell it.
+//! The removal from a part, as the findings of its cycle report it.
 
 use super::finding::{Finding, Kind, name};
 
@@ -13,7 +13,7 @@ pub struct RemovedByPath {
     pub bound_um: f64,
 }
 
-/// Path by path; empty where the recipe does not ask for a removal.
+/// Returns the removal path by path; empty if the recipe does not require a removal.
 pub fn removed(findings: &[Finding]) -> Vec<RemovedByPath> {
     let of_path = |finding: &Finding| {
         let [mean_um, bound_um] = [name::REMOVED_MEAN, name::REMOVED_BOUND].map(|name| finding.number(name));
@@ -22,9 +22,9 @@ pub fn removed(findings: &[Finding]) -> Vec<RemovedByPath> {
     findings.iter().filter(|finding| finding.kind == Kind::Abrade).filter_map(of_path).collect()
 }
 
-/// The upper 95 % bound of what was removed anywhere of a part that was abraded in so many passes of this cycle, µm, with what
-/// earlier cycles removed. Where a pass has no word of its own, what was planned counts, since it may have been executed. `None`
-/// where nobody knows.
+/// Returns the upper 95 % bound of the removal anywhere on a part that was abraded in this number of passes of this
+/// cycle, µm, including the removal of earlier cycles. If a pass has no report of its own, its plan counts, since
+/// it may have been executed. `None` if the bound is not known.
 pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
     let told = |kind: Kind| -> Vec<f64> {
         let of_kind = findings.iter().filter(move |finding| finding.kind == kind);
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
     use crate::verdict::{Check, Judgement};
 
-    /// A plan has not removed anything, and without the recipe's table nobody knows how much a path did.
+    /// A plan has not removed anything, and without the recipe's table the removal of a path is not known.
     #[test]
     fn what_each_path_removed() {
         let told = |kind: Kind, numbers: [Option<f64>; 2]| {
@@ -57,7 +57,7 @@ mod tests {
         assert_eq!(removed(&findings), [RemovedByPath { pass: 1, mean_um: 19.5, bound_um: 24.0 }]);
     }
 
-    /// Two passes told what they removed; of a third one only its plan is known.
+    /// Two passes reported their removal; for a third one only its plan is known.
     #[test]
     fn what_was_planned_counts_where_nobody_told_what_was_executed() {
         let told = |kind: Kind, pass: u8, um: Option<f64>| {

@@ -1,4 +1,4 @@
-//! What was asked of the cell: what, by whom, when, and what came of it.
+//! The requests to the cell: each request, its sender, its time and its result.
 
 use crate::cycle::Request;
 use crate::verdict::Reason;
@@ -11,13 +11,14 @@ pub struct RequestRecord {
     pub unix_ms: i64,
     /// What was wanted.
     pub wanted: Wanted,
-    /// Who asked; `None` where that was not recorded.
+    /// The sender; `None` if it was not recorded.
     pub who: Option<Who>,
-    /// What came of it; `None` where that was not recorded: the program ended before, or it was an earlier one.
+    /// The result; `None` if it was not recorded: the program ended before, or it was an earlier one.
     pub answer: Option<Answer>,
-    /// Why it was not done; of what was done, what is to be said of it.
+    /// Why it was not done; if it was done, remarks on it.
     pub reasons: Vec<Reason>,
-    /// So many findings of the cycle were kept when it was asked: what it was decided upon. `None` where that was not recorded.
+    /// Number of findings of the cycle that were kept at the time of the request: the basis of the decision. `None`
+    /// if it was not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub findings: Option<u64>,
 }
@@ -30,25 +31,25 @@ pub enum Wanted {
     For(Request),
     /// To keep that a new disc was mounted.
     NewDisc,
-    /// A cycle by this recipe, which was refused before the table was asked.
+    /// A cycle by this recipe, which was refused before it came to the table.
     Start {
         /// The recipe's file as it was named.
         recipe: String,
     },
 }
 
-/// Who asked.
+/// The sender of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Who {
     /// By which way.
     pub front: Front,
-    /// The number of the user of the operating system; `None` where it is not known.
+    /// The number of the user of the operating system; `None` if it is not known.
     pub uid: Option<u32>,
-    /// The user's name; `None` where the system has none for the number.
+    /// The user's name; `None` if the system has no name for the number.
     pub user: Option<String>,
 }
 
-/// The way by which something was asked.
+/// The way by which a request came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Front {
@@ -66,7 +67,7 @@ pub enum Front {
     Line,
     /// SIGTERM or SIGINT.
     Signal,
-    /// The program by itself, such as a reset whose self-test failed.
+    /// The program itself, such as a reset with a failed self-test.
     Program,
 }
 
@@ -76,14 +77,14 @@ pub enum Front {
 pub enum Answer {
     /// It was taken, and done as far as it could be at once.
     Done,
-    /// It was refused: nothing of it was done.
+    /// It was refused: no part was done.
     Refused,
     /// The cell could not do it.
     Failed,
 }
 
 impl Who {
-    /// Somebody who came by this way and of whom nothing else is known.
+    /// Returns a sender by this way of whom nothing else is known.
     pub fn by(front: Front) -> Self {
         Who { front, uid: None, user: None }
     }

@@ -1,10 +1,11 @@
-//! Measured depths on test coupons, and what the model says of each.
+//! Measured depths on test coupons, and the model's exposure for each.
 //!
-//! A coupon is flat and is treated with straight lines. One line over its middle, measured there, has been under the disc
-//! for the disc's chord: per pass and per k
+//! A coupon is flat and is treated with straight lines. One line over its middle, measured there, has been under
+//! the disc for the disc's chord: per pass and per k
 //!     X = F / (π R²) · c · v(f)/f,   c = 2 R · (2/π) E((e/R)²),
-//! e the radius of the orbit, which carries the rim with it. In a field of rows that lie s apart, measured in its middle as the mean
-//! over a row's width, every mm² has borne the same: X = F · v(f)/f / s. Then h = k X, and ln h − ln X = ln k₀ − b w.
+//! e being the radius of the orbit, which carries the rim with it. In a field of rows that are s apart, measured in
+//! its middle as the mean over a row's width, every mm² has had the same load: X = F · v(f)/f / s. Then h = k X,
+//! and ln h − ln X = ln k₀ − b w.
 
 use super::pad::Pad;
 use super::speed::{Orbit, elliptic_e};

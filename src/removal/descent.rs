@@ -1,9 +1,9 @@
 //! Least squares with bounds over a sparse matrix, one unknown after the other.
 //!
 //! Minimises   Σᵢ (Σⱼ aᵢⱼ xⱼ − yᵢ)² + μ Σⱼ hⱼ (xⱼ − ½ (xⱼ₋₁ + xⱼ₊₁))²,   low ≤ x ≤ high,
-//! with hⱼ = Σᵢ aᵢⱼ². Each step sets one x to the minimum along it, cut to its bounds: the sum never grows, and comes to
-//! its least since it is convex. The second part keeps neighbours alike where the first leaves them open.
-//! Source: Tseng, J. Optim. Theory Appl. 109, 2001.
+//! with hⱼ = Σᵢ aᵢⱼ². Each step sets one x to the minimum along it, clipped to its bounds: the sum never grows, and
+//! reaches its minimum because it is convex. The second part keeps neighbours alike if the first does not determine
+//! them. Source: Tseng, J. Optim. Theory Appl. 109, 2001.
 
 /// A sparse matrix by its columns.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -37,7 +37,7 @@ impl Columns {
         rows.zip(self.values[range].iter().map(|value| f64::from(*value)))
     }
 
-    /// A x, over so many rows.
+    /// Returns A x, over this number of rows.
     pub fn times(&self, x: &[f64], rows: usize) -> Vec<f64> {
         let mut sums = vec![0.0; rows];
         for (index, x) in x.iter().enumerate().take(self.count()) {

@@ -19,14 +19,14 @@ pub struct Figures {
     pub largest_um: f64,
     /// The largest upper bound of the depth anywhere, 95 %, µm.
     pub largest_bound_um: f64,
-    /// By so much of the target 95 % of the treated area differ from it at most, percent.
+    /// Largest deviation from the target for 95 % of the treated area, percent of the target.
     pub within_percent: f64,
     /// The half-width of the 95 % interval in the mean, percent.
     pub uncertainty_percent: f64,
 }
 
 impl Figures {
-    /// Of a map against a target, µm; `None` where nothing is treated.
+    /// Computes the figures of a map against a target, µm; `None` if nothing is treated.
     pub fn of(map: &RemovalMap, target_um: f64) -> Option<Self> {
         let treated = || map.grids.iter().filter(|grid| grid.is_treated).flat_map(places);
         let area: f64 = treated().map(|(_, _, area)| area).sum();
@@ -57,7 +57,7 @@ impl Figures {
         })
     }
 
-    /// The share of the treated area that lies within so many percent of the target, 0…1.
+    /// Returns the share of the treated area that lies within this percentage of the target, 0…1.
     pub fn share_within(map: &RemovalMap, target_um: f64, percent: f64) -> f64 {
         let treated = map.grids.iter().filter(|grid| grid.is_treated).flat_map(places);
         let (held, all) = treated.fold((0.0, 0.0), |(held, all), (depth_um, _, area)| {
@@ -98,8 +98,8 @@ mod tests {
         RemovalMap::with(grids, 2.0)
     }
 
-    /// By hand: 100 places of 1 to 100 µm, and one beside them of 120 µm. Of a target of 50 µm 95 % lie within 45 of it, which
-    /// are 90 %; a tenth more or less holds 45 to 55, eleven places. e^(2 · 0.05) = 1.105 17.
+    /// By hand: 100 places of 1 to 100 µm, and one beside them of 120 µm. 95 % lie within 45 of a target of 50 µm,
+    /// which are 90 %. A tenth more or less contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105 17.
     #[test]
     fn what_a_map_comes_to() {
         let both = map(vec![grid(1, true, (1..=100u8).map(f32::from).collect()), grid(2, false, vec![120.0])]);

@@ -1,10 +1,11 @@
-//! What coupons say of k and of the disc's wear, with how well they say it.
+//! Estimates k and the disc's wear from coupons, with their uncertainty.
 //!
 //!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
-//! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and the covariance is
-//! σ_r² (AᵀA)⁻¹. Each coupon is foretold by the others; one that lies farther off than Student's distribution lets one of n be with
-//! 95 % is named. Whether depth goes with X at all is asked by a third unknown, the power of X, which is 1 where Preston holds.
-//! Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
+//! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and
+//! the covariance is σ_r² (AᵀA)⁻¹. Each coupon is predicted from the others. A coupon is named if it is farther off
+//! than Student's distribution allows, with 95 %, for one of n. A third unknown tests whether depth follows X at
+//! all: the power of X, which is 1 if Preston holds. Source: Draper & Smith, Applied Regression Analysis, 1998,
+//! 8.1.
 
 use super::coupons::{Coupon, CouponTool};
 use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
@@ -21,13 +22,13 @@ pub struct LeftOut {
     pub foretold_um: f64,
     /// Lowest and highest depth that the others allow it, 95 %, µm.
     pub interval_um: [f64; 2],
-    /// Found over foretold, as a share of it: 0.1 is a tenth deeper.
+    /// Deviation of the measured from the predicted depth, as a share of the latter: 0.1 is a tenth deeper.
     pub off: f64,
-    /// Farther off than one of so many may be.
+    /// Whether it is farther off than one of this number of coupons may be.
     pub is_outlier: bool,
 }
 
-/// What the coupons say.
+/// The result of the coupons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// k₀, mm²/N.
@@ -40,7 +41,7 @@ pub struct Fitted {
     pub coupon_deviation: f64,
     /// Found over modelled depth of each coupon, less 1.
     pub residuals: Vec<f64>,
-    /// Each coupon by the others; none where the others hold no model.
+    /// Each coupon predicted from the others; none if the others determine no model.
     pub left_out: Vec<Option<LeftOut>>,
     /// The power of X by which the depth grows, and its 95 %.
     pub power: [f64; 2],
@@ -52,7 +53,7 @@ impl Fitted {
         self.residuals.len().saturating_sub(2).max(1) as f64
     }
 
-    /// 95 % of k at what the disc had swept, mm², as a share of it.
+    /// Returns the 95 % uncertainty of k at this swept area of the disc, mm², as a share of k.
     pub fn preston_share_95(&self, worn_mm2: f64) -> f64 {
         let cov = &self.covariance;
         let variance = cov[(0, 0)] - 2.0 * worn_mm2 * cov[(0, 1)] + worn_mm2 * worn_mm2 * cov[(1, 1)];
@@ -71,10 +72,10 @@ impl Fitted {
     }
 }
 
-/// The model that fits the coupons best.
+/// Returns the model that fits the coupons best.
 ///
 /// # Errors
-/// Where they cannot hold one.
+/// If they cannot determine one.
 pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     refuse(coupons, tool)?;
     let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
@@ -82,7 +83,7 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     let y = DVector::from_iterator(coupons.len(), depth.iter().zip(&exposure).map(|(depth, load)| depth - load));
     let worn = |index: usize| coupons[index].worn_mm2 / MM2_PER_M2;
     let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
-    // Different wears were asked for: the matrix is regular.
+    // Different wears were required: the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
     let found = line(&rows, &y).ok_or_else(one_wear)?;
     let left = &y - &rows * &found.solution;
@@ -228,7 +229,7 @@ pub(super) mod tests {
         assert!((found.preston_share_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
     }
 
-    /// The fourth is a half deeper than the others say, all of which agree within a few percent.
+    /// The fourth is a half deeper than the others predict, all of which agree within a few percent.
     #[test]
     fn an_outlier_is_named() {
         let mut off = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];

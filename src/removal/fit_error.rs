@@ -2,11 +2,12 @@
 
 use crate::words::{apart, fixed};
 
-/// Coupons at least: two numbers, and four more to tell how well.
+/// Smallest number of coupons: two for the two numbers, and four more to show how well they are known.
 pub const MIN_COUPONS: usize = 6;
-/// The largest exposure must be so many times the smallest, to see that depth goes with it.
+/// The largest exposure must be at least this many times the smallest, to show that depth follows it.
 pub(super) const LEVELS: f64 = 1.3;
-/// What the discs had swept must differ by so much, mm², to see the wear: a fiftieth of a square metre.
+/// The areas that the discs had swept must differ by this much, mm², to show the wear: a fiftieth of a square
+/// metre.
 pub(super) const WORN_LEVELS_MM2: f64 = 20_000.0;
 /// Coupons that differ more than this among themselves, σ of ln h, contradict each other.
 pub(super) const CONTRADICTORY: f64 = 0.5;

@@ -9,13 +9,13 @@ use crate::words::{apart, fixed};
 /// Beyond the first a person must look, beyond the second it is rejected.
 type Bounds = [f64; 2];
 
-/// 95 % of k where it is known worst, among what the coupons' discs had swept, percent.
+/// 95 % uncertainty of k where it is known worst, among the areas that the coupons' discs had swept, percent.
 const KNOWN_PERCENT: Bounds = [12.0, 40.0];
 /// σ of a coupon, percent.
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
 /// Left-out coupons, rms, percent.
 const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
-/// The power of the load may be off by so much.
+/// Largest deviation of the power of the load.
 const POWER_OFF: f64 = 0.15;
 /// Fewer coupons than this are few.
 const FEW: f64 = 8.0;

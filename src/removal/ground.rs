@@ -1,7 +1,8 @@
-//! Where a disc finds panel below it: inside the outline, by rows of the taught picture's pixels.
+//! Finds where a disc has panel below it: inside the outline, by rows of the taught picture's pixels.
 //!
-//! Inside the region there is panel, except in its holes, which the fit tells. Beside it the outline tells: for each row of
-//! pixels the places where it crosses the row are kept in order, so that a look takes no walk along the outline.
+//! Inside the region there is panel, except in its holes, which the fit gives. Beside the region the outline
+//! decides: for each row of pixels the places at which it crosses the row are kept in order, so that a check does
+//! not walk along the outline.
 
 use crate::geometry::Pixel;
 use crate::panel::Region;
@@ -13,7 +14,7 @@ use nalgebra::Point2;
 pub struct PanelGround {
     region: Region,
     top: i64,
-    /// Where the outline crosses each row's middle, px.
+    /// The places at which the outline crosses each row's middle, px.
     crossings: Vec<Vec<f64>>,
 }
 
@@ -38,7 +39,7 @@ impl PanelGround {
         PanelGround { region: region.clone(), top, crossings }
     }
 
-    /// Is there panel at this place, holes aside?
+    /// Returns whether there is panel at this place, holes not considered.
     pub fn holds(&self, at: Parameter) -> bool {
         let in_region = (0.0..=1.0).contains(&at.u) && (0.0..=1.0).contains(&at.v);
         if in_region || self.crossings.is_empty() {

@@ -12,7 +12,7 @@ pub(super) struct Line {
     pub deviation: f64,
 }
 
-/// The x that minimises |A x − y|², A's rows being these; `None` where they leave x open.
+/// Returns the x that minimises |A x − y|², A's rows being these; `None` if they do not determine x.
 pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
     let inverse = (rows.transpose() * rows).try_inverse()?;
     let solution = &inverse * rows.transpose() * y;

@@ -24,7 +24,7 @@ pub struct GridRemoval {
     pub depth_um: Vec<f32>,
     /// σ of the depth's logarithm.
     pub deviation: Vec<f32>,
-    /// Surface of each sample, mm²; 0 where there is no panel.
+    /// Surface of each sample, mm²; 0 if there is no panel.
     pub area_mm2: Vec<f32>,
 }
 
@@ -33,12 +33,13 @@ pub struct GridRemoval {
 pub struct RemovalMap {
     /// Grid by grid.
     pub grids: Vec<GridRemoval>,
-    /// So many σ hold 95 %.
+    /// The number of σ that contains 95 %.
     pub quantile_95: f64,
     sides_mm: [f64; 2],
 }
 
-/// What these stretches remove of the region. Grids that are not to be treated are there where the disc laps over them.
+/// Returns the removal of the region by these stretches. Grids that are not to be treated are included if the disc
+/// overlaps them.
 pub fn removed(
     (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
     treated: &[GridId],
@@ -92,8 +93,8 @@ impl RemovalMap {
         RemovalMap { grids, quantile_95, sides_mm: [100.0, 100.0] }
     }
 
-    /// The same with what an earlier path over the same part removed, on the same samples; grids that only one of both
-    /// knows are kept as they are.
+    /// Adds the removal of an earlier path over the same part, on the same samples; grids that only one of both has
+    /// are kept as they are.
     #[must_use]
     pub fn and(mut self, earlier: &RemovalMap) -> Self {
         for before in &earlier.grids {
@@ -106,7 +107,7 @@ impl RemovalMap {
         self
     }
 
-    /// All of it, mm³.
+    /// Returns the total removed volume, mm³.
     pub fn volume_mm3(&self) -> f64 {
         let places = self.grids.iter().flat_map(|grid| grid.depth_um.iter().zip(&grid.area_mm2));
         places.map(|(depth_um, area)| f64::from(*depth_um) / UM_PER_MM * f64::from(*area)).sum()
@@ -176,7 +177,7 @@ pub(super) mod tests {
         // By hand: k F v t with the 100 mm of the square at 60 mm/s: 4e-4 · 20 · 2618.34 · 100/60 = 34.91 mm³.
         assert!((map.volume_mm3() / 34.911 - 1.0).abs() < 0.002, "{}", map.volume_mm3());
         let at = |x: usize, y: f64| {
-            // Samples stand at half millimetres.
+            // Samples are at half millimetres.
             let row = (y - 0.5).round() as usize;
             f64::from(grid.depth_um[row * 100 + x])
         };
@@ -186,7 +187,7 @@ pub(super) mod tests {
         assert!((f64::from(grid.deviation[5_050]) - (4e-4f64 + 9e-4).sqrt()).abs() < 1e-4);
     }
 
-    /// By hand: after half a square metre, and the way of the path beside, e^(−0.4) of it is left.
+    /// By hand: after half a square metre, in addition to the way of the path, e^(−0.4) of the removal is left.
     #[test]
     fn a_worn_disc_removes_less() {
         let ratio = line(500_000.0).grids[0].depth_um[5_050] / line(0.0).grids[0].depth_um[5_050];

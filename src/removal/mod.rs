@@ -1,4 +1,4 @@
-//! How many micrometres the disc takes off: a model of removal, its calibration, and the feeds that make it even.
+//! How many micrometres the disc removes: a model of removal, its calibration, and the feeds that make it even.
 //!
 //! # Symbols
 //!
@@ -12,44 +12,45 @@
 //! | F | force of the tool along the surface's normal | N |
 //! | s | stiffness of the pad: its modulus over its thickness | N/mm³ |
 //! | δ, c | compression of the pad in the disc's middle; at a place | mm |
-//! | w, b | what the disc has swept; decay of ln k by it | mm²; 1/mm² |
+//! | w, b | area that the disc has swept; decay of ln k by it | mm²; 1/mm² |
 //!
 //! # The model
 //!
 //! The depth grows by                      dh/dt = k p v                                               (1, Preston)
 //! with the grain's mean speed             v = (1/2π) ∮ |u + f| dφ                                     (2, `speed`)
 //! and a disc that wears                   k = k₀ exp(−b w),                                           (3, `model`)
-//! w being what the store counts of the disc in use: its diameter times the way in contact.
-//! The pad is an elastic foundation: each of its places gives way by itself, and never pulls,
+//! w being the area that the store counts for the disc in use: its diameter times the way in contact. The pad is an
+//! elastic foundation: each of its places yields independently, and never pulls,
 //!                                         p = s · max(c, 0) below the disc where there is panel,      (4, `pad`)
 //!                                         c = δ + t·x − ½ xᵀ K x,
-//! x the place in the tangent plane, K the surface's curvature there (`place`), t the tilt of the disc against that plane.
+//! x being the place in the tangent plane, K the surface's curvature there (`place`), t the tilt of the disc
+//! against that plane.
 //! δ follows from                          ∫ p dA = F.                                                 (5)
-//! The tilt is the tool's: the arm holds its attitude, and a force-controlled tool moves along its axis alone, so the
-//! moments of p about the disc's middle are the arm's to bear and are not balanced by a turn of the disc. A disc on a
-//! ball joint would need two more equations, and is not this model.
+//! The tilt is the tool's: the arm holds its attitude, and a force-controlled tool moves along its axis alone. So
+//! the arm bears the moments of p about the disc's middle, and they are not balanced by a turn of the disc. A disc
+//! on a ball joint would need two more equations, and is not this model.
 //!
-//! While the disc wobbles on its orbit, its rim does too: p is averaged over the circle of the orbit's radius (`stroke`).
-//! Over a straight stretch of path all of this integrates in closed form, so a few stretches are as exact as many short
-//! steps. Turning of the disc about its own axis, which a random orbit has besides, is slow and not counted.
+//! While the disc wobbles on its orbit, its rim does too: p is averaged over the circle of the orbit's radius
+//! (`stroke`). Over a straight stretch of path all of this integrates in closed form, so a few stretches are as
+//! exact as many short steps. A random orbit also turns the disc about its own axis; this is slow and not counted.
 //!
 //! # The uncertainty
 //!
-//! ln k₀ and b come with their covariance from coupons (`fit`), which differ among themselves by σ_r besides; the force is
-//! off by σ_F. All parts act on the whole of a place's depth, so that
+//! ln k₀ and b come with their covariance from coupons (`fit`), which also differ among themselves by σ_r; the
+//! force has an error of σ_F. All parts act on the whole of a place's depth, so that
 //!     σ²(ln h) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_F²,                              (6, `model`)
 //! and 95 % of places lie within h · exp(± q σ), q being Student's for the coupons' redundancy.
 //!
 //! # Sources
 //!
-//! (1) Preston, J. Soc. Glass Technol. 11, 1927. (4) Winkler's foundation: Johnson, Contact Mechanics, Cambridge 1985, 4.3.
-//! Without negative pressure beyond an edge: as for polishing tools that hang over, Luna-Aguilar et al.,
-//! Proc. SPIE 4840, 2003, where pressures that pull are shown to be wrong.
+//! (1) Preston, J. Soc. Glass Technol. 11, 1927. (4) Winkler's foundation: Johnson, Contact Mechanics, Cambridge
+//! 1985, 4.3. Without negative pressure beyond an edge: as for polishing tools that extend over it, Luna-Aguilar et
+//! al., Proc. SPIE 4840, 2003, where pressures that pull are shown to be wrong.
 //!
-//! Files: `speed`, `place`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`, `map` what they
-//! remove, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even · `ground` where there is panel
-//! · `coupons`, `table` measured depths · `fit`, `least_squares`, `fit_error`, `gate` what they say of k, and whether that may be used.
-//! No I/O and no clock. Lengths in mm and forces in N.
+//! Files: `speed`, `place`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`,
+//! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even
+//! · `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `fit_error`,
+//! `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
 mod descent;

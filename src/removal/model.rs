@@ -1,10 +1,11 @@
-//! Preston's coefficient as coupons told it: how it falls with what the disc has swept, and how well it is known.
+//! Preston's coefficient from coupons: how it falls with the area that the disc has swept, and how well it is
+//! known.
 //!
 //!     k(w) = k₀ exp(−b w)                                                                                  (3)
 //!     σ²(w) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_F²                                     (6)
-//! σ_r is what one coupon differs by from the model, σ_F the force's own. Coupons differ by their measured force too, so
-//! that σ rather is too large than too small. With 95 % the true depth lies within exp(± q σ) of the expected one, q being
-//! Student's for as many coupons less two.
+//! σ_r is the deviation of one coupon from the model, σ_F the force's own. Coupons also differ by their measured
+//! force, so that σ is rather too large than too small. With 95 % the true depth lies within exp(± q σ) of the
+//! expected one, q being Student's for the number of coupons less two.
 
 use super::speed::Orbit;
 use crate::calib::student_95;
@@ -13,12 +14,12 @@ use nalgebra::Matrix2;
 
 /// Square millimetres of a square metre.
 pub const MM2_PER_M2: f64 = 1e6;
-/// What is told where a recipe asks for a removal and there is no model.
+/// The message if a recipe requires a removal and there is no model.
 pub const UNKNOWN: &str = "the recipe has [removal], and the cell's file names no [calibration] removal: nobody can say whether \
                            max_um is kept; measure coupons and name what `panelprep calibrate removal` writes";
 /// Micrometres of a millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
-/// What fits a line takes of the coupons' redundancy.
+/// Parameters of the fitted line, by which the coupons' redundancy is reduced.
 const FITTED: usize = 2;
 /// Two standard deviations are what people call 95 % of a force.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
@@ -44,7 +45,8 @@ pub struct Model {
     pub forces_n: Option<[f64; 2]>,
 }
 
-/// Coupons whose forces are this factor apart show how the depth grows with the force, and hold for forces this factor beyond theirs …
+/// Coupons with forces that differ by this factor show how the depth grows with the force, and are valid for forces
+/// this factor beyond theirs …
 pub const FORCE_RANGE: f64 = 1.5;
 /// … and others for forces this factor beyond theirs.
 const FORCE_NEAR: f64 = 1.15;
@@ -66,7 +68,7 @@ impl From<&RemovalNumbers> for Model {
     }
 }
 
-/// A disc that has swept so much, and how well the force on it is known.
+/// A disc with this swept area, and how well the force on it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Worn {
     /// What the disc has swept, mm².
@@ -76,7 +78,7 @@ pub struct Worn {
 }
 
 impl Model {
-    /// k of a disc that has swept so much, mm²/N.
+    /// Returns k of a disc with this swept area, mm²/N.
     pub fn preston_at(&self, swept_mm2: f64) -> f64 {
         self.preston_mm2_per_n * (-self.decay_per_mm2 * swept_mm2).exp()
     }
@@ -97,7 +99,7 @@ impl Model {
         Some([least_n / beyond, most_n * beyond])
     }
 
-    /// So many σ hold 95 %.
+    /// Returns the number of σ that contains 95 %.
     pub fn quantile_95(&self) -> f64 {
         student_95(self.redundancy)
     }

@@ -1,16 +1,17 @@
-//! The pressure below a disc: an elastic pad on a curved surface, loaded by a force, at a given tilt, cut off where the
-//! panel ends.
+//! The pressure below a disc: an elastic pad on a curved surface, loaded by a force, at a given tilt, cut off where
+//! the panel ends.
 //!
 //!     p = s · max(c, 0),   c = δ + t·x − ½ xᵀ K x,   ∫ p dA = F                                           (4), (5)
-//! F grows with δ, ever steeper, so Newton's steps from a δ that is too large come down to the root without passing it.
-//! Where all of the disc is on the panel and in contact the integral is closed: the mean of t·x over a disc is 0, that of
-//! ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It is closed, too, where K bends away in both directions and the
-//! contact is an ellipse wholly inside of the disc: with x₀ = K⁻¹ t its middle and c₀ = δ + ½ t·x₀ the compression there, the
-//! paraboloid above it holds π c₀² / √det K, so c₀² = F √det K / (π s). Else it is a sum over places of equal area, rings and
-//! spokes, which keeps the disc's own edge exact.
+//! F grows with δ, at an increasing rate, so Newton's steps from a δ that is too large descend to the root without
+//! passing it. If the whole disc is on the panel and in contact, the integral has a closed form: the mean of t·x
+//! over a disc is 0, that of ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It also has a closed form
+//! if K bends away in both directions and the contact is an ellipse wholly inside the disc. With x₀ = K⁻¹ t being
+//! its middle and c₀ = δ + ½ t·x₀ the compression there, the paraboloid above it contains π c₀² / √det K, so c₀² =
+//! F √det K / (π s). Otherwise it is a sum over places of equal area, rings and spokes, which keeps the disc's own
+//! edge exact.
 //!
-//! Beyond the panel's edge there is nothing to press on: the rest of the disc bears the force, and no place pulls. The
-//! attitude is given (see the room's head).
+//! Beyond the panel's edge there is nothing to press on: the rest of the disc bears the force, and no place pulls.
+//! The attitude is given (see the head of the parent module).
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
@@ -38,11 +39,11 @@ pub struct Pad {
 pub struct Seat {
     /// How much deeper the disc reaches per mm along x and y.
     pub tilt: Vector2<f64>,
-    /// Curvature of the surface, 1/mm, positive where it bends away.
+    /// Curvature of the surface, 1/mm, positive if it bends away.
     pub curvature_per_mm: Matrix2<f64>,
 }
 
-/// Is there panel at this offset from the disc's middle, mm?
+/// Returns whether there is panel at this offset from the disc's middle, mm.
 pub type Below<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 
 /// A disc in contact.
@@ -52,7 +53,7 @@ pub struct Contact {
     pub pad: Pad,
     /// What it lies on.
     pub seat: Seat,
-    /// Compression in the disc's middle, δ, mm; below 0 where a tilted disc does not touch there.
+    /// Compression in the disc's middle, δ, mm; below 0 if a tilted disc does not touch there.
     pub depth_mm: f64,
 }
 
@@ -74,8 +75,8 @@ impl Pad {
         PI * self.radius_mm * self.radius_mm
     }
 
-    /// The contact that bears this force, N; `below` says where there is panel, nothing says everywhere. `None` where
-    /// there is none below the disc, or no force.
+    /// Returns the contact that bears this force, N. `below` states where there is panel; without it there is panel
+    /// everywhere. `None` if there is no panel below the disc, or no force.
     pub fn under(&self, force_n: f64, seat: Seat, below: Option<Below<'_>>) -> Option<Contact> {
         if !(force_n > 0.0 && force_n.is_finite()) {
             return None;
@@ -92,7 +93,7 @@ impl Pad {
         }
     }
 
-    /// δ where the contact is an ellipse inside of the disc; `None` where it is not.
+    /// Returns δ if the contact is an ellipse inside the disc; `None` if it is not.
     fn inner_depth_mm(&self, force_n: f64, seat: Seat) -> Option<f64> {
         let bend = seat.curvature_per_mm;
         let least_bend = bend.symmetric_eigenvalues().min();
@@ -102,7 +103,8 @@ impl Pad {
         (reach_mm <= self.radius_mm).then(|| peak_mm - 0.5 * seat.tilt.dot(&middle_mm))
     }
 
-    /// Is all of the disc in contact at this depth? What tilt and bend take away at most is taken together: a safe bound.
+    /// Returns whether the whole disc is in contact at this depth. The largest reductions by tilt and by bend are
+    /// added: a safe bound.
     fn is_whole(&self, seat: Seat, depth_mm: f64) -> bool {
         let (radius_mm, bends) = (self.radius_mm, seat.curvature_per_mm.symmetric_eigenvalues());
         let fall_mm = 0.5 * radius_mm * radius_mm * bends.max().max(0.0);
@@ -153,7 +155,7 @@ static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
 });
 
 impl Contact {
-    /// Pressure at an offset from the disc's middle, N/mm², where there is panel.
+    /// Returns the pressure at an offset from the disc's middle, N/mm², if there is panel.
     pub fn pressure_n_mm2(&self, offset_mm: Vector2<f64>) -> f64 {
         if offset_mm.norm_squared() > self.pad.radius_mm * self.pad.radius_mm {
             return 0.0;
@@ -228,7 +230,8 @@ mod tests {
         assert_eq!([0.0, -1.0, f64::NAN].map(|force_n| PAD.under(force_n, Seat::level(), None)), [None; 3]);
     }
 
-    /// By hand: tilted by 0.1 the disc touches on one side only: with all of it pressed c would be 0.566 − 1.5 at the rim.
+    /// By hand: tilted by 0.1 the disc touches on one side only. If the whole disc were pressed, c would be 0.566 −
+    /// 1.5 at the rim.
     #[test]
     fn a_tilted_disc_lifts_on_one_side_and_never_pulls() {
         let seat = Seat { tilt: Vector2::new(0.1, 0.0), ..Seat::level() };

@@ -15,12 +15,12 @@ pub struct Samples {
     pub id: GridId,
     net: Net,
     points: Vec<Point<Panel>>,
-    /// Surface of each, mm²; 0 where there is no panel.
+    /// Surface of each, mm²; 0 if there is no panel.
     pub area_mm2: Vec<f64>,
 }
 
 impl Samples {
-    /// Places about so far apart, mm; `None` where the region has no such grid.
+    /// Returns places about this distance apart, mm; `None` if the region has no such grid.
     pub fn of(
         surface: &BSplineSurface,
         region: &Region,
@@ -47,7 +47,7 @@ impl Samples {
         self.points.len()
     }
 
-    /// Tells each place with panel that a stretch presses on, with the mean pressure meanwhile, N/mm².
+    /// Calls back for each place with panel that a stretch presses on, with the mean pressure meanwhile, N/mm².
     pub fn under(&self, stretch: &Stretch, mut tell: impl FnMut(usize, f64)) {
         let reach_mm = FARTHER * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
         let [reach_u, reach_v] = stretch.frame.reach(reach_mm);

@@ -1,15 +1,16 @@
-//! The feed on each move of a path, so that the removal is even over what is treated.
+//! The feed on each move of a path, so that the removal is even over the treated area.
 //!
-//! A move that rubs x mm on each of its millimetres removes k p x of a place, so all places together are h = A x: linear in
-//! x, whatever the orbit. x falls with the feed (`speed`); the feeds' bounds are bounds of x, and `descent` finds the x
-//! that comes nearest to the target everywhere. Beyond what is treated nothing is asked for: there the removal tapers off
-//! with the disc's radius. The wear of the disc goes with its way alone, so it is known beforehand.
+//! A move that rubs x mm on each of its millimetres removes k p x from a place, so all places together are h = A x:
+//! linear in x, for every orbit. x falls with the feed (`speed`); the feeds' bounds are bounds of x, and `descent`
+//! finds the x that comes nearest to the target everywhere. Beyond the treated area there is no target: there the
+//! removal tapers off with the disc's radius. The wear of the disc depends on its way alone, so it is known
+//! beforehand.
 //!
-//! The tool's point cannot jump in speed: from one move to the next the square of the feed changes by no more than the
-//! acceleration times the length of the slower one's neighbour, so half of that move at most is spent on it. Where that
-//! asks for a lower feed it is lowered, and the others are found again.
+//! The tool's point cannot jump in speed. From one move to the next the square of the feed changes by at most the
+//! acceleration times the length of the slower one's neighbour, so at most half of that move is used for the
+//! change. If that requires a lower feed, it is lowered, and the others are found again.
 //!
-//! Nothing is cut to fit: whether the result keeps the recipe's limits is judged by the map of it.
+//! Nothing is cut to fit: the map of the result shows whether it keeps the recipe's limits.
 
 use super::descent::{Columns, Sought, descend};
 use super::model::{Model, UM_PER_MM};
@@ -39,7 +40,7 @@ pub struct Move {
     pub feeds_mm_s: [f64; 2],
 }
 
-/// What is asked for.
+/// The required removal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RemovalTarget {
     /// Depth, µm.
@@ -136,7 +137,7 @@ fn merged(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     merged
 }
 
-/// The same feeds, lower where the next or the former one could not be come to.
+/// Returns the same feeds, lower if the next or the former one could not be reached.
 fn slowed(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
     let mut slowed = feeds_mm_s.to_vec();
     let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;

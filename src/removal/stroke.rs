@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 /// Places on the orbit for one stretch.
 const PHASES: usize = 8;
-/// A disc that goes less far stands still, mm.
+/// A disc that moves less than this is at rest, mm.
 const SHORTEST_MM: f64 = 1e-9;
 /// The golden angle as a share of a turn.
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
@@ -21,7 +21,7 @@ const GOLDEN: f64 = 0.381_966_011_250_105_1;
 pub struct Stroke {
     /// The contact, in the tangent plane at the stretch's middle.
     pub contact: Contact,
-    // Where the disc's middle begins, mm from that place
+    // The start of the disc's middle, mm from that place
     start_mm: Vector2<f64>,
     // The other way than the disc goes: so a place goes by, seen from it
     direction: Vector2<f64>,
@@ -32,8 +32,8 @@ pub struct Stroke {
 }
 
 impl Stroke {
-    /// The `number`th stretch, of a disc whose middle goes from the first to the second end, mm from the place, and runs a circle of
-    /// this radius, mm, on its orbit.
+    /// Creates the `number`th stretch. The disc's middle moves from the first to the second end, mm from the place,
+    /// and runs a circle of this radius, mm, on its orbit.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
             let turn = phase as f64 / PHASES as f64 + (number as f64 * GOLDEN).fract() / PHASES as f64;
@@ -107,7 +107,7 @@ fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
     if inner <= 0.0 {
         return if at_a > 0.0 { between(a, b) } else { 0.0 };
     }
-    // The stable form of the roots; one of them runs off to infinity where c₂ is 0.
+    // The stable form of the roots; one of them goes to infinity if c₂ is 0.
     let q = -0.5 * (c1 + inner.sqrt().copysign(c1));
     let (one, other) = (c0 / q, if c2 == 0.0 { f64::INFINITY.copysign(q) } else { q / c2 });
     let (low, high) = (one.min(other), one.max(other));
@@ -150,7 +150,7 @@ mod tests {
         assert!((still.mean_pressure_n_mm2(Vector2::new(14.0, 0.0)) - 0.028_294_2).abs() < 1e-7);
     }
 
-    /// By hand: the orbit spreads what lies beyond the rim, and takes as much from within it.
+    /// By hand: the orbit spreads pressure beyond the rim, and reduces it by as much inside the rim.
     #[test]
     fn the_orbit_spreads_the_rim() {
         let [sharp, spread] = [0.0, 2.5].map(|radius_mm| stroke(Seat::level(), radius_mm));

@@ -1,6 +1,6 @@
-//! The table of coupons, a CSV file: one measured place a line, columns by their names in any order.
+//! The table of coupons, a CSV file: one measured place per line, columns by their names in any order.
 //!
-//! Every problem is told with its line and column; a table with one is not used.
+//! Every problem is reported with its line and column; a table with a problem is not used.
 
 use super::coupons::{Coupon, Lines};
 use crate::words::plain;
@@ -165,7 +165,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     }
 }
 
-/// The depth, as it stands or as the difference of two thicknesses.
+/// Returns the depth, as stated or as the difference of two thicknesses.
 fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProblem>> {
     match numbers {
         [Some(depth_um), None, None] => Ok(*depth_um),

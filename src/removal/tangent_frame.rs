@@ -1,8 +1,9 @@
-//! A point of the surface with its tangent plane: axes, normal and curvature, as the disc stands on it.
+//! A point of the surface with its tangent plane: axes, normal and curvature, as the disc lies on it.
 //!
 //! With E, F, G and L, M, N of the first and second form, x along S_u and y = n × x, the curvature in these axes is
 //!     K₁₁ = L/E,  K₁₂ = (M − F/E · L)/A,  K₂₂ = (N − 2 F/E · M + (F/E)² L)/(A²/E),   A² = E G − F²,
-//! positive where the surface bends away from the tool. Source: do Carmo, Differential Geometry of Curves and Surfaces, 3.3.
+//! positive if the surface bends away from the tool. Source: do Carmo, Differential Geometry of Curves and
+//! Surfaces, 3.3.
 
 use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
 use crate::surface::{BSplineSurface, Parameter};
@@ -28,7 +29,7 @@ pub struct TangentFrame {
 }
 
 impl TangentFrame {
-    /// The frame at these parameters; `None` where the surface has no normal.
+    /// Returns the frame at these parameters; `None` if the surface has no normal.
     pub fn of(surface: &BSplineSurface, at: Parameter) -> Option<Self> {
         let there = surface.derivatives(at);
         let normal = surface.normal_of(&there.tangents)?.mm;
@@ -47,7 +48,7 @@ impl TangentFrame {
         Some(TangentFrame { at, point: there.tangents.point, x, y, normal, curvature_per_mm, parameter_per_mm })
     }
 
-    /// Where a point lies in the tangent plane, mm from its point.
+    /// Returns the position of a point in the tangent plane, mm from its point.
     pub fn offset_mm(&self, point: Point<Panel>) -> Vector2<f64> {
         let away = (point - self.point).mm;
         Vector2::new(away.dot(&self.x), away.dot(&self.y))
@@ -64,8 +65,8 @@ impl TangentFrame {
         [0, 1].map(|row| radius_mm * self.parameter_per_mm.row(row).norm())
     }
 
-    /// How much deeper the disc of a tool reaches per mm along x and y: its tilt; `None` where it does not lie on the
-    /// surface at all. The tool's Z points out of its pad.
+    /// Returns how much deeper the disc of a tool reaches per mm along x and y: its tilt; `None` if it does not lie
+    /// on the surface at all. The tool's Z points out of its pad.
     pub fn tilt(&self, panel_from_tool: &Rigid<Panel, Tool>) -> Option<Vector2<f64>> {
         let away = -(*panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
         let cosine = away.dot(&self.normal);
@@ -92,7 +93,7 @@ mod tests {
             .expect("a surface")
     }
 
-    /// By hand: a tool whose Z points down on a level plane has no tilt; leant by 2° about Y, its X goes down or up by
+    /// By hand: a tool with its Z down on a level plane has no tilt; leant by 2° about Y, its X goes down or up by
     /// tan 2° = 0.034 92 per mm.
     #[test]
     fn a_leant_tool_reaches_deeper_on_one_side() {

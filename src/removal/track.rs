@@ -1,9 +1,9 @@
 //! The stretches of a path in contact: where the disc lies, how it presses, and how far a grain rubs meanwhile.
 //!
-//! A path is one of poses with their times, planned or as the robot reported them. Each way between two of them is cut
-//! into stretches of half of the disc's radius at most; on each the contact is that of its middle. A pose that is
-//! meant to be in contact is so where its point lies no higher above the surface than `dwell` says. What the disc has swept
-//! grows by its diameter on the way, as the store counts it.
+//! A path consists of poses with their times, planned or as the robot reported them. Each way between two poses is
+//! cut into stretches of at most half of the disc's radius; on each the contact is that of its middle. A pose that
+//! is meant to be in contact is so if its point is not higher above the surface than `dwell` states. The area that
+//! the disc has swept grows by its diameter on the way, as the store counts it.
 
 use super::pad::{Below, Pad, Seat};
 use super::speed::Orbit;
@@ -17,10 +17,10 @@ use std::f64::consts::TAU;
 
 /// Length of a stretch, at most, in radii of the disc.
 const STRETCH_RADII: f64 = 0.5;
-/// Places on the rim, and half-way to it, by which it is told whether the whole disc has panel below it.
+/// Places on the rim, and half-way to it, that show whether the whole disc has panel below it.
 const LOOKS: usize = 16;
 
-/// Is there panel at this place of the surface?
+/// Returns whether there is panel at this place of the surface.
 pub type Ground<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 /// The disc of a tool.
@@ -60,7 +60,8 @@ pub struct Stretch {
     pub swept_mm2: f64,
 }
 
-/// The stretches of a path. Where nobody measured the force on the way to a pose, the tool presses with `nominal_n`, N.
+/// Returns the stretches of a path. If the force on the way to a pose was not measured, the tool presses with
+/// `nominal_n`, N.
 pub fn stretches(
     surface: &BSplineSurface,
     executed: &[Executed],
@@ -141,7 +142,7 @@ pub(super) mod tests {
         swept_mm2: 0.0,
     };
 
-    /// A level square of so many mm.
+    /// Returns a level square with sides of this length, mm.
     pub(in crate::removal) fn level(side_mm: f64) -> BSplineSurface {
         let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
         let corner = |(x, y): (f64, f64)| Point::at(x * side_mm, y * side_mm, 0.0);

@@ -1,4 +1,4 @@
-//! The axis of a chart: which values are written beside it, and where a value stands.
+//! The axis of a chart: the values written beside it, and the place of a value.
 
 use crate::words::plain;
 
@@ -7,7 +7,7 @@ use crate::words::plain;
 pub(super) struct Axis {
     low: f64,
     high: f64,
-    /// Where the lowest and the highest value stand, in units of the chart.
+    /// The places of the lowest and the highest value, in units of the chart.
     from: f64,
     to: f64,
 }
@@ -24,12 +24,13 @@ impl Axis {
         Axis { low: low - room, high: high + room, from, to }
     }
 
-    /// Where a value stands.
+    /// Returns the place of a value.
     pub fn place(&self, value: f64) -> f64 {
         self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
     }
 
-    /// Round values on the axis, about so many, each with its text: 1, 2 or 5 times a power of ten apart.
+    /// Returns about this number of round values on the axis, each with its text: 1, 2 or 5 times a power of ten
+    /// apart.
     pub fn ticks(&self, about: usize) -> Vec<(f64, String)> {
         let rough = (self.high - self.low) / about.max(1) as f64;
         let power = 10.0_f64.powf(rough.log10().floor());
@@ -52,7 +53,7 @@ mod tests {
         let axis = Axis::over([0.05, 0.25, f64::NAN].into_iter(), [300.0, 0.0]);
         let texts: Vec<String> = axis.ticks(5).into_iter().map(|(_, text)| text).collect();
         assert_eq!(texts, ["0.05", "0.1", "0.15", "0.2", "0.25"]);
-        // The middle of the values stands in the middle of the chart, which counts downwards.
+        // The middle of the values is in the middle of the chart, which counts downwards.
         assert!((axis.place(0.15) - 150.0).abs() < 1e-9 && axis.place(0.25) < axis.place(0.05));
         let texts = |low: f64, high: f64| {
             Axis::over([low, high].into_iter(), [0.0, 1.0])

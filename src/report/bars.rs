@@ -13,10 +13,10 @@ pub struct Bar {
     pub share: f64,
 }
 
-/// Bars under a title, from top to bottom.
+/// Draws bars under a title, from top to bottom.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn bars(title: &str, bars: &[Bar]) -> Result<ColorPicture, ImagingError> {
     const WIDTH_PX: usize = 760;
     const LINE_PX: f64 = 34.0;

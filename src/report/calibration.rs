@@ -13,11 +13,11 @@ use maud::{Markup, html};
 const LONGEST_SHARE: f64 = 0.04;
 const GROUND: [u8; 3] = [60, 60, 60];
 
-/// Every used corner with its residual, drawn so much larger that the longest is well seen: a lens that the model fits
+/// Draws every used corner with its residual, enlarged until the longest is well seen: a lens that the model fits
 /// shows no pattern.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Result<ColorPicture, ImagingError> {
     let mut canvas = Canvas::on(&ColorPicture::filled(width, height, GROUND))?;
     let longest = found.residuals.iter().map(|r| r.du_px.hypot(r.dv_px)).fold(1e-6, f64::max);
@@ -63,10 +63,10 @@ fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixe
     sums.iter().enumerate().filter_map(mean).collect()
 }
 
-/// The board's corners in its picture with the ones to touch numbered from 1.
+/// Draws the board's corners in its picture, with the ones to touch numbered from 1.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn corners_to_touch(
     picture: &ColorPicture,
     board: &Board,

@@ -1,13 +1,13 @@
-//! Drawing on a picture: lines, areas, labels, a scale bar, in colours that colour-blind people can tell apart.
+//! Drawing on a picture: lines, areas, labels, a scale bar, in colours that colour-blind people can distinguish.
 //!
-//! Every line and label has a dark rim, so that it is read on light and dark grounds alike. OpenCV draws.
+//! Every line and label has a dark rim, so that it is readable on light and on dark grounds. OpenCV draws.
 
 use crate::geometry::{ColorPicture, Mask, Pixel};
 use crate::imaging::ImagingError;
 use opencv::core::{Mat, MatTraitConst, MatTraitConstManual, Point2i, Scalar, Size, Vector};
 use opencv::imgproc;
 
-/// Colours of Okabe and Ito (2008), told apart with every common colour vision; red, green, blue.
+/// Colours of Okabe and Ito (2008), distinguishable with every common colour vision; red, green, blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ink(pub [u8; 3]);
 
@@ -18,7 +18,7 @@ impl Ink {
     pub const ORANGE: Ink = Ink([230, 159, 0]);
     /// What failed.
     pub const VERMILLION: Ink = Ink([213, 94, 0]);
-    /// One end of a scale whose other end is vermillion.
+    /// One end of a scale; its other end is vermillion.
     pub const DEEP_BLUE: Ink = Ink([0, 114, 178]);
     /// What passed.
     pub const GREEN: Ink = Ink([0, 158, 115]);
@@ -56,7 +56,7 @@ pub(super) const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// Height of a capital letter at scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
-/// Lengths that a scale bar may have, mm, and the share of the picture's width that it takes at most.
+/// Lengths that a scale bar may have, mm, and the largest share of the picture's width that it may cover.
 const BARS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
 const BAR_SHARE: f64 = 0.25;
 
@@ -94,27 +94,27 @@ impl Canvas {
     /// Begins with a copy of a picture.
     ///
     /// # Errors
-    /// Where OpenCV refuses the picture, such as an empty one.
+    /// If OpenCV refuses the picture, such as an empty one.
     pub fn on(picture: &ColorPicture) -> Result<Self, ImagingError> {
         let flat = drawn(Mat::from_slice(picture.rgb.as_flattened()))?;
         let shaped = drawn(flat.reshape(3, picture.height as i32))?;
         Ok(Canvas { mat: drawn(shaped.try_clone())? })
     }
 
-    /// The picture as drawn.
+    /// Returns the picture as drawn.
     ///
     /// # Errors
-    /// Where OpenCV cannot give its pixels.
+    /// If OpenCV cannot give its pixels.
     pub fn finish(self) -> Result<ColorPicture, ImagingError> {
         let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
         let bytes = drawn(self.mat.data_bytes())?;
         Ok(ColorPicture { width, height, rgb: bytes.as_chunks::<3>().0.to_vec() })
     }
 
-    /// A line through pixels.
+    /// Draws a line through pixels.
     ///
     /// # Errors
-    /// Where OpenCV refuses to draw; likewise for the other shapes.
+    /// If OpenCV refuses to draw; likewise for the other shapes.
     pub fn polyline(&mut self, pixels: &[Pixel], closed: bool, pen: Pen) -> Result<(), ImagingError> {
         if pixels.len() < 2 {
             return Ok(());
@@ -154,8 +154,8 @@ impl Canvas {
         Ok(())
     }
 
-    /// A label whose text begins at `at`, its baseline there; on a dark ground. One that would end outside of the picture
-    /// is moved inside as a whole.
+    /// Draws a label with its text beginning at `at`, its baseline there; on a dark ground. A label that would end
+    /// outside the picture is moved inside as a whole.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -222,7 +222,7 @@ impl Canvas {
         let line_px = text_px * 1.8;
         let band = (line_px * (lines.len() as f64 + 0.4)).ceil() as i32;
         let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
-        // A small picture is made as wide as what is said of it.
+        // A small picture is made as wide as its legend.
         let (scale, weight) = lettering(text_px);
         let mut widest = 0;
         for (_, meaning) in lines {
@@ -251,10 +251,10 @@ pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize
     ColorPicture { width, height, rgb: rows.copied().collect() }
 }
 
-/// The picture at another width, its sides in proportion.
+/// Returns the picture at another width, its sides in proportion.
 ///
 /// # Errors
-/// Where OpenCV refuses the picture.
+/// If OpenCV refuses the picture.
 pub fn resized(picture: &ColorPicture, width: usize) -> Result<ColorPicture, ImagingError> {
     let height = (picture.height * width).div_ceil(picture.width.max(1)).max(1);
     let canvas = Canvas::on(picture)?;
@@ -329,8 +329,8 @@ mod tests {
         assert_eq!(width(900), 900);
     }
 
-    /// By hand: a quarter from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. Of a picture 300 px wide a bar may take
-    /// 75 px: 20 mm at 3 px a mm, 5 mm at 10.
+    /// By hand: a quarter from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. In a picture 300 px wide a
+    /// bar may cover 75 px: 20 mm at 3 px a mm, 5 mm at 10.
     #[test]
     fn a_mix_and_a_bar_are_as_large_as_asked() {
         assert_eq!(Ink::RIM.mixed(Ink::WHITE, 0.25), Ink([79; 3]));

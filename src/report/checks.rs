@@ -1,4 +1,4 @@
-//! Checks as rows of a page: the number with its unit, and what is allowed of it by whom.
+//! Checks as rows of a page: the number with its unit, its limit, and the source of the limit.
 
 use super::page::Row;
 use crate::verdict::{Check, Limit, SetBy};
@@ -6,7 +6,7 @@ use crate::words::{apart, fixed, plain};
 
 pub(super) const NOT_MEASURED: &str = "not measured";
 
-/// A check as a row; `beside` is said after its value. A limit without a key is the program's own.
+/// Returns a check as a row; `beside` is written after its value. A limit without a key is the program's own.
 pub fn check_row(check: &Check, beside: &str) -> Row {
     let with_unit = |text: String| format!("{text} {}", check.unit).trim_end().to_owned();
     let (sign, limit) = match check.limit {

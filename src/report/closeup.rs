@@ -9,9 +9,9 @@ use crate::imaging::ImagingError;
 pub struct CornerView<'a> {
     /// The flange camera's picture.
     pub picture: &'a ColorPicture,
-    /// Where the corner was expected.
+    /// The expected position of the corner.
     pub expected_px: Pixel,
-    /// Where it was found.
+    /// The found position of the corner.
     pub found_px: Pixel,
     /// Pixels for one mm at the corner.
     pub px_per_mm: f64,
@@ -21,10 +21,10 @@ pub struct CornerView<'a> {
 const CLOSE_PX: usize = 720;
 
 impl CornerView<'_> {
-    /// The corner with both places marked, enlarged; `title` says which of the two pictures it is.
+    /// Draws the corner with both places marked, enlarged; `title` states which of the two pictures it is.
     ///
     /// # Errors
-    /// Where OpenCV refuses to draw.
+    /// If OpenCV refuses to draw.
     pub fn drawn(&self, title: &str) -> Result<ColorPicture, ImagingError> {
         // Both marks and some edge must be seen, however far apart they are.
         let apart_px = self.expected_px.distance_px(self.found_px);
@@ -62,10 +62,10 @@ pub struct StripPicture {
     pub label: String,
 }
 
-/// The film in time: pictures side by side with what had broken by then.
+/// Draws the film in time: pictures side by side with the area that had broken by then.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingError> {
     const WIDTH_PX: usize = 420;
     let one = |strip: &StripPicture| {
@@ -79,7 +79,8 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
     Ok(sheet(&drawn, 3))
 }
 
-/// When a strip's six pictures are taken, s after the first fully wet one: close together where the film opens.
+/// Returns the times of a strip's six pictures, s after the first fully wet one: close together while the film
+/// opens.
 pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     let times_s = match opens_s {
         // The first picture shows it already.

@@ -1,5 +1,5 @@
-//! The errors of a 3D camera over its picture: what is the same in each scan as colour, and in each part that amount, what is left of it, and how
-//! many scans say so.
+//! The errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each part
+//! of the picture states this amount, the rest, and the number of scans on which they are based.
 
 use super::canvas::{Canvas, Ink};
 use crate::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
@@ -15,10 +15,10 @@ const FAR: Ink = Ink::VERMILLION;
 const NEAR: Ink = Ink::DEEP_BLUE;
 const UNKNOWN: Ink = Ink([150, 150, 150]);
 
-/// The picture, with a legend.
+/// Draws the picture, with a legend.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<ColorPicture, ImagingError> {
     let step = camera.width_px.div_ceil(WIDTH_PX).max(1);
     let (width, height) = (camera.width_px / step, camera.height_px / step);

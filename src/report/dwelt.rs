@@ -1,6 +1,7 @@
-//! What the disc did to the surface, as maps of the unrolled region: how long, and how often.
+//! The effect of the disc on the surface, as maps of the unrolled region: how long, and how often.
 //!
-//! Time runs from light to dark blue, which every eye tells apart by lightness alone; what was not reached is vermillion.
+//! Time runs from light to dark blue, which every eye distinguishes by lightness alone; places that were not
+//! reached are vermillion.
 
 use super::canvas::Ink;
 use super::unrolled::{Unrolled, painted};
@@ -18,10 +19,10 @@ const EXPLAINED: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Once, twice, more often.
 const PASSES: [Ink; 3] = [Ink([190, 215, 235]), Ink([66, 133, 190]), Ink([10, 40, 90])];
 
-/// How long each place was under the disc; dark from the longest time on.
+/// Draws how long each place was under the disc; darkest at the longest time.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let longest_s = dwell.longest_s();
     let ink = |share: f64| TIMES[0].mixed(TIMES[1], share.min(1.0));
@@ -35,10 +36,10 @@ pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, Imaging
     drawn(dwell, region, color, &legend)
 }
 
-/// How often the disc passed each place.
+/// Draws how often the disc passed each place.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn overlap_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let color = |grid: &GridDwell, sample: usize| match grid.passes[sample] {
         0 => NOT_REACHED,
@@ -76,8 +77,8 @@ mod tests {
     use crate::surface::dwell::{Executed, simulate};
     use crate::surface::{BSplineSurface, KnotVector};
 
-    /// A square of 60 mm, four grids; the disc of 5 mm radius went once along the middle of the upper ones and back over
-    /// the last third of it.
+    /// A square of 60 mm, four grids; the disc of 5 mm radius moved once along the middle of the upper grids and
+    /// back over the last third of that way.
     fn walked() -> (Dwell, Region) {
         let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
         let controls = [(0.0, 0.0), (0.0, 60.0), (60.0, 0.0), (60.0, 60.0)].map(|(x, y)| Point::at(x, y, 0.0));
@@ -110,7 +111,8 @@ mod tests {
         assert!(top > 5 * 12 && map.rgb.contains(&TIMES[1].0) && map.rgb.contains(&NOT_REACHED.0));
     }
 
-    /// Told apart by lightness alone: each step of both ramps is darker than the one before by a tenth of the range.
+    /// Distinguishable by lightness alone: each step of both ramps is darker than the one before by a tenth of the
+    /// range.
     #[test]
     fn the_ramps_are_read_without_colour() {
         let light =

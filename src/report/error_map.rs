@@ -20,7 +20,7 @@ const TOP_PX: f64 = 70.0;
 /// The radius of the limit's circle, px.
 const LIMIT_PX: f64 = 16.0;
 const MOST_PX: f64 = 32.0;
-/// Colours that colour-blind people tell apart; those beyond the limit have a thick rim, too.
+/// Colours that colour-blind people can distinguish; errors beyond the limit also have a thick rim.
 const WITHIN: &str = "#0072b2";
 const BEYOND: &str = "#d55e00";
 
@@ -103,7 +103,8 @@ fn tenths(px: f64) -> String {
 mod tests {
     use super::*;
 
-    /// By hand: the limit has 16 px; half of it 8 px, and three times it 32 px, the most, in the other colour.
+    /// By hand: the limit has 16 px; half of the limit 8 px, and three times the limit 32 px, the largest size, in
+    /// the other colour.
     #[test]
     fn an_error_is_as_large_as_its_circle() {
         let left =

@@ -13,7 +13,7 @@ use crate::panel::Grid;
 pub struct FailedGrid<'g> {
     /// The grid.
     pub grid: &'g Grid,
-    /// How much of it broke, and when, in words of about 25 letters.
+    /// How much broke, and when, in words of about 25 letters.
     pub words: String,
 }
 
@@ -28,10 +28,10 @@ const COLUMNS: usize = 4;
 const MARGIN_SHARE: f64 = 0.12;
 
 impl View<'_> {
-    /// The grids that failed side by side; `None` where none did, or none is in the picture.
+    /// Draws the failed grids side by side; `None` if none failed, or none is in the picture.
     ///
     /// # Errors
-    /// Where OpenCV refuses to draw.
+    /// If OpenCV refuses to draw.
     pub fn failed_grids(
         &self,
         broken: &Mask,

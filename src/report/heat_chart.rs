@@ -1,5 +1,5 @@
-//! Where the film breaks, over many parts: the panel's grids as they lie, each with its number of breaks and the time after which it
-//! broke. The shade repeats what the number says.
+//! Where the film breaks, over many parts: the panel's grids as they lie, each with its number of breaks and the
+//! time after which it broke. The shade repeats the number.
 
 use crate::history::{HeatCell, HeatMap};
 use crate::words::fixed;
@@ -8,7 +8,7 @@ use maud::{Markup, html};
 /// Shades beside the one of a grid that never broke.
 const SHADES: f64 = 4.0;
 
-/// The table; `words` says what a cell tells, for readers who do not see it.
+/// Returns the table; `words` explains the content of a cell, for readers who do not see it.
 pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
     let of = |part: fn(&HeatCell) -> u32| map.grids.iter().map(part).max().unwrap_or(0);
     let (rows, columns) = (of(|cell| cell.row), of(|cell| cell.column));

@@ -69,7 +69,7 @@ fn grids(inspection: &Inspection) -> Section {
     section("Grids", "Broken film in each.".to_owned(), rows)
 }
 
-/// What the film as a whole was judged by; what is told of each grid has a section of its own.
+/// The numbers by which the film as a whole was judged; the results of each grid have a section of their own.
 fn watched(inspection: &Inspection) -> Section {
     let of_film = inspection.checks.iter().take_while(|check| check.name != name::UNSEEN_GRIDS);
     let rows = of_film.map(|check| check_row(check, "")).collect();

@@ -1,21 +1,21 @@
 //! The panel drawn into the 3D camera's picture: outline, grids, broken film, paths.
 //!
-//! Everything is projected from the panel's frame through one camera model, so that what is drawn is where the
-//! program believes it to be (thesis Eq. 4.6, 4.7, 3.11).
+//! Everything is projected from the panel's frame through one camera model, so that everything drawn is where the
+//! program assumes it (thesis Eq. 4.6, 4.7, 3.11).
 
 use super::canvas::{Canvas, Ink, Pen, crop};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
 use crate::imaging::{ImagingError, outer_contours};
 use crate::panel::{Grid, TaughtPanel};
 
-/// A picture of the 3D camera and where the panel stands in it.
+/// A picture of the 3D camera and the panel's pose in it.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The picture.
     pub picture: &'a ColorPicture,
     /// The camera.
     pub camera: &'a PinholeCamera,
-    /// Where the panel stands.
+    /// The panel's pose.
     pub camera_from_panel: Rigid<Camera, Panel>,
 }
 
@@ -35,7 +35,7 @@ fn scale(share: f64) -> Ink {
     STOPS[low].1.mixed(STOPS[next].1, at - low as f64)
 }
 
-/// Space around the panel in a picture of it, px at full size.
+/// Space around the panel in a picture of the panel, px at full size.
 const MARGIN_PX: f64 = 40.0;
 
 impl View<'_> {
@@ -51,7 +51,7 @@ impl View<'_> {
         (self.picture.height as f64 / 600.0).round().max(1.0) as i32
     }
 
-    /// Draws the outline, where the taught panel would show it.
+    /// Draws the outline where the taught panel would show it.
     pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
         let step = (panel.outline.len() / 400).max(1);
         let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
@@ -106,10 +106,10 @@ impl View<'_> {
         canvas.with_legend(legend)?.finish()
     }
 
-    /// What was learnt: the panel's pixels, its outline, the region's grids.
+    /// Draws the taught data: the panel's pixels, its outline, the region's grids.
     ///
     /// # Errors
-    /// Where OpenCV refuses to draw; likewise for the other pictures.
+    /// If OpenCV refuses to draw; likewise for the other pictures.
     pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
         canvas.shade(&panel.mask, Ink::BLUE, 0.25)?;
@@ -127,7 +127,7 @@ impl View<'_> {
         self.framed(canvas, panel, &legend)
     }
 
-    /// Where the panel was found: its taught outline and grids at the place found, over the new picture.
+    /// Draws where the panel was found: its taught outline and grids at the place found, over the new picture.
     ///
     /// # Errors
     /// As [`View::taught`].
@@ -167,7 +167,8 @@ impl View<'_> {
         self.framed(canvas, panel, &legend)
     }
 
-    /// When the film broke at each pixel: early ones dark violet, late ones yellow; `time_s` takes column and row.
+    /// Draws when the film broke at each pixel: early breaks dark violet, late ones yellow; `time_s` needs column
+    /// and row.
     ///
     /// # Errors
     /// As [`View::taught`].
@@ -177,7 +178,8 @@ impl View<'_> {
         time_s: &dyn Fn(usize, usize) -> Option<f64>,
         end_s: f64,
     ) -> Result<ColorPicture, ImagingError> {
-        // Bleached, so that the darkest colour of the scale, the earliest break, stands out from a dark panel.
+        // Bleached, so that the darkest colour of the scale, the earliest break, is clearly visible on a dark
+        // panel.
         let mut picture = self.picture.to_gray().to_color();
         picture.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| 120 + gray / 4));
         for (index, pixel) in picture.rgb.iter_mut().enumerate() {

@@ -8,7 +8,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 /// A page from top to bottom.
 #[derive(Debug, Clone)]
 pub struct Page {
-    /// HTML that stands before everything else, such as the page to sign; empty for none.
+    /// HTML that comes before everything else, such as the page to sign; empty for none.
     pub first: String,
     /// Heading.
     pub title: String,
@@ -18,7 +18,7 @@ pub struct Page {
     pub judgement: Judgement,
     /// The parts, in order.
     pub sections: Vec<Section>,
-    /// When and by what the page was made, on a line of its own; empty where that is not told.
+    /// When and by what the page was made, on a line of its own; empty if that is not stated.
     pub made: String,
 }
 
@@ -42,7 +42,7 @@ pub struct Row {
     pub name: String,
     /// The value with its unit.
     pub value: String,
-    /// What is allowed; empty where there is no limit.
+    /// The limit; empty if there is no limit.
     pub allowed: String,
 }
 
@@ -86,7 +86,8 @@ impl Page {
                     h1 { (self.title) }
                     p.sub { (self.subtitle) }
                     (verdict(&self.judgement))
-                    // A line for each section, and one for the time of making: whoever compares two pages leaves that line out.
+                    // A line for each section, and one for the time of making: a person who compares two pages
+                    // leaves that line out.
                     @for section in &self.sections { (PreEscaped("\n")) (section) }
                     (PreEscaped("\n"))
                     @if !self.made.is_empty() { p.sub { (self.made) } (PreEscaped("\n")) }
@@ -128,7 +129,7 @@ impl Render for Figure {
 }
 
 fn verdict(judgement: &Judgement) -> Markup {
-    // A stop that was asked for is no fault, though there is no other verdict for a cycle without a result.
+    // A requested stop is not a fault, though there is no other verdict for a cycle without a result.
     let is_stopped =
         judgement.verdict == Verdict::Aborted && judgement.reasons.iter().any(|reason| reason.code == "stopped");
     let word = if is_stopped { "stopped on request" } else { judgement.verdict.word() };

@@ -1,7 +1,7 @@
-//! A picture for each reason of a localization's verdict: where in the scan it shows.
+//! A picture for each reason of a localization's verdict: the place in the scan that shows it.
 //!
-//! Colours are told apart with every common colour vision (Okabe & Ito); every picture has a legend that says what they
-//! mean. Dots stand for places of the taught panel, lines for its outline.
+//! Colours are distinguishable with every common colour vision (Okabe & Ito); every picture has a legend that
+//! states their meaning. Dots mean places of the taught panel, lines mean its outline.
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized};
 use super::overlay::View;
@@ -27,7 +27,7 @@ struct Dots {
     codes: &'static [&'static str],
     caption: &'static str,
     ink: fn(SurfaceMark) -> Option<Ink>,
-    /// `{full}` stands for [`FULL_MM`].
+    /// `{full}` is replaced by [`FULL_MM`].
     legend: &'static [(Ink, &'static str)],
 }
 
@@ -112,7 +112,8 @@ fn ink(mark: OutlineMark) -> Ink {
 type Drawn = Result<ColorPicture, ImagingError>;
 
 impl View<'_> {
-    /// Where a reason shows in the scan's picture, and what the picture shows; `None` for reasons that no scan shows.
+    /// Draws a reason in the scan's picture, and returns a caption for the picture; `None` for reasons that no scan
+    /// shows.
     fn reason(
         &self,
         panel: &TaughtPanel,
@@ -176,7 +177,7 @@ impl View<'_> {
         self.marked(self.dotted(explained, dots.ink), panel, explained, &legend)
     }
 
-    /// The picture with dots where the taught surface is marked.
+    /// Returns the picture with dots on the marked places of the taught surface.
     fn dotted(&self, explained: &Explained, ink: fn(SurfaceMark) -> Option<Ink>) -> ColorPicture {
         let mut picture = self.picture.clone();
         for (pixel, mark) in &explained.surface {
@@ -187,8 +188,8 @@ impl View<'_> {
         picture
     }
 
-    /// The outline in colours over a picture, framed around the panel.
-    /// The borders of the panel's marks, where they should be.
+    /// Draws the outline in colours over a picture, framed around the panel. The borders of the panel's marks,
+    /// where they should be.
     fn with_marks(
         &self,
         panel: &TaughtPanel,
@@ -282,7 +283,8 @@ impl View<'_> {
         let mut canvas = Canvas::on(self.picture)?;
         let other = View { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
         let [(here, _), (there, _)] = legend;
-        // Where both lie on each other the wider one is seen on both sides, and the hands say which way round each is.
+        // If both lie on each other, the wider one is visible on both sides, and the hands show the orientation of
+        // each.
         let pens = [Pen { ink: there, width_px: 4 * self.line_px() }, Pen { ink: here, width_px: self.line_px() }];
         for (view, pen) in [(&other, pens[0]), (self, pens[1])] {
             view.outline(&mut canvas, panel, pen)?;

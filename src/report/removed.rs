@@ -1,7 +1,8 @@
-//! What a path removes, as a map of the unrolled region in µm.
+//! The removal by a path, as a map of the unrolled region in µm.
 //!
-//! Depth runs from light to dark blue, which every eye tells apart by lightness alone, up to the deepest that is allowed; deeper places
-//! are vermillion and hatched, so that they are not told by colour alone. What is removed nowhere is white.
+//! Depth runs from light to dark blue, which every eye distinguishes by lightness alone, up to the deepest allowed
+//! depth. Deeper places are vermillion and hatched, so that they are not marked by colour alone. Places without
+//! removal are white.
 
 use super::canvas::Ink;
 use super::unrolled::{Unrolled, painted};
@@ -21,10 +22,10 @@ const HATCH_PX: usize = 6;
 /// Shares of the target that the legend explains.
 const EXPLAINED: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.25];
 
-/// The map, against the target and what is allowed at most, µm.
+/// Draws the map, against the target and the largest allowed depth, µm.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn removal_map(
     field: &Field,
     region: &Region,
@@ -90,7 +91,7 @@ mod tests {
         assert!(deep.contains(&TOO_DEEP.0) && deep.contains(&Ink::RIM.0), "hatched");
     }
 
-    /// Told apart by lightness alone.
+    /// Distinguishable by lightness alone.
     #[test]
     fn the_ramp_is_read_without_colour() {
         let light =

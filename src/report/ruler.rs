@@ -52,7 +52,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Faint lines every so many pixels, across and down.
+    /// Draws faint lines at this distance in pixels, across and down.
     fn lines_at(&mut self, step: usize) -> Result<(), ImagingError> {
         const FAINT: f64 = 0.25;
         let width = self.mat.cols() as usize;
@@ -72,7 +72,8 @@ mod tests {
     use super::*;
     use crate::geometry::ColorPicture;
 
-    /// By hand: 300 px have 15 numbers 20 px apart; the picture begins where the ruler ends, and its lines lie at whole steps.
+    /// By hand: 300 px have 15 numbers 20 px apart; the picture begins where the ruler ends, and its lines are at
+    /// whole steps.
     #[test]
     fn a_ruler_stands_beside_the_picture_and_counts_its_pixels() {
         let mut plain = ColorPicture::filled(300, 200, [90; 3]);

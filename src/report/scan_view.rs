@@ -1,4 +1,4 @@
-//! A scan as a picture: its colours, where it has no points, and the recipe's region in it.
+//! A scan as a picture: its colours, the pixels without points, and the recipe's region in it.
 
 use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Frame, Mask, OrganizedCloud, Pixel};
@@ -15,19 +15,19 @@ pub fn missing_share<F: Frame>(scan: &OrganizedCloud<F>) -> f64 {
     missing(scan).count() as f64 / (scan.width() * scan.height()) as f64
 }
 
-/// The scan with a pixel ruler, its missing points tinted.
+/// Draws the scan with a pixel ruler, its missing points tinted.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn scan_picture<F: Frame>(scan: &OrganizedCloud<F>) -> Result<ColorPicture, ImagingError> {
     let canvas = tinted(scan)?;
     canvas.with_ruler()?.with_legend(&[(MISSING, &legend(scan))])?.finish()
 }
 
-/// The same with the corners of the region that a recipe chooses; the wrong ones, counted from 1, are told.
+/// The same with the corners of the region that a recipe chooses; the wrong ones, counted from 1, are marked.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn region_in_scan<F: Frame>(
     scan: &OrganizedCloud<F>,
     corners_px: &[Pixel; 4],

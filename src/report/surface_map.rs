@@ -1,8 +1,9 @@
-//! How a fitted surface lies in the scan, and how today's surface lies beside the taught one, as maps that an engineer can read.
+//! How a fitted surface lies in the scan, and how today's surface differs from the taught one, as maps that an
+//! engineer can read.
 //!
-//! Each pixel shows the mean deviation of the points around it, so that the scan's white noise, which says nothing about
-//! the surface, does not hide what is wrong with the shape. Points that are missing or were left out are shown as they
-//! are, one by one.
+//! Each pixel shows the mean deviation of the points around it, so that the scan's white noise, which contains no
+//! information about the surface, does not hide errors of the shape. Points that are missing or were left out are
+//! shown as they are, one by one.
 
 use super::canvas::{Canvas, Ink};
 use crate::geometry::ColorPicture;
@@ -19,10 +20,10 @@ const LEFT_OUT: Ink = Ink::YELLOW;
 const IN_FRONT: Ink = Ink::VERMILLION;
 const BEHIND: Ink = Ink::DEEP_BLUE;
 
-/// The map of a fit with its legend and scale.
+/// Draws the map of a fit with its legend and scale.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
     let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
@@ -30,10 +31,10 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     drawn(map, FULL_MM, [&front, "scan on the surface", &behind, "point left out of the fit", "no point"])
 }
 
-/// The map of today's surface beside the taught one; at this deviation it has full colour, mm.
+/// Draws the map of today's surface compared with the taught one; at this deviation it has full colour, mm.
 ///
 /// # Errors
-/// Where OpenCV refuses to draw.
+/// If OpenCV refuses to draw.
 pub fn today_map(map: &DeviationMap, full_mm: f64) -> Result<ColorPicture, ImagingError> {
     let front = format!("panel {full_mm} mm or more in front of the taught one");
     let behind = format!("panel {full_mm} mm or more behind it");
@@ -64,8 +65,8 @@ fn drawn(
     canvas.with_legend(&legend)?.finish()
 }
 
-/// The mean of the points in the fit around each pixel, mm; 0 where there is none. By running sums, along the rows and
-/// then along the columns.
+/// Returns the mean of the points in the fit around each pixel, mm; 0 if there is none. By running sums, along the
+/// rows and then along the columns.
 fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     let own = |pixel: &MapPixel| match pixel {
         MapPixel::Fits { mm } => [f64::from(*mm), 1.0],

@@ -1,6 +1,6 @@
-//! A number over many cycles as a drawing (SVG): its values, the limits that they were held against, what they usually are, and
-//! what is unusual or not allowed. Nothing is told by colour alone: a usual value is a dot, an unusual one a triangle, one beyond
-//! its limit a cross.
+//! A number over many cycles as a drawing (SVG): its values, the limits with which they were compared, their usual
+//! range, and unusual or forbidden values. No information is given by colour alone: a usual value is a dot, an
+//! unusual one a triangle, one beyond its limit a cross.
 //!
 //! The drawing has classes and no colours; the page's style gives them, for light and dark.
 
@@ -93,12 +93,12 @@ fn at(place: f64) -> String {
     fixed(place, 1).to_string()
 }
 
-/// Where the value with this number stands from the left.
+/// Returns the place of the value with this number, from the left.
 fn across(index: usize, count: usize) -> f64 {
     LEFT + (index as f64 + 0.5) / count.max(1) as f64 * (WIDTH - LEFT - RIGHT)
 }
 
-/// The points whose dates are written below the axis.
+/// Returns the points with their dates written below the axis.
 fn dated(points: &[TrendPoint]) -> impl Iterator<Item = (usize, &TrendPoint)> {
     let every = points.len().div_ceil(MOST_DATES).max(1);
     points.iter().enumerate().filter(move |(index, _)| index % every == 0)
@@ -137,7 +137,7 @@ fn kind(trend: &Trend, index: usize, point: &TrendPoint) -> Mark {
     if trend.hints.iter().any(|hint| hint.at == index) { Mark::Unusual } else { Mark::Usual }
 }
 
-/// A value with what is told of it, and a link where it belongs to a cycle.
+/// Draws a value with its description, and a link if it belongs to a cycle.
 fn mark(trend: &Trend, index: usize, point: &TrendPoint, [x, y]: [f64; 2]) -> Markup {
     let limit = match point.limit {
         Limit::Unlimited => String::new(),
@@ -218,13 +218,13 @@ mod tests {
         assert!(!svg.contains("style="), "the page allows no style in a text");
     }
 
-    /// By hand: two values stand at a quarter and three quarters of 900 - 78 - 14 = 808, from 78 on.
+    /// By hand: two values are at a quarter and three quarters of 900 - 78 - 14 = 808, from 78 on.
     #[test]
     fn values_stand_where_they_belong() {
         let points = vec![point(1, 1.0, Limit::Unlimited), point(2, 3.0, Limit::Unlimited)];
         assert_eq!((across(0, 2), across(1, 2)), (280.0, 684.0));
         let vertical = Axis::over([1.0, 3.0].into_iter(), [100.0, 0.0]);
-        // 8 % of 2 on both sides: from 0.84 to 3.16, so that 1 stands 0.16 / 2.32 = 6.9 % above the foot.
+        // 8 % of 2 on both sides: from 0.84 to 3.16, so that 1 is 0.16 / 2.32 = 6.9 % above the foot.
         assert_eq!(line(&points, &vertical), "M280.0 93.1L684.0 6.9");
         assert_eq!(limit_paths(&points, &vertical), [] as [String; 0]);
         let empty = trend_chart(&Trend::of_points(("x".to_owned(), String::new()), vec![], 3), WORDS).into_string();

@@ -1,4 +1,4 @@
-//! What a cell's file is asked for, and in what it falls short of it.
+//! The requirements on a cell's file, and which of them it does not meet.
 
 use crate::config::{Problem, line_of_key};
 
@@ -21,7 +21,7 @@ impl Purpose {
     }
 }
 
-/// What a cell's file does not say, or says in a way that cannot be done.
+/// A requirement that a cell's file does not state, or states in a way that cannot be done.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unmet {
     /// The key with its tables, `poses.park.a1_deg`.
@@ -39,7 +39,7 @@ pub enum Lack {
     Value,
     /// A file that it names is not there: it may still be made.
     MissingFile,
-    /// A file that it names is there and not right.
+    /// A file that it names exists and is not right.
     WrongFile,
 }
 

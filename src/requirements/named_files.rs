@@ -1,4 +1,4 @@
-//! The files that a cell's file names: whether they are there, and what their own checks say of them.
+//! The files that a cell's file names: whether they exist, and the results of their own checks.
 
 use super::findings::{Lack, Purpose, Unmet};
 use crate::cell::{
@@ -20,7 +20,7 @@ pub enum NamedFile {
     Text(String),
     /// There is none.
     Missing,
-    /// It is there and cannot be read: why.
+    /// The file exists and cannot be read: the reason.
     Unreadable(String),
     /// The reader looks at no file.
     NotLookedAt,
@@ -34,13 +34,14 @@ pub fn not_looked_at(_: &Path) -> NamedFile {
     NamedFile::NotLookedAt
 }
 
-/// The keys whose files every command reads that knows the cell.
+/// The keys of files that every command reads if it reads the cell.
 const ALWAYS: [&str; 1] = ["calibration.robot_correction"];
 /// Keys of `[scanner]`.
 const SETTINGS: [(&str, ZividUse); 2] =
     [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
-/// What is not there or not right of the files that the purpose needs; the first one that is not there says what to do.
+/// The files needed for the purpose that are missing or not right. The message of the first missing calibration
+/// states what to do.
 pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
     let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS.contains(&key);
     let correction = Correction::of(cell, read);
@@ -94,8 +95,8 @@ impl Correction {
     }
 }
 
-/// Whether a mount that the robot took part in was measured with this correction of the arm, named by its hash, or with none as
-/// this cell has none.
+/// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by
+/// its hash. If this cell has no correction, the mount must have been measured without one.
 pub fn is_measured_with<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
     // What a person wrote by hand was not measured with the robot.
     let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
@@ -168,7 +169,8 @@ mod tests {
         incomplete(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
     }
 
-    /// Each file once, the remedy once; a file that is there is checked as what it is named for.
+    /// Each file is named once, the remedy once; an existing file is checked as the kind of file that its key
+    /// names.
     #[test]
     fn files_that_are_not_there_or_not_right_are_named_once() {
         assert_eq!(found(WHOLE, &not_looked_at), []);

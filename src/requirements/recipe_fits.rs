@@ -1,4 +1,4 @@
-//! Whether a recipe can be done in a cell: what both files say of the tool.
+//! Whether a recipe can be done in a cell: what both files state about the tool.
 
 use super::{NamedFile, ReadNamed, Unmet, in_metres, problems_of};
 use crate::cell::{Cell, CompliantTool, Intrinsics};
@@ -41,7 +41,7 @@ pub enum ForceMismatch {
     },
 }
 
-/// Whether recipe and tool agree on a force; a spring is told none.
+/// Returns whether recipe and tool agree on a force; a spring needs none.
 ///
 /// # Errors
 /// What does not fit.
@@ -61,8 +61,8 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
     }
 }
 
-/// What a recipe asks for and this cell cannot do, by the recipe's keys; empty where both fit. The region is held against the
-/// picture of the scanner whose calibration the cell names.
+/// The demands of a recipe that this cell cannot meet, by the recipe's keys; empty if both fit. The region is
+/// compared with the picture of the scanner with the calibration that the cell names.
 pub fn unfit(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<Unmet> {
     let force = force_fits(cell.tool().compliant(), recipe).err();
     let force = force.map(|mismatch| Unmet::new("path.force_n", mismatch.to_string()));
@@ -132,7 +132,7 @@ mod tests {
         unfit(&cell, &recipe, &not_looked_at).into_iter().map(|unmet| unmet.key).collect()
     }
 
-    /// By hand: 250 mm/s where the cell states nothing; a corner at 12,970 px in a picture of 1,944.
+    /// By hand: the limit is 250 mm/s if the cell states nothing; a corner at 12,970 px in a picture of 1,944 px.
     #[test]
     fn a_feed_a_region_and_a_box_that_cannot_be_are_named() {
         let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");
@@ -173,7 +173,7 @@ mod tests {
         Intrinsics::check("lens.toml", lens).unwrap_or_else(|problems| panic!("{problems}")).camera
     }
 
-    /// By hand: of 100 N the payload of 1.5 kg takes 14.7 and the band 5: 80.2 N fit, 80.4 do not.
+    /// By hand: of 100 N the payload of 1.5 kg uses 14.7 N and the band 5 N: 80.2 N fit, 80.4 N do not.
     #[test]
     fn recipe_and_cell_agree_on_the_tool() {
         let compliant = "[tool]\nkind = \"simulated\"\n";

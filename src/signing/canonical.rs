@@ -1,7 +1,7 @@
 //! JSON in the one form that is signed: RFC 8785.
 //!
-//! That form has no other numbers than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a plan, would lose
-//! digits in it and stands as a text of its digits, as RFC 8785 advises in its appendix D.
+//! That form has no numbers other than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a plan,
+//! would lose digits. It is therefore written as a text of its digits, as RFC 8785 advises in its appendix D.
 
 use super::error::SigningError;
 use serde::Serialize;
@@ -10,10 +10,10 @@ use serde_json::Value;
 /// The largest whole number of which a double has every digit, and that of its neighbours too.
 const MOST_EXACT: u64 = (1 << 53) - 1;
 
-/// The bytes that are signed.
+/// Returns the bytes that are signed.
 ///
 /// # Errors
-/// Where JSON cannot hold the value.
+/// If JSON cannot hold the value.
 pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
     let json = |error: serde_json::Error| SigningError::Json { problem: error.to_string() };
     let value = exact(serde_json::to_value(value).map_err(json)?);
@@ -38,7 +38,7 @@ pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
     }
 }
 
-/// The same value with whole numbers as texts where a double does not hold them.
+/// The same value, with whole numbers as texts if a double cannot hold them.
 pub(super) fn exact(value: Value) -> Value {
     let is_beyond = |value: &Value| {
         value.as_u64().or(value.as_i64().map(i64::unsigned_abs)).is_some_and(|number| number > MOST_EXACT)

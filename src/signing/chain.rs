@@ -1,5 +1,6 @@
-//! Verifies signed statements together: each by its signature, all by their chain, and the chain's end by a head that was
-//! kept elsewhere. Names each statement that was changed, is missing, stands in the place of another, or was rolled back.
+//! Verifies signed statements together: each by its signature, all by their chain, and the chain's end by a head
+//! that was kept elsewhere. Names each statement that was changed, is missing, is in the place of another, or was
+//! rolled back.
 
 use super::key::PublicKey;
 use super::statement::{BEGIN, Said, SignedHead, Statement, hash};
@@ -19,7 +20,7 @@ pub struct Signed {
     pub claim: Claim,
 }
 
-/// What the name of a statement claims of it.
+/// The claim that a statement's name makes about the statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Claim {
     /// Nothing.
@@ -30,28 +31,29 @@ pub enum Claim {
     Number(u64),
 }
 
-/// What came of it.
+/// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Verified {
     /// What is not what was signed, in words.
     pub found: Vec<String>,
-    /// Numbers that are not among the statements, before the last one, each time the first and the last of them: a finding
-    /// where all are to be there, and none where a part of the chain was handed on.
+    /// Missing statement numbers before the last one, as ranges (first, last). They are a finding if the set must
+    /// be complete, and none if only a part of the chain was handed on.
     pub gaps: Vec<(u64, u64)>,
-    /// The statements whose signatures hold, by their numbers, each with its SHA-256.
+    /// The statements with a valid signature, by their numbers, each with its SHA-256.
     pub statements: BTreeMap<u64, (Statement, String)>,
 }
 
-/// A statement whose signature holds.
+/// A statement with a valid signature.
 struct Whole<'s> {
     name: &'s str,
     statement: Statement,
     hash: String,
 }
 
-/// Verifies these statements with these public keys. Where a `head` is given, it must be signed too, and they must be all
-/// statements from the first of the cell to the one that the head names. Without one, numbers that are not there are told
-/// apart from what was found: somebody who has the record of one cycle does not have those of others that lie between.
+/// Verifies these statements with these public keys. If a `head` is given, it must be signed too, and the
+/// statements must be complete from the cell's first to the one that the head names. Without a head, missing
+/// numbers are listed separately from findings: a person who has the record of one cycle does not have the records
+/// of other cycles in between.
 pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Verified {
     let mut verified = Verified::default();
     let mut whole: BTreeMap<u64, Whole<'_>> = BTreeMap::new();
@@ -108,7 +110,7 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String>
     }
 }
 
-/// Where the name claims something else.
+/// A finding if the name claims something else.
 fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
     let is_there = match (signed.claim, &statement.says) {
         (Claim::Nothing, _) => true,
@@ -128,7 +130,7 @@ fn gaps(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<(u64, u64)> {
     between.map(|(before, number)| (before + 1, number - 1)).collect()
 }
 
-/// Statements that name another one before them than the one that is there.
+/// Statements that name a different predecessor than the one present.
 fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<&Whole<'_>> = None;
@@ -137,7 +139,7 @@ fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
         let expected = match before {
             _ if number == 1 => Some(BEGIN),
             Some(before) if before.statement.number + 1 == number => Some(before.hash.as_str()),
-            // What the other before it was cannot be told without it.
+            // Without the predecessor, its hash is not known.
             Some(_) | None => None,
         };
         if expected.is_some_and(|expected| expected != one.statement.previous) {
@@ -149,7 +151,7 @@ fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     found
 }
 
-/// A gap, where there must be none.
+/// The words for a gap in a chain that must be complete.
 pub fn missing((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is missing"),
@@ -157,7 +159,7 @@ pub fn missing((first, last): (u64, u64)) -> String {
     }
 }
 
-/// A gap, where a part of the chain was handed on.
+/// The words for a gap if only a part of the chain was handed on.
 pub fn not_here((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is not in this folder"),
@@ -165,7 +167,7 @@ pub fn not_here((first, last): (u64, u64)) -> String {
     }
 }
 
-/// Signatures of persons whose record is another one than they signed.
+/// Signatures of persons that name a different record than the one present.
 fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
@@ -185,7 +187,7 @@ fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     found
 }
 
-/// Records whose verdict is better than what their findings allow.
+/// Records with a better verdict than their findings allow.
 fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {

@@ -1,14 +1,15 @@
-//! Where what was signed and what is there now differ, by the place in the record.
+//! Differences between the signed record and the present one, by their place in the record.
 
 use serde_json::Value;
 
-/// What was asked: more may come while the cell rests in its result, and what only the journal had gets its answer.
+/// The requests: more may follow while the cell rests in its result, and a request that only the journal had gets
+/// its answer.
 const ASKED: &str = "/asked";
 /// Motions: one that was open when an aborted cycle was signed gets its end later, from the robot or from a person.
 const MOTION: &str = "/motions/";
 /// Counts that grow so.
 const COUNTING: [&str; 1] = ["/events"];
-/// Differences that are told; the first ones say enough.
+/// The most differences that are reported; the first ones are enough.
 const MOST: usize = 5;
 
 /// The places at which `now` does not hold what was `signed`, such as `/findings/2/numbers/0/value`, each with both values.
@@ -47,7 +48,8 @@ fn is_motion(at: &str) -> bool {
     at.strip_prefix(MOTION).is_some_and(|number| !number.contains('/'))
 }
 
-/// Whether each request that was signed is there; one that only the journal had then may have its row now.
+/// Returns whether each signed request is still present; one that only the journal had at that time may have its
+/// row now.
 fn all_asked(signed: &[Value], now: &[Value]) -> bool {
     let mut left: Vec<&Value> = now.iter().collect();
     signed.iter().all(|one| {

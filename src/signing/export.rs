@@ -16,8 +16,7 @@ use std::collections::BTreeMap;
 pub struct Export {
     /// Bytes by name: the `.json` and `.sig` files.
     pub statements: BTreeMap<String, Vec<u8>>,
-    /// SHA-256 of the bytes by name, of what lies in `files/`; `None` where there is no such folder, which is then not
-    /// looked at.
+    /// SHA-256 of the files in `files/`, by name; `None` if there is no such folder, which is then not checked.
     pub files: Option<BTreeMap<String, String>>,
     /// SHA-256 of the pages as PDF, by name.
     pub pdfs: BTreeMap<String, String>,
@@ -28,7 +27,7 @@ pub fn exported_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     files_of(cycle).into_iter().filter(|(name, _)| !name.starts_with("shot ")).collect()
 }
 
-/// Verifies a folder with these public keys, and with the head where it is given, as [`verify`] does.
+/// Verifies a folder with these public keys, and with the head if it is given, as [`verify`] does.
 pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>) -> Verified {
     let (mut found, mut all) = (Vec::new(), Vec::new());
     let is_page = |name: &str| name.rsplit_once('.').is_some_and(|(stem, _)| cycle_of_page(stem).is_some());

@@ -7,7 +7,7 @@ use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
 use ed25519_dalek::pkcs8::{DecodePrivateKey, DecodePublicKey, EncodePrivateKey, EncodePublicKey};
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 
-/// The private key of a cell. It never stands in a message.
+/// The private key of a cell. It never appears in a message.
 #[derive(Clone)]
 pub struct CellKey(SigningKey);
 
@@ -23,10 +23,10 @@ impl CellKey {
         CellKey(SigningKey::from_bytes(bytes))
     }
 
-    /// A key as PKCS #8 in PEM.
+    /// Reads a key as PKCS #8 in PEM.
     ///
     /// # Errors
-    /// Where the text is no such key.
+    /// If the text is no such key.
     pub fn read(pem: &str) -> Result<Self, SigningError> {
         let problem = |error: ed25519_dalek::pkcs8::Error| SigningError::PrivateKey { problem: error.to_string() };
         SigningKey::from_pkcs8_pem(pem).map(CellKey).map_err(problem)
@@ -35,7 +35,7 @@ impl CellKey {
     /// The same as text, in the form that `openssl` writes.
     ///
     /// # Errors
-    /// Where it cannot be encoded.
+    /// If it cannot be encoded.
     pub fn pem(&self) -> Result<String, SigningError> {
         let bytes = KeypairBytes { secret_key: self.0.to_bytes(), public_key: None };
         let pem = bytes.to_pkcs8_pem(LineEnding::LF);
@@ -61,10 +61,10 @@ pub struct PublicKey(VerifyingKey);
 const END: &str = "-----END PUBLIC KEY-----";
 
 impl PublicKey {
-    /// Every public key in a PEM file; a cell whose key was replaced has several.
+    /// Reads every public key in a PEM file; a cell with a replaced key has several.
     ///
     /// # Errors
-    /// Where there is none, or one is no ed25519 key.
+    /// If there is none, or one is not an ed25519 key.
     pub fn read_all(pem: &str) -> Result<Vec<Self>, SigningError> {
         let problem = |problem: String| SigningError::PublicKey { problem };
         let blocks = pem.split_inclusive(END).filter(|block| block.contains(END));
@@ -77,10 +77,10 @@ impl PublicKey {
         if keys.is_empty() { Err(problem("it has no block PUBLIC KEY".to_owned())) } else { Ok(keys) }
     }
 
-    /// The key as 64 hexadecimal digits, as a statement names it.
+    /// Reads the key from 64 hexadecimal digits, as a statement names it.
     ///
     /// # Errors
-    /// Where these are none.
+    /// If the text is not such a key.
     pub fn of_hex(hex: &str) -> Result<Self, SigningError> {
         let problem = |problem: &str| SigningError::PublicKey { problem: problem.to_owned() };
         let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
@@ -98,7 +98,7 @@ impl PublicKey {
     /// The key as PEM, as `openssl pkeyutl -pubin` reads it.
     ///
     /// # Errors
-    /// Where it cannot be encoded.
+    /// If it cannot be encoded.
     pub fn pem(&self) -> Result<String, SigningError> {
         let pem = self.0.to_public_key_pem(LineEnding::LF);
         pem.map_err(|error| SigningError::PublicKey { problem: error.to_string() })

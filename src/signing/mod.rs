@@ -1,13 +1,13 @@
-//! The signed record: what a cell states of a cycle, and what a person states of that record, as canonical JSON that the
-//! cell's key signs.
+//! The signed record: what a cell states about a cycle, and what a person states about that record, as canonical
+//! JSON that the cell's key signs.
 //!
-//! A statement is a JSON object in the form of RFC 8785, whose bytes are signed with ed25519. Each names the SHA-256 of the
-//! statement before it, over all cycles of the cell, so that a statement that was changed, deleted, put in, exchanged or
-//! rolled back contradicts the signature, the chain or a head that was kept elsewhere. Whoever has the public key verifies
-//! this without the program: the file's bytes are what was signed.
+//! A statement is a JSON object in the form of RFC 8785; its bytes are signed with ed25519. Each statement names
+//! the SHA-256 of the statement before it, over all cycles of the cell. A statement that was changed, deleted,
+//! inserted, exchanged or rolled back therefore contradicts the signature, the chain or a head that was kept
+//! elsewhere. A person with the public key can verify this without the program: the file's bytes are the signed
+//! bytes.
 //!
-//! Pure: where keys and statements are kept is the business of `store`. A key that somebody copied signs as the cell does;
-//! no chain finds that.
+//! Pure: `store` keeps the keys and statements. A copied key signs as the cell does; no chain detects that.
 
 mod canonical;
 mod chain;

@@ -8,7 +8,7 @@ pub fn cycle_stem(cycle: CycleId) -> String {
     format!("cycle-{cycle}")
 }
 
-/// The same of what a person signed of it.
+/// The same for a person's signature on the cycle.
 pub fn person_stem(cycle: CycleId, number: u64) -> String {
     format!("cycle-{cycle}-signature-{number}")
 }
@@ -23,13 +23,13 @@ pub fn pdf_name(cycle: CycleId) -> String {
     format!("cycle-{cycle}.pdf")
 }
 
-/// The cycle whose signed page has this name without its ending, if it is one.
+/// The cycle that has a signed page with this name without its ending, if it is one.
 pub(super) fn cycle_of_page(stem: &str) -> Option<CycleId> {
     let number = stem.strip_suffix("-page")?.strip_prefix("cycle-")?;
     number.parse().ok().map(CycleId)
 }
 
-/// The cycle whose page as PDF has this name, if it is one.
+/// The cycle that has a page as PDF with this name, if it is one.
 pub(super) fn cycle_of_pdf(name: &str) -> Option<CycleId> {
     name.strip_suffix(".pdf")?.strip_prefix("cycle-")?.parse().ok().map(CycleId)
 }

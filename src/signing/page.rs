@@ -1,8 +1,9 @@
 //! The signed hash of a cycle's page as PDF.
 //!
-//! The PDF has the signed record inside, so the record cannot name the PDF. A small statement beside the PDF does: it names the
-//! SHA-256 of the PDF and that of the cell's record of the cycle, and is signed as every record is. It is no link of the chain: the
-//! page is made anew after each signature of a person, and what it shows stands in the records themselves.
+//! The PDF contains the signed record, so the record cannot name the PDF. A small statement beside the PDF does: it
+//! names the SHA-256 of the PDF and that of the cell's record of the cycle, and is signed as every record is. It is
+//! no link of the chain: the page is made anew after each signature of a person, and the records themselves contain
+//! what it shows.
 
 use super::canonical::canonical;
 use super::chain::Verified;
@@ -18,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The form of a signed page.
 const FORM: &str = "panelprep-page-1";
 
-/// What the cell says of a page.
+/// The cell's statement about a page.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedPage {
@@ -39,10 +40,11 @@ pub struct SignedPage {
 }
 
 impl SignedPage {
-    /// The bytes of what is said of this PDF, and their signature. `shows_number` is the last record that the PDF shows.
+    /// Returns the bytes of the statement about this PDF, and their signature. `shows_number` is the last record
+    /// that the PDF shows.
     ///
     /// # Errors
-    /// Where JSON cannot hold it.
+    /// If JSON cannot hold it.
     pub fn sign(
         pdf: &[u8],
         (cycle, record_hash, shows_number): (CycleId, &str, u64),

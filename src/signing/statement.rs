@@ -1,4 +1,5 @@
-//! A statement: what the cell, or a person at it, says of a cycle, and its place among all statements of the cell.
+//! A statement of the cell, or of a person at the cell, about a cycle, and its place among all statements of the
+//! cell.
 
 use super::canonical::{canonical, numbers_again};
 use super::error::SigningError;
@@ -9,7 +10,7 @@ use serde_json::Value;
 
 /// The form of a statement.
 pub const FORM: &str = "panelprep-record-1";
-/// Fields of a record whose numbers may be larger than canonical JSON holds: the number of a plan.
+/// Fields of a record that may have larger numbers than canonical JSON holds: the number of a plan.
 const LARGE: [&str; 1] = ["plan"];
 /// The form of a head.
 pub const HEAD_FORM: &str = "panelprep-record-head-1";
@@ -24,15 +25,15 @@ pub struct Statement {
     pub form: String,
     /// Its place, from 1, without gaps over all cycles of the cell.
     pub number: u64,
-    /// SHA-256 of the statement before it; [`BEGIN`] where there is none.
+    /// SHA-256 of the statement before it; [`BEGIN`] if there is none.
     pub previous: String,
     /// When it was signed, ms since 1970.
     pub unix_ms: i64,
     /// Which key signed it, 64 hexadecimal digits.
     pub public_key: String,
-    /// Where the store's chain of all its rows was then.
+    /// The position of the store's chain of all its rows at that time.
     pub store: StorePlace,
-    /// What it says.
+    /// Its content.
     pub says: Said,
 }
 
@@ -45,13 +46,13 @@ pub struct StorePlace {
     pub hash: String,
 }
 
-/// What is said.
+/// The content of a statement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Said {
     /// The cell: this is what happened in a cycle.
     Cycle(SignedCycle),
-    /// A person: this is what I say of a cycle's record.
+    /// A person's statement about a cycle's record.
     Person(PersonSignature),
 }
 
@@ -60,26 +61,26 @@ pub enum Said {
 pub struct SignedCycle {
     /// Its number in the store.
     pub id: CycleId,
-    /// The part; `None` where none was named.
+    /// The part; `None` if none was named.
     pub part: Option<PartNames>,
     /// The [`CycleRecord`]. It is no such type here, so that a record of another version of the program stays readable.
     pub record: Value,
 }
 
 impl SignedCycle {
-    /// What is signed of this record.
+    /// The signed content for this record.
     ///
     /// # Errors
-    /// Where JSON cannot hold it.
+    /// If JSON cannot hold it.
     pub fn new(record: &CycleRecord, part: Option<PartNames>) -> Result<Self, SigningError> {
         let bytes = canonical(record)?;
-        // Read back, so that it compares to what stands in a file.
+        // Read back, so that it compares equal to the record in a file.
         let record_value = serde_json::from_slice(&bytes).map_err(SigningError::form)?;
         Ok(SignedCycle { id: record.id, part, record: record_value })
     }
 }
 
-/// What a person says of a record, under the person's printed name.
+/// A person's statement about a record, under the person's printed name.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PersonSignature {
@@ -132,28 +133,28 @@ impl Meaning {
 }
 
 impl SignedCycle {
-    /// The record as this program's own; that of another version may not be one.
+    /// Returns the record as this program's own type; a record of another version may not fit.
     ///
     /// # Errors
-    /// Where it does not read.
+    /// If it cannot be read.
     pub fn cycle_record(&self) -> Result<CycleRecord, SigningError> {
         serde_json::from_value(numbers_again(self.record.clone(), &LARGE)).map_err(SigningError::form)
     }
 }
 
 impl Statement {
-    /// The bytes that are signed.
+    /// Returns the bytes that are signed.
     ///
     /// # Errors
-    /// Where JSON cannot hold it.
+    /// If JSON cannot hold it.
     pub fn canonical(&self) -> Result<Vec<u8>, SigningError> {
         canonical(self)
     }
 
-    /// Reads a statement, whose bytes must be in their one form.
+    /// Reads a statement; its bytes must be in canonical form.
     ///
     /// # Errors
-    /// Where the bytes are no statement, or not in canonical form.
+    /// If the bytes are no statement, or are not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let statement: Statement = read(bytes)?;
         match statement.form.as_str() {
@@ -171,13 +172,14 @@ impl Statement {
     }
 }
 
-/// The head of the chain at a moment, to be kept elsewhere: later it tells whether statements were taken off the end.
+/// The head of the chain at one moment, to be kept elsewhere: later it shows whether statements were removed from
+/// the end.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedHead {
     /// [`HEAD_FORM`].
     pub form: String,
-    /// The number of the last statement; 0 where there is none.
+    /// The number of the last statement; 0 if there is none.
     pub number: u64,
     /// Its SHA-256.
     pub hash: String,
@@ -191,7 +193,7 @@ impl SignedHead {
     /// Reads a head.
     ///
     /// # Errors
-    /// Where the bytes are no head, or not in canonical form.
+    /// If the bytes are no head, or are not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let head: SignedHead = read(bytes)?;
         match head.form.as_str() {

@@ -4,7 +4,7 @@ use super::cast::PixelHit;
 use super::noise::LEVEL;
 use nalgebra::Vector3;
 
-/// Grey levels of the dry panel where the lamp meets it squarely.
+/// Grey levels of the dry panel under perpendicular light of the lamp.
 const DRY: [f64; 3] = [77.0, 72.0, 68.0];
 
 /// What a film of water leaves of the dry colour, by channel.
@@ -38,13 +38,13 @@ fn fixed(gray: f64) -> u16 {
     (gray * f64::from(LEVEL)).round() as u16
 }
 
-/// A wide lamp above the cameras: brightest where the panel faces it.
+/// A wide lamp above the cameras: brightest where the panel faces the lamp.
 fn lighting(normal: &Vector3<f64>) -> f64 {
     let lamp = Vector3::new(-0.17, 0.38, 0.91);
     0.55 + 0.47 * normal.dot(&lamp)
 }
 
-/// 2 × 2 twill: relative brightness of the yarn that lies on top. Fades where a pixel is as wide as a tow.
+/// 2 × 2 twill: relative brightness of the yarn on top. Fades if a pixel is as wide as a tow.
 fn weave([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = (s / TOW_MM, t / TOW_MM);
     let (column, row) = (i.floor(), j.floor());

@@ -1,6 +1,6 @@
 //! A calibration board as a camera sees it: squares and markers through a distorting lens, with pixel noise.
 //!
-//! Each pixel is the mean of the board over its area: 16 × 16 rays where an edge passes, one where none does. Grey
+//! Each pixel is the mean of the board over its area: 16 × 16 rays if an edge passes through it, else one ray. Grey
 //! levels of the print are not black and white, and the light falls off towards one side, as in a workshop.
 
 use super::noise::{LEVEL, PixelNoise, Seed, to_byte};
@@ -15,7 +15,7 @@ pub struct Marker {
     pub column: usize,
     /// Row of its square, from the top.
     pub row: usize,
-    /// Its cells with the black rim, row by row, white where true.
+    /// Its cells with the black rim, row by row; true means white.
     pub cells: Vec<bool>,
 }
 
@@ -133,8 +133,8 @@ impl BoardPrint {
         picture
     }
 
-    /// The points that the 3D camera measures of the board: missing beside it and where its projector does not reach, noise
-    /// along the ray, by the place on the board and its depth.
+    /// The points that the 3D camera measures on the board. Points are missing beside the board and where its
+    /// projector does not reach. The noise lies along the ray and depends on the place on the board and its depth.
     pub(super) fn points(
         &self,
         camera: &PinholeCamera,
@@ -215,7 +215,7 @@ impl Plane {
         Plane { origin: camera_from_board.origin().mm.coords, axes }
     }
 
-    /// Where the ray of a pixel meets the plane, in the board's x and y.
+    /// The intersection of a pixel's ray with the plane, in the board's x and y.
     fn meet(&self, camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
         let ray: Vector<Camera> = camera.unproject(pixel)?;
         let depth = self.axes[2].dot(&self.origin) / self.axes[2].dot(&ray.mm);

@@ -1,8 +1,8 @@
-//! Pictures of a board for calibration, with known truth: where the flange truly was, what the robot says, what a
-//! camera sees.
+//! Pictures of a board for calibration, with known truth: the flange's true pose, the pose that the robot reports,
+//! and the camera's picture.
 //!
-//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Places, tilts and turns are
-//! drawn as a careful operator takes them: wide, with the whole board in the picture.
+//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Places, tilts and
+//! turns are drawn as a careful operator chooses them: wide, with the whole board in the picture.
 
 use super::board::BoardPrint;
 use super::noise::{Normal, PixelNoise, Purpose, Seed};
@@ -15,7 +15,7 @@ use crate::geometry::{
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// How far the robot is from where it says, standard deviations about and along each axis.
+/// The robot's deviation from the pose that it reports, standard deviations about and along each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotNoise {
     /// Place, mm.
@@ -29,9 +29,9 @@ pub struct RobotNoise {
 pub struct BoardShot<C: Frame> {
     /// Its number; it has noise of its own.
     pub index: u64,
-    /// Where the robot says that the flange was.
+    /// The flange's pose that the robot reports.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// Where the board truly was.
+    /// The board's true pose.
     pub camera_from_board: Rigid<C, Board>,
 }
 
@@ -45,8 +45,8 @@ pub struct BoardCell {
     reduction: usize,
 }
 
-/// The board on the flange: a bracket holds it beside the arm and facing back over it, as the fixed camera stands behind the
-/// arm. The bracket does not hold it straight.
+/// The board on the flange. A bracket holds it beside the arm, facing back over the arm, because the fixed camera
+/// is behind the arm. The bracket does not hold it straight.
 fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
     // The board's Z points away from the viewer, and so as the flange's does.
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
@@ -108,7 +108,7 @@ impl BoardCell {
         scene::flange_camera(self.reduction)
     }
 
-    /// Where the fixed camera truly stands.
+    /// The fixed camera's true pose.
     pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::base_from_camera()
     }
@@ -118,7 +118,7 @@ impl BoardCell {
         scene::flange_from_camera()
     }
 
-    /// Where the board that the flange camera looks at truly is.
+    /// The true pose of the board that the flange camera looks at.
     pub fn base_from_board(&self) -> Rigid<Base, Board> {
         base_from_board(&self.print)
     }
@@ -152,7 +152,8 @@ impl BoardCell {
         })
     }
 
-    /// What the fixed camera sees, the board on the flange, which is truly here; the robot says so without an error.
+    /// The fixed camera's view of the board on the flange, which is truly here; the robot reports this pose without
+    /// an error.
     pub fn fixed_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<Camera> {
         let camera_from_board =
             scene::base_from_camera().inverse() * base_from_flange * flange_from_board(&self.print);
@@ -168,7 +169,7 @@ impl BoardCell {
 
     /// Pictures of the board held near this camera by hand, filling the picture: for the lens.
     pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
-        // The whole rim is to fill about 0.8 of the picture's width where it faces the camera.
+        // The whole rim fills about 0.8 of the picture's width if it faces the camera.
         let [low, right, ..] = self.print.rim();
         let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
         let nowhere = |_: &Rigid<C, Board>| Rigid::claim(Isometry3::identity());

@@ -1,9 +1,10 @@
-//! What each pixel of a camera sees: panel, fixture, and how far from the panel's edge, to a fraction of a pixel.
+//! Determines what each pixel of a camera sees: panel or fixture, and the distance from the panel's edge, to a
+//! fraction of a pixel.
 //!
 //! A pixel's ray o + λ r (r = (x, y, 1) in the camera's frame, so λ is the depth) meets the height field where
 //!     F(λ) = o_h + λ r_h − h(o_s + λ r_s, o_t + λ r_t) = 0,   F′ = r_h − ∂h/∂s r_s − ∂h/∂t r_t,           (1)
-//! solved by Newton's method from the neighbour's depth. The surface goes on smoothly beyond its outline, so the
-//! outline's distance d at the meeting point changes sign at the edge; with its slope in the picture, g,
+//! solved by Newton's method from the neighbour's depth. The surface continues smoothly beyond its outline, so the
+//! outline's distance d at the intersection changes sign at the edge; with its slope in the picture, g,
 //!     edge = d / |g| px,                                                                                 (2)
 //! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
 
@@ -52,7 +53,7 @@ fn lerp(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
     [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
 }
 
-/// Where a ray meets the panel's surface, on the panel or just beside it.
+/// The intersection of a ray with the panel's surface, on the panel or just beside it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelHit {
     /// Place on the sheet, mm.
@@ -67,7 +68,7 @@ pub(super) struct PanelHit {
     pub edge_px: f64,
     /// The share of the pixel that shows the panel, 0…1.
     pub coverage: f64,
-    /// What one pixel stands for here, mm.
+    /// The width of one pixel on the panel here, mm.
     pub pixel_mm: f64,
     /// What sanding made of the place.
     pub look: Look,
@@ -210,7 +211,8 @@ impl<'a> PanelView<'a> {
         self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
     }
 
-    /// Where a ray (x, y, 1) meets the surface (1), from the neighbour's depth or else from the sheet's plane.
+    /// The intersection of a ray (x, y, 1) with the surface (1), searched from the neighbour's depth or else from
+    /// the sheet's plane.
     pub fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
         const STEPS: usize = 20;
         let r = self.turned(&ray);

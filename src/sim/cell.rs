@@ -1,4 +1,4 @@
-//! The simulated cell: where everything stands, and what its two cameras see.
+//! The simulated cell: the poses of all its objects, and the pictures of its two cameras.
 
 use super::cast::{Rays, View};
 use super::film::{Film, OnPanel};
@@ -68,7 +68,7 @@ impl Cell {
     /// The cell of this seed and scene, with camera pictures `reduction` times smaller than the real ones.
     ///
     /// # Panics
-    /// Where `reduction` is not 1…8.
+    /// If `reduction` is not 1…8.
     pub fn new(seed: u64, scene: Scene, reduction: usize) -> Self {
         assert!((1..=8).contains(&reduction), "pictures {reduction} times smaller; allowed is 1 to 8");
         let seed = Seed(seed);
@@ -106,12 +106,12 @@ impl Cell {
         Cell { distortion, ..self }
     }
 
-    /// Its arm, where that is not as it is drawn.
+    /// Its arm, if it differs from the drawing.
     pub fn real_arm(&self) -> Option<&RealArm> {
         self.arm.as_ref()
     }
 
-    /// What the controller reports while the flange truly is here; `None` where the arm does not come there.
+    /// The pose that the controller reports while the flange truly is here; `None` if the arm cannot reach it.
     pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
         match &self.arm {
             None => Some(Reported { base_from_flange: *base_from_flange, joints: None }),
@@ -119,17 +119,17 @@ impl Cell {
         }
     }
 
-    /// The same cell with films that are as hard to read as `spec` says.
+    /// The same cell with films as hard to read as `spec` states.
     pub fn with_films(self, spec: FilmSpec) -> Self {
         Cell { film: spec, ..self }
     }
 
-    /// The same cell, whose panel bows by this much today, mm: its middle lies in front of where it was taught.
+    /// The same cell with a panel that bows by this much today, mm: its middle lies in front of its taught place.
     pub fn bowed(self, bow_mm: f64) -> Self {
         Cell { present: self.present.map(|panel| panel.bowed(bow_mm)), ..self }
     }
 
-    /// The same panel at another place; 0 is where [`Cell::new`] puts it.
+    /// The same panel at another place; 0 is its place after [`Cell::new`].
     pub fn placed(self, place: u32) -> Self {
         Cell { base_from_panel: scene::displaced(self.seed, place), ..self }
     }
@@ -144,12 +144,12 @@ impl Cell {
         &self.flange_camera.0
     }
 
-    /// Where the calibration says that the 3D camera stands: 0.1 mm and 0.01° off.
+    /// The 3D camera's pose in the calibration: 0.1 mm and 0.01° off.
     pub fn calibrated_base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::calibrated(self.seed, 0, &scene::base_from_camera())
     }
 
-    /// How the calibration says that the flange camera is mounted: 0.1 mm and 0.01° off.
+    /// The flange camera's mounting in the calibration: 0.1 mm and 0.01° off.
     pub fn calibrated_flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
         scene::calibrated(self.seed, 1, &scene::flange_from_camera())
     }
@@ -159,7 +159,7 @@ impl Cell {
         self.shot(Some((&self.taught, &scene::nominal())), 0)
     }
 
-    /// The scan of what stands in the cell later, dry.
+    /// The scan of the objects that are in the cell later, dry.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         self.shot(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
     }
@@ -241,7 +241,7 @@ impl Cell {
         flange::capture(&view, &self.pixels, self.seed.child(Purpose::FlangePicture, Seed::index_of(&numbers)))
     }
 
-    /// The water-break test of what stands in the cell.
+    /// The water-break test of the panel in the cell.
     pub fn film(&self) -> Film {
         self.film_of(&self.spots)
     }
@@ -251,7 +251,8 @@ impl Cell {
         self.film_as(spots, &self.film, 0)
     }
 
-    /// A test of the panel with these spots, as hard to read as `spec` says; `index` distinguishes the films of one cell.
+    /// A test of the panel with these spots, as hard to read as `spec` states; `index` distinguishes the films of
+    /// one cell.
     pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
         let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
@@ -263,7 +264,7 @@ impl Cell {
         self.film_sanded_as((left, &self.spots), sanding, &self.film, index)
     }
 
-    /// The same as hard to read as `spec` says; before sanding there was the grease `stained`.
+    /// The same, as hard to read as `spec` states; `stained` is the grease before sanding.
     pub fn film_sanded_as(
         &self,
         (left, stained): (&[Spot], &[Spot]),
@@ -277,7 +278,7 @@ impl Cell {
         Film::new(&view.sanded(sanding), on_panel, spec, &self.pixels, seed)
     }
 
-    /// Adds a pass of a disc of this radius whose centre was at these places of the panel.
+    /// Adds a pass of a disc of this radius; its centre was at these places of the panel.
     pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, look: SandedLook) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let places: Vec<[f64; 2]> = centres.iter().map(|centre| shape.nearest(*centre).0).collect();

@@ -37,7 +37,7 @@ impl Slab {
         Slab { base_from_slab: upright * spin, half_mm, color }
     }
 
-    /// Looks along a ray of the base frame. `pixel_rad` is the angle that a pixel stands for.
+    /// Looks along a ray of the base frame. `pixel_rad` is the angle of one pixel.
     pub fn look(&self, origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Option<Met> {
         let from = self.base_from_slab.inverse_transform_point(origin);
         let along = self.base_from_slab.inverse_transform_vector(ray);

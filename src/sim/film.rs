@@ -1,11 +1,12 @@
 //! The water film as the 3D camera's colour picture shows it: dry, sprayed, whole, breaking.
 //!
-//! What does not change is made once: the dry and the fully wet colour of each pixel, and what water does to it
-//! ([`super::wetting`]). A picture at time t then is
+//! All that does not change is computed once: the dry and the fully wet colour of each pixel, and the effect of
+//! water on it ([`super::wetting`]). A picture at time t then is
 //!     exposure · light(t) · (bare + (wet − bare) w r (1 + n) + glints w) + noise,
-//! with `bare` what the place is without a film: dry and dusty until water has reached it, washed afterwards; w the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker the
-//! new film is; a drop is thick film, also over a break, where water has come. A picture is a function of its time: any
-//! frame rate shows the same film.
+//! with `bare` the colour of the place without a film: dry and dusty until water has reached it, washed afterwards.
+//! w is the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker
+//! the new film is. A drop is thick film, also over a break, if water has reached the place. A picture is a
+//! function of its time: any frame rate shows the same film.
 
 use super::appearance::{Color, dry_and_wet};
 use super::cast::View;
@@ -53,9 +54,9 @@ pub struct Film {
 /// What lies on the panel when its film begins.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OnPanel<'a> {
-    /// Grease that is there.
+    /// The grease now.
     pub spots: &'a [Spot],
-    /// Grease that is there or was: it leaves a stain.
+    /// The grease now or earlier: it leaves a stain.
     pub stained: &'a [Spot],
     /// Water has washed the dust off already.
     pub washed: bool,
@@ -133,11 +134,11 @@ impl Film {
         picture
     }
 
-    /// Takes the picture of this time over an earlier one of this film, around the panel alone: several times faster,
-    /// and beyond 16 px from the panel still the earlier picture.
+    /// Renders the picture of this time over an earlier one of this film, only around the panel. This is several
+    /// times faster; beyond 16 px from the panel the earlier picture remains.
     ///
     /// # Panics
-    /// Where the picture is of another size.
+    /// If the picture has another size.
     pub fn renew(&self, picture: &mut ColorPicture, time_s: f64) {
         const AROUND_PX: usize = 16;
         assert_eq!((picture.width, picture.height), (self.width, self.height), "a picture of this film");
@@ -186,12 +187,12 @@ impl Film {
         });
     }
 
-    /// Truth: the pixels whose film has broken by this time, s, whether or not it closed again.
+    /// Truth: the pixels with a film that has broken by this time, s, even if it closed again.
     pub fn broken(&self, time_s: f64) -> Mask {
         self.truth(|wetted| f64::from(wetted.breaks_at_s) <= time_s)
     }
 
-    /// Truth: the pixels whose film had broken by this time, s, and has closed since.
+    /// Truth: the pixels with a film that had broken by this time, s, and has closed since.
     pub fn closed(&self, time_s: f64) -> Mask {
         self.truth(|wetted| f64::from(wetted.closes_at_s) <= time_s)
     }
@@ -219,7 +220,7 @@ impl Film {
         both
     }
 
-    /// Truth: when the film breaks at each pixel, s of the film, row by row; infinite where it holds.
+    /// Truth: when the film breaks at each pixel, s of the film, row by row; infinite if it holds.
     pub fn break_times_s(&self) -> Vec<f32> {
         let mut times_s = vec![f32::INFINITY; self.width * self.height];
         for (index, row) in self.rows.iter().enumerate() {
@@ -249,7 +250,7 @@ impl<'a> Stains<'a> {
         let factor = |(spot, factor): &(&Spot, f64)| {
             let [s, t] = spot.centre_mm();
             let is_near = (place[0] - s).hypot(place[1] - t) < spot.radius_mm();
-            // A stain has a soft edge: all of it from a tenth of the way inwards.
+            // A stain has a soft edge: it has its full strength from a tenth of the way inwards.
             let share = if is_near { ((1.0 - spot.reach(place).0) / 0.1).clamp(0.0, 1.0) } else { 0.0 };
             1.0 + share * (factor - 1.0)
         };
@@ -274,13 +275,13 @@ fn travelling(row: &Row, index: usize, glints: &[Spotted], drops: &[Spotted]) ->
     (shine, covered)
 }
 
-/// Where the panel is in the picture.
+/// The panel's extent in the picture.
 fn ground(rows: &[Row], view: &View<'_>) -> Ground {
     let shown = || rows.iter().enumerate().filter(|(_, row)| !row.wetted.is_empty());
     let (top, bottom) = (shown().next().map_or(0, |row| row.0), shown().next_back().map_or(1, |row| row.0 + 1));
     let left = shown().map(|(_, row)| row.first_column).min().unwrap_or(0);
     let right = shown().map(|(_, row)| row.first_column + row.wetted.len()).max().unwrap_or(1).max(left + 1);
-    // The panel stands 780 mm before the camera, more or less.
+    // The panel is about 780 mm in front of the camera.
     let px_per_mm = view.focal_px() / 780.0;
     Ground { low_px: [left as f64, top as f64], high_px: [right as f64, bottom as f64], px_per_mm }
 }

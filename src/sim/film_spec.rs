@@ -12,7 +12,7 @@ pub struct FilmSpec {
     pub drift: f64,
     /// It flickers from picture to picture by up to this share.
     pub flicker: f64,
-    /// A shadow with soft edges passes that takes this share of the light; 0 is none.
+    /// A shadow with soft edges passes and removes this share of the light; 0 is none.
     pub shadow: f64,
     /// When the shadow's middle is at the panel's centre, s.
     pub shadow_at_s: f64,
@@ -20,13 +20,13 @@ pub struct FilmSpec {
     pub glints: usize,
     /// Drops that run down the panel at a time.
     pub drops: usize,
-    /// Beads that stay on each place where the film breaks.
+    /// Beads that stay on each place with a broken film.
     pub beads: usize,
     /// How much more the film darkens when it is new than later, as a share.
     pub thinning: f64,
-    /// A place whose film broke comes back to at least this share of its dry brightness: 1 is wholly dry.
+    /// A place with a broken film returns to at least this share of its dry brightness: 1 is wholly dry.
     pub damp: f64,
-    /// Droplets that stay where the film broke, on 100 mm².
+    /// Droplets that stay on a place with a broken film, on 100 mm².
     pub droplets: f64,
     /// Dust on the panel before the first water, which washes it off: it changes the brightness by up to this share.
     pub dust: f64,

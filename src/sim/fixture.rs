@@ -1,4 +1,4 @@
-//! The fixture behind the panel: a light back plate and two posts, which stand still when the panel moves.
+//! The fixture behind the panel: a light back plate and two posts, which do not move with the panel.
 //!
 //! Every part is an upright rectangle that faces the robot, at a constant X of the base frame.
 
@@ -45,7 +45,7 @@ pub(super) struct Background {
     pub color: [f64; 3],
 }
 
-/// Looks along a ray of the base frame. `pixel_rad` is the angle that a pixel stands for.
+/// Looks along a ray of the base frame. `pixel_rad` is the angle of one pixel.
 pub(super) fn look(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Background {
     let mut color = [0.0; 3];
     let mut open = 1.0;

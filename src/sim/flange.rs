@@ -6,7 +6,7 @@ use super::noise::{PixelNoise, Seed, to_bytes};
 use crate::geometry::ColorPicture;
 use rayon::prelude::*;
 
-/// Takes a picture of what is dry; `shot` is its own seed.
+/// Takes a picture of the dry scene; `shot` is its own seed.
 pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
     let mut picture = ColorPicture::filled(view.width(), view.height(), [0; 3]);
     picture.rgb.par_chunks_mut(view.width()).enumerate().for_each(|(row, colors)| {

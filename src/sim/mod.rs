@@ -1,18 +1,18 @@
 //! The simulated cell: panel, fixture, both cameras and the water film, rendered from one seed, with known truth.
 //!
-//! Pure functions from seed and scene to data: no files, no clock. It names `geometry` alone and shares nothing else
-//! with what it tests. The panel's frame is the base at the nominal place (thesis 3.8).
+//! Pure functions from seed and scene to data: no files, no clock. It uses `geometry` alone and shares nothing else
+//! with the code under test. The panel's frame is the base at the nominal place (thesis 3.8).
 //!
 //! - `shape`, `outline`: the panel as a height field cut along an outline
-//! - `scene`, `fixture`: where everything stands
-//! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
-//! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
-//! - `board`, `board_cell`, `target`: calibration boards before both cameras
-//! - `real_arm`: an arm that is not as it is drawn
+//! - `scene`, `fixture`: the poses of all objects
+//! - `cast`: what each pixel sees · `appearance`: its colour · `noise`: every random number
+//! - `variety`, `clutter`, `trial`: panels of many shapes among other objects, for the localization
+//! - `board`, `board_cell`, `target`: calibration boards in front of both cameras
+//! - `real_arm`: an arm that differs from the drawing
 //! - `cell`: all of it together
-//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `travellers`, `sanding`: what the cameras deliver ·
-//!   `projector`: which points the 3D camera has · `film_spec`: how hard films are to read · `spots`: grease · `truth`:
-//!   what is true of it all
+//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `travellers`, `sanding`: the
+//!   cameras' data · `projector`: which points the 3D camera has · `film_spec`: how hard films are to read ·
+//!   `spots`: grease · `truth`: the truth about all of this
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
 

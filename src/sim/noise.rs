@@ -119,7 +119,7 @@ impl ValueNoise {
         }
     }
 
-    /// The noise at a place of the sheet. Beyond the lattice the outermost cells go on.
+    /// The noise at a place of the sheet. Beyond the lattice, the values at its border continue.
     pub fn at(&self, [s_mm, t_mm]: [f64; 2]) -> f64 {
         let (i, across) = self.cell(s_mm - self.corner_mm[0]);
         let (j, up) = self.cell(t_mm - self.corner_mm[1]);

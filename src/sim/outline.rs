@@ -42,7 +42,7 @@ impl Outline {
         self
     }
 
-    /// Where the straight edges would meet without rounding.
+    /// The points where the straight edges would intersect without rounding.
     pub fn corners(&self) -> &[Vector2<f64>] {
         &self.corners
     }
@@ -78,7 +78,7 @@ impl Outline {
         if distance < 1e-9 { (-self.rounding_mm, normal) } else { (distance - self.rounding_mm, away / distance) }
     }
 
-    /// From the nearest place of the inner polygon to a point outside of it.
+    /// The vector from the nearest place of the inner polygon to a point outside of it.
     fn away_from_core(&self, point: Vector2<f64>) -> Vector2<f64> {
         let mut nearest = Vector2::repeat(f64::INFINITY);
         for (a, b) in pairs(&self.core) {

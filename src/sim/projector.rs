@@ -1,19 +1,21 @@
-//! The projector of the 3D camera, and what its light does not reach.
+//! The projector of the 3D camera, and the surfaces that its light does not reach.
 //!
-//! A Zivid measures what both its camera and its projector see. The projector of a Two M70 stands b = 111 mm to the right of
-//! the lens and is turned by 0.113 rad towards its axis. A pixel has no point where its surface
+//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111
+//! mm to the right of the lens and is turned by 0.113 rad towards its axis. A pixel has no point if its surface
 //! - lies outside of the projector's picture,
 //! - looks away from the projector, or
-//! - is in shadow: on the line to the projector stands something else, nearer to it by over 0.5 % of the depth.
+//! - is in shadow: another object is on the line to the projector, nearer to it by over 0.5 % of the depth.
 //!
-//! The edge of a thing that stands d before a wall at the depth z leaves a strip of the wall without points,
+//! The edge of an object at the distance d in front of a wall at the depth z leaves a strip of the wall without
+//! points,
 //!     w ≈ b d / (z − d),                                                                                  (1)
 //! on the side that faces away from the projector. Colours have the room's light and no such shadows.
 //!
-//! Lines are followed to the surfaces themselves, not to a depth map: no ragged rims, no slanted surface in its own shadow.
-//! Not simulated: half-shadows, light from surface to surface, the panel's shadow on itself, for which it is too shallow.
-//! Source: geometry and rule of the vendor's own simulation, github.com/zivid/zivid-isaac-sim (camera_calibration.py,
-//! zivid_camera.py); in the M70 its projector's picture is kept four times coarser.
+//! Lines are followed to the surfaces themselves, not to a depth map: no ragged rims, no slanted surface in its own
+//! shadow. Not simulated: half-shadows, light from surface to surface, and the panel's shadow on itself, because
+//! the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
+//! github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 it keeps the projector's
+//! picture four times coarser.
 
 use super::cast::{PanelHit, PanelView};
 use super::clutter::Slab;
@@ -37,7 +39,7 @@ const LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Where it stands in the camera's frame, mm, and its turn about the camera's y, rad.
+/// The projector's position in the camera's frame, mm, and its turn about the camera's y, rad.
 const PLACE_MM: [f64; 3] = [111.2, 0.0, 9.7];
 const TURN_RAD: f64 = -0.113;
 
@@ -53,7 +55,7 @@ fn camera_from_projector() -> Isometry3<f64> {
     Isometry3::new(PLACE_MM.into(), Vector3::y() * TURN_RAD)
 }
 
-/// The projector before what stands in the cell.
+/// The projector in front of the objects in the cell.
 pub(super) struct Projector<'a> {
     projector_from_camera: Isometry3<f64>,
     panel: Option<PanelView<'a>>,
@@ -61,7 +63,7 @@ pub(super) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// The projector of a camera that stands there, before the fixture, a panel and these things.
+    /// The projector of a camera at this pose, in front of the fixture, a panel and these objects.
     pub fn new(
         base_from_camera: &Rigid<Base, Camera>,
         panel: Option<(&'a Shape, &Rigid<Base, Panel>)>,
@@ -112,7 +114,7 @@ struct Screen {
     centre: Vector3<f64>,
     axes: [Vector3<f64>; 3],
     half_mm: [f64; 2],
-    /// It stops the light where its share of the line to a point is below this.
+    /// It stops the light if its share of the line to a point is below this.
     reach: f64,
 }
 
@@ -122,12 +124,12 @@ impl Screen {
         let centre = projector_from_slab.translation.vector;
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| projector_from_slab * axis);
         let same_side = axes[2].dot(&(eye.coords - centre)) * axes[2].dot(&-centre) > 0.0;
-        // Where the camera sees the side that the projector does not, all of that side is dark.
+        // If the camera sees the side that the projector does not see, all of that side is dark.
         let reach = if same_side { 1.0 - SHADOW_SHARE } else { 1.0 + 1e-6 };
         Screen { centre, axes, half_mm: slab.half_mm, reach }
     }
 
-    /// Does it stand between the projector and this point?
+    /// Is it between the projector and this point?
     fn stops(&self, point: &Vector3<f64>) -> bool {
         let share = self.axes[2].dot(&self.centre) / self.axes[2].dot(point);
         if !(share > 0.0 && share < self.reach) {

@@ -32,9 +32,9 @@ const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 /// What the controller reports of a pose of the flange.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reported {
-    /// Where it says that the flange is.
+    /// The flange's pose that the controller reports.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// The axes, where the arm is not as it is drawn.
+    /// The axes, if the arm differs from the drawing.
     pub joints: Option<Joints>,
 }
 
@@ -92,7 +92,7 @@ impl RealArm {
         (off_mm2.iter().sum::<f64>() / off_mm2.len() as f64).sqrt()
     }
 
-    /// Where the flange truly is.
+    /// The flange's true pose.
     pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
         let mut q = turns_rad(joints);
         for (axis, periods) in GEAR_PERIODS.iter().enumerate() {
@@ -107,12 +107,13 @@ impl RealArm {
         chain(&q, &lengths_mm, &self.twists_rad)
     }
 
-    /// Where the pad of the simulated tool truly is, whatever a calibration takes its length for.
+    /// The true pose of the simulated tool's pad, whatever length a calibration assumes for the tool.
     pub fn base_from_tool(&self, joints: &Joints) -> Rigid<Base, Tool> {
         self.base_from_flange(joints) * Rigid::claim(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
     }
 
-    /// The axes that bring the flange truly there, found from `near`, whatever their limits; `None` where they do not settle.
+    /// The axes that bring the flange truly there, found from `near`, without regard to their limits; `None` if
+    /// they do not converge.
     pub fn reaching(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
         let wanted = base_from_flange.isometry();
         let off = |joints: &Joints| -> SVector<f64, 6> {
@@ -144,8 +145,8 @@ impl RealArm {
 }
 
 impl RealArm {
-    /// What the controller reports while the flange truly is here; `None` where the arm does not come there with its elbow up
-    /// and its wrist not turned over, within the limits of its axes.
+    /// The pose that the controller reports while the flange truly is here. `None` if the arm cannot reach it with
+    /// its elbow up and its wrist not turned over, within the limits of its axes.
     pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
         let within = |joints: &Joints| {
             joints.degrees().iter().zip(IN_WORK_DEG).all(|(angle, [least, most])| (least..=most).contains(angle))
@@ -175,7 +176,7 @@ const SETTLED_MM: f64 = 1e-7;
 /// An axis turns by no more in a step.
 const LONGEST_DEG: f64 = 15.0;
 
-/// Where the flange of the drawing is: what the controller reports.
+/// The flange's pose according to the drawing: the pose that the controller reports.
 pub fn drawn_flange(joints: &Joints) -> Rigid<Base, Flange> {
     chain(&turns_rad(joints), &DRAWN_MM, &[[0.0; 2]; 5])
 }

@@ -46,7 +46,7 @@ impl Runoff {
             let mix = |a: f64, b: f64, share: f64| a + share * (b - a);
             let low = mix(node(i, j), node(i + 1, j), across);
             let high = mix(node(i, j + 1), node(i + 1, j + 1), across);
-            // Streaks are rare: only what stands out of the pattern.
+            // Streaks are rare: only the peaks of the pattern.
             ((mix(low, high, down) - 0.6).max(0.0) / 1.2).min(1.0) as f32
         };
         Runoff { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }

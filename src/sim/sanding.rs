@@ -1,8 +1,9 @@
 //! How sanding changes the look of the panel.
 //!
-//! A disc takes the gloss and the weave away and leaves scratches: the place becomes lighter or darker, and a film takes another share
-//! of its light. Each pass of the disc does so by other factors, and its rim by others than its middle. The factors are drawn from
-//! harmless to worse than reported of real panels: no measured set of sanded composite under a film is known.
+//! A disc removes the gloss and the weave and leaves scratches: the place becomes lighter or darker, and a film
+//! removes another share of its light. Each pass of the disc has other factors, and its rim has others than its
+//! middle. The factors are drawn from harmless to worse than reported of real panels: no measured set of sanded
+//! composite under a film is known.
 
 use super::noise::{Purpose, Seed};
 use rand::RngExt;
@@ -38,7 +39,7 @@ impl Look {
     }
 }
 
-/// One pass of the disc: where it was, and what it left.
+/// One pass of the disc: its place and its effect.
 #[derive(Debug, Clone)]
 struct Pass {
     /// Distance to the edge of what the disc covered, mm, positive inside; row by row from the lower left.
@@ -64,13 +65,13 @@ pub struct SandedLook {
 impl SandedLook {
     /// What is expected of a real disc.
     pub const USUAL: SandedLook = SandedLook { albedo: [0.7, 1.4] };
-    /// From less than half of the brightness to almost twice of it.
+    /// From less than half of the brightness to almost twice the brightness.
     pub const WORST: SandedLook = SandedLook { albedo: [0.4, 1.8] };
 }
 
 impl Sanding {
-    /// Adds a pass of a disc of this radius whose centre was at these places of the sheet, mm. Everything else is drawn from the seed
-    /// and the number of the pass.
+    /// Adds a pass of a disc of this radius; its centre was at these places of the sheet, mm. Everything else is
+    /// drawn from the seed and the number of the pass.
     pub(super) fn add_track(&mut self, centres_mm: &[[f64; 2]], radius_mm: f64, (seed, look): (Seed, SandedLook)) {
         let mut depth_mm = vec![f32::NEG_INFINITY; CELLS * CELLS];
         for [s, t] in centres_mm {
@@ -166,7 +167,8 @@ fn cross([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    /// By hand: a disc of 20 mm at (0, 0) and at (30, 0) is 20 mm deep at its centres and 5 mm where both meet, at (15, 0).
+    /// By hand: a disc of 20 mm at (0, 0) and at (30, 0) is 20 mm deep at its centres and 5 mm at the middle
+    /// between both, (15, 0).
     #[test]
     fn a_track_is_as_deep_as_the_nearest_disc() {
         let mut sanding = Sanding::default();
@@ -182,7 +184,8 @@ mod tests {
         assert!((look.albedo[0] - pass.middle.albedo[0]).abs() + (look.weave - pass.middle.weave).abs() < 1e-12);
     }
 
-    /// By hand: in a square of 40 mm about (0, 0) a place at (15, 5) is 5 mm from its right side, whichever way round it is listed.
+    /// By hand: in a square of 40 mm about (0, 0) a place at (15, 5) is 5 mm from its right side, in either order
+    /// of its corners.
     #[test]
     fn depth_in_a_square_by_hand() {
         let quad = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]];

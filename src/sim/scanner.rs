@@ -1,8 +1,9 @@
 //! A shot of the 3D camera: points with their noise, and the colour picture on the same pixels.
 //!
-//! A pixel has a point where the projector lights what it sees (`projector`). Noise along the ray: white, σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise
-//! of 0.06 mm rms at the nodes of a square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth
-//! of the pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
+//! A pixel has a point if the projector lights the surface that the pixel sees (`projector`). Noise along the ray:
+//! white, σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise of 0.06 mm rms
+//! at the nodes of a square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth of the
+//! pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
 
 use super::appearance::dry_and_wet;
 use super::cast::{PanelHit, PixelHit, View};
@@ -62,7 +63,7 @@ pub fn noise_in_force() -> NoiseFigures {
     }
 }
 
-/// Takes a shot; `shot` is its own seed.
+/// Makes a shot; `shot` is its own seed.
 pub(super) fn capture(
     view: &View<'_>,
     projector: &Projector<'_>,

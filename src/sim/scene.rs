@@ -1,4 +1,4 @@
-//! Where everything stands: both cameras, their calibrations, the panel's two places and the taught corner poses.
+//! The poses of all objects: both cameras, their calibrations, the panel's two places and the taught corner poses.
 
 use super::noise::{Normal, Purpose, Seed};
 use super::shape::{CENTRE_MM, Shape};
@@ -8,7 +8,7 @@ use crate::geometry::{
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use strum::{IntoStaticStr, VariantArray};
 
-/// What stands in the cell.
+/// The objects in the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 pub enum Scene {
@@ -81,7 +81,7 @@ fn reduced(camera: PinholeCamera, reduction: usize) -> PinholeCamera {
     }
 }
 
-/// Where the 3D camera stands: beside and above the robot, the panel's centre in the middle of its picture.
+/// The 3D camera's pose: beside and above the robot, with the panel's centre in the middle of its picture.
 pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
     let eye = Point3::new(-100.0, -250.0, 700.0);
     let forward = (Point3::from(CENTRE_MM) - eye).normalize();
@@ -90,7 +90,8 @@ pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
     Rigid::from_axes(axes, Point::new(eye))
 }
 
-/// How the flange camera is mounted: beside the tool along the flange's X, slightly tilted, looking where the tool does.
+/// The flange camera's mounting: beside the tool along the flange's X, slightly tilted, looking in the tool's
+/// direction.
 pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
     let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.8, -3.0, 0.6).map(f64::to_radians));
     Rigid::claim(Isometry3::from_parts(Translation3::new(80.0, 4.0, 30.0), tilt))
@@ -122,7 +123,8 @@ const MAX_TURN_DEG: f64 = 8.0;
 /// The panel moves less along its normal than aside, and so stays clear of the fixture.
 const SHIFT_ALONG_NORMAL: f64 = 0.6;
 
-/// Where the panel was put: shifted by up to 25 mm and turned by up to 8° about its centre; by each number otherwise.
+/// The panel's displaced pose: shifted by up to 25 mm and turned by up to 8° about its centre; different for each
+/// number.
 pub(super) fn displaced(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     let mut normal = Normal::new(seed.stream(Purpose::Placement, u64::from(place)));
     let mut shift = direction(&mut normal) * (MAX_SHIFT_MM * (0.3 + 0.7 * normal.share()));
@@ -138,7 +140,7 @@ pub(super) fn displaced(seed: Seed, place: u32) -> Rigid<Base, Panel> {
 pub struct CornerView {
     /// Which corner the picture shows: the direction from the panel's inside towards it.
     pub name: &'static str,
-    /// The corner: where its two straight edges, made longer, meet on the surface.
+    /// The corner: the intersection of its two extended straight edges, on the surface.
     pub corner: Point<Panel>,
     /// The flange's pose at the panel's nominal place.
     pub base_from_flange: Rigid<Base, Flange>,

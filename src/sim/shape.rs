@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vecto
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// The panel's centre, in the panel's frame: where it stands before the robot when that frame is the base.
+/// The panel's centre, in the panel's frame: its place in front of the robot if that frame is the base.
 pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 
 /// From the middle of the taught panel to its ends along s, mm, about.
@@ -244,7 +244,7 @@ impl Shape {
     }
 
     /// The nearest place of the surface, as a place of the sheet, and the signed distance from it along the outward
-    /// normal, mm. Right for points within some 100 mm, where one nearest place is.
+    /// normal, mm. Correct for points within about 100 mm, which have only one nearest place.
     pub fn nearest(&self, point: Point<Panel>) -> ([f64; 2], f64) {
         let target = self.panel_from_sheet.inverse() * point.mm;
         let (mut s, mut t) = (target.x, target.y);
@@ -304,7 +304,7 @@ mod tests {
         }
     }
 
-    /// The panel stays shallow enough to stand clear of the fixture, and no two corners are alike.
+    /// The panel is shallow enough to stay clear of the fixture, and no two corners are alike.
     #[test]
     fn panels_are_shallow_and_have_no_symmetry() {
         for seed in 0..50 {

@@ -1,7 +1,8 @@
-//! Greasy spots: where the water film breaks, when, and how the break grows.
+//! Greasy spots: where and when the water film breaks, and how the break grows.
 //!
-//! A spot's outline is an ellipse whose radius waves by angle. Its break opens at the centre at t₀ and reaches the
-//! share ρ of the way to the outline at t₀ + T ρ^1.5: fast at first, and never beyond the outline.
+//! A spot's outline is an ellipse with a radius that varies in waves with the angle. Its break opens at the centre
+//! at t₀ and reaches the share ρ of the way to the outline at t₀ + T ρ^1.5: fast at first, and never beyond the
+//! outline.
 
 use super::noise::{Purpose, Seed};
 use super::shape::Shape;
@@ -10,7 +11,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::f64::consts::{PI, TAU};
 
-/// A greasy spot of the panel; the same wherever the panel stands.
+/// A greasy spot of the panel; the same at every place of the panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spot {
     centre: Vector2<f64>,
@@ -22,9 +23,9 @@ pub struct Spot {
     pub breaks_at_s: f64,
     /// How long the break grows until it fills the outline, s.
     pub grows_s: f64,
-    /// When the film closes over it again, s of the film; infinite where it does not.
+    /// When the film closes over it again, s of the film; infinite if it does not.
     pub closes_at_s: f64,
-    /// Where it differs from breaking as described above.
+    /// How it differs from the breaking described above.
     pub kind: SpotKind,
 }
 
@@ -61,7 +62,7 @@ pub enum Grease {
 /// Places keep this far from the panel's outline beyond their own radius, mm, and so inside the region.
 const MIXED_EDGE_MM: f64 = 18.0;
 
-/// Places as `grease` has them on this panel, whose film is whole from `wet_from_s` on.
+/// The places that `grease` specifies on this panel; its film is whole from `wet_from_s` on.
 pub(super) fn greased(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<Spot> {
     match *grease {
         Grease::Mixed { count, until_s } => mixed(seed, shape, count, (wet_from_s, until_s)),
@@ -130,7 +131,7 @@ fn covering(share: f64, kind: SpotKind) -> Spot {
 const EDGE_DISTANCE_MM: f64 = 42.0;
 const SPOT_DISTANCE_MM: f64 = 52.0;
 
-/// Two to four spots on this panel, whose film is whole from `wet_from_s` on.
+/// Two to four spots on this panel; its film is whole from `wet_from_s` on.
 pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<Spot> {
     let mut random = seed.stream(Purpose::Spots, 0);
     let count = random.random_range(2..=4);

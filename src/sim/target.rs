@@ -15,11 +15,11 @@ const TOUCH_NOISE_MM: f64 = 0.03;
 /// A board before a camera.
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// Where it truly stands.
+    /// Its true pose.
     pub base_from_board: Rigid<Base, Board>,
-    /// Where it is known to stand.
+    /// Its known pose.
     pub known_base_from_board: Rigid<Base, Board>,
-    /// Where the flange is when its camera looks; of no meaning for the fixed one.
+    /// The flange's pose when its camera looks; without meaning for the fixed camera.
     pub base_from_flange: Rigid<Base, Flange>,
     /// What the camera sees.
     pub picture: GrayPicture,
@@ -33,7 +33,7 @@ impl Target {
 }
 
 impl Cell {
-    /// The board beside the middle of the fixed camera's view, where the arm comes to touch it.
+    /// The board beside the middle of the fixed camera's view, within reach of the arm that touches it.
     pub fn scanner_target(&self) -> Target {
         let camera_from_board = held([120.0, 90.0, 690.0], [0.15, -0.2, 0.05]);
         let base_from_board = scene::base_from_camera() * camera_from_board;

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
-/// The panel's pixels: where travellers are born, and how large a millimetre is.
+/// The panel's pixels: the area in which travellers start, and the size of a millimetre.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ground {
     pub low_px: [f64; 2],

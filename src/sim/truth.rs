@@ -13,13 +13,13 @@ pub struct Truth {
     pub seed: u64,
     /// Its scene.
     pub scene: Scene,
-    /// Where the displaced panel stands; without a panel, where it would.
+    /// The displaced panel's pose; without a panel, the pose that it would have.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Where the 3D camera stands.
+    /// The 3D camera's pose.
     pub base_from_camera: Rigid<Base, Camera>,
     /// How the flange camera is mounted.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
-    /// The corners of the taught views: where straight edges meet, on the surface.
+    /// The corners of the taught views: the intersections of straight edges, on the surface.
     pub corners: Vec<CornerView>,
     /// Greasy spots of the displaced panel.
     pub spots: Vec<TrueSpot>,
@@ -83,7 +83,7 @@ impl Truth {
             .collect()
     }
 
-    /// Mean and largest distance between where a found place puts the surface and where it is, mm.
+    /// Mean and largest distance between the surface at a found place and the true surface, mm.
     pub fn placement_error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = self.surface_points();
         let errors = points.iter().map(|&point| self.base_from_panel.distance_at_mm(*found, point));
@@ -130,16 +130,16 @@ pub struct PlacementError {
     pub max_mm: f64,
 }
 
-/// The truth as it is written; coordinates in the panel's frame unless the name says otherwise.
+/// The truth as it is written to a file; coordinates in the panel's frame unless the name states otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TruthNumbers {
     /// The seed of the cell.
     pub seed: u64,
     /// The word of its scene.
     pub scene: String,
-    /// Where the displaced panel stands.
+    /// The displaced panel's pose.
     pub base_from_panel: KukaPose,
-    /// Where the 3D camera stands.
+    /// The 3D camera's pose.
     pub base_from_camera: KukaPose,
     /// How the flange camera is mounted.
     pub flange_from_camera: KukaPose,
@@ -156,7 +156,7 @@ pub struct TruthNumbers {
 pub struct CornerNumbers {
     /// Which corner.
     pub name: String,
-    /// Where its straight edges meet.
+    /// The intersection of its straight edges.
     pub corner_mm: [f64; 3],
 }
 

@@ -1,7 +1,7 @@
-//! The wet panel before the flange camera: darker under its film, with drops on it and beside its edge.
+//! The wet panel in front of the flange camera: darker under its film, with drops on it and beside its edge.
 //!
-//! A drop is a disc: dark where it bends the light away, with a bright glint at its upper side. Drops on the panel's edge
-//! hang over it by a part of their radius.
+//! A drop is a disc: dark where it bends the light away, with a bright glint at its upper side. Drops on the
+//! panel's edge hang over it by a part of their radius.
 
 use super::appearance::dry_and_wet;
 use super::cast::{PixelHit, View};
@@ -19,7 +19,7 @@ const GLINT: f64 = 235.0;
 /// Beyond the panel's edge a drop reaches this share of its radius.
 const OVERHANG: f64 = 0.35;
 
-/// Takes a picture of what is wet; `shot` is its own seed.
+/// Takes a picture of the wet scene; `shot` is its own seed.
 pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
     let mut picture = ColorPicture::filled(view.width(), view.height(), [0; 3]);
     picture.rgb.par_chunks_mut(view.width()).enumerate().for_each(|(row, colors)| {

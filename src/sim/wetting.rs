@@ -12,14 +12,14 @@ use super::spots::{Spot, SpotKind};
 use super::timing::SPRAY_FROM_S;
 use rand::RngExt;
 
-/// How long the front takes from the panel's top to its bottom, s, and how unevenly it comes.
+/// Time that the front needs from the panel's top to its bottom, s, and the unevenness of its arrival.
 const FRONT_S: f64 = 2.3;
 const FRONT_UNEVEN_S: f64 = 0.12;
-/// How long a place takes to become wet, its film to open, and to close again, s.
+/// Times that a place needs to become wet, its film to open, and to close again, s.
 const WETTING_S: f64 = 0.2;
 const OPENING_S: f64 = 0.15;
 const CLOSING_S: f64 = 0.4;
-/// On a place that covers much of the panel more droplets than these would only take time.
+/// On a place that covers much of the panel, more droplets than these would only cost time.
 const MOST_DROPLETS: usize = 60;
 
 /// A pixel of the panel.
@@ -29,12 +29,12 @@ pub(super) struct Wetted {
     /// Washed and without its film: damp, if it is greasy.
     pub bare: Color,
     wet_from_s: f32,
-    /// Infinite where no grease is.
+    /// Infinite if there is no grease.
     pub breaks_at_s: f32,
     pub closes_at_s: f32,
     /// The share of this pixel that lies in the spot.
     greasy: f32,
-    /// The share of it that a bead keeps wet when the film around it has broken.
+    /// The share of this pixel that a bead keeps wet after the film around it has broken.
     bead: f32,
     /// Column and row of the run-off pattern.
     pub streak: [u16; 2],
@@ -55,7 +55,7 @@ impl Wetted {
         }
     }
 
-    /// Whether most of it lies in a spot.
+    /// Returns whether most of the pixel lies in a spot.
     pub fn is_greasy(&self) -> bool {
         self.greasy >= 0.5
     }
@@ -139,7 +139,7 @@ impl<'a> Water<'a> {
                     breaks_at_s: spot.breaks_where_wet_s(reached, f64::from(wetted.wet_from_s)) as f32,
                     closes_at_s: spot.closes_at_s as f32,
                     greasy: greasy as f32,
-                    // Where water never stays no bead does.
+                    // A place where water never stays has no bead.
                     bead: if spot.kind == SpotKind::NeverWets { 0.0 } else { bead as f32 },
                     ..wetted
                 };

@@ -1,4 +1,4 @@
-//! What is told of the cell: as the loop says it, and as the store has it.
+//! What is published about the cell: the loop's values and the store's values.
 
 use crate::cycle::{Robot, State};
 use crate::packml::{UnitMode, UnitState};
@@ -6,18 +6,18 @@ use crate::packml::{UnitMode, UnitState};
 /// What the cell shows. What is not known is `None`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CellView {
-    /// What the loop says now.
+    /// The loop's present values.
     pub now: LoopView,
-    /// What the store and the disk say, a little later.
+    /// The values of the store and the disk, a little later.
     pub kept: KeptView,
 }
 
-/// What the loop says now; nothing of it where the loop does not answer.
+/// The loop's present values; all empty if the loop does not answer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LoopView {
     /// The state of the cycle's table.
     pub table: Option<State>,
-    /// The phase, or the one in which a held cycle goes on.
+    /// The phase, or the phase in which a held cycle continues.
     pub phase: Option<String>,
     /// The cycle that runs, or ran last since the service started.
     pub cycle: Option<i64>,
@@ -35,7 +35,7 @@ pub struct LoopView {
     pub waypoints: Option<u32>,
 }
 
-/// What the store and the disk say.
+/// The values of the store and the disk.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct KeptView {
     /// The part's serial number in the newest cycle.

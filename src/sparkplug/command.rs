@@ -1,4 +1,4 @@
-//! Commands to the node: what a message on its command topic asks for, and what of it is refused.
+//! Commands to the node: the requests in a message on its command topic, and which of them are refused.
 
 use super::metrics::{METRICS, alias};
 use super::payload::{Metric, Payload, Wire};
@@ -6,10 +6,10 @@ use crate::cycle::Request;
 use prost::Message as _;
 use strum::VariantArray;
 
-/// What a host may ask for. None of it begins a motion.
+/// A request that a host may make. No request begins a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, VariantArray)]
 pub enum NodeCommand {
-    /// To tell everything again.
+    /// To publish everything again.
     Rebirth,
     /// To hold the cycle.
     Hold,
@@ -50,7 +50,7 @@ impl NodeCommand {
         }
     }
 
-    /// What the table of the cycle is asked for.
+    /// The request to the cycle's table.
     pub fn request(self) -> Option<Request> {
         match self {
             NodeCommand::Rebirth => None,
@@ -60,7 +60,7 @@ impl NodeCommand {
         }
     }
 
-    /// Those that are offered: all, where commands to the cell are allowed.
+    /// The offered commands: all, if commands to the cell are allowed.
     pub(super) fn offered(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
         let is_offered = move |command: &NodeCommand| commands_allowed || *command == NodeCommand::Rebirth;
         NodeCommand::VARIANTS.iter().copied().filter(is_offered)
@@ -82,7 +82,7 @@ pub enum CommandError {
         /// How many it has.
         found: usize,
     },
-    /// It asks for nothing.
+    /// It contains no request.
     #[error("the message has no metric; write true to one of: {allowed}")]
     Empty {
         /// What may be written to.
@@ -112,10 +112,10 @@ pub enum CommandError {
 
 /// More metrics than a host has reason to write at once.
 const MOST_METRICS: usize = 32;
-/// So much of a foreign name is told.
+/// The most characters of a foreign name that are reported.
 const MOST_CHARACTERS: usize = 80;
 
-/// What a message on the command topic asks for, each with what is refused of it, in its order.
+/// The commands of a message on the command topic, or the reason for each refusal, in the message's order.
 pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
     let payload = match Payload::decode(bytes) {
         Ok(payload) => payload,
@@ -132,7 +132,7 @@ pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand,
 
 fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, CommandError> {
     let is_meant = |command: &&NodeCommand| match (&metric.name, metric.alias) {
-        // Where both are given they must agree.
+        // If both are given they must agree.
         (Some(name), Some(alias)) => command.name() == name && command.alias() == Some(alias),
         (Some(name), None) => command.name() == name,
         (None, alias) => alias.is_some() && command.alias() == alias,

@@ -1,8 +1,8 @@
-//! The primary host application: without it, where one is named, nothing is published.
+//! The primary host application: if one is named, nothing is published without it.
 
 use serde::Deserialize;
 
-/// What a host says of itself on its STATE topic, as JSON.
+/// A host's statement about itself on its STATE topic, as JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 pub struct HostState {
     /// Whether it is online.
@@ -12,7 +12,7 @@ pub struct HostState {
 }
 
 impl HostState {
-    /// Reads it; `None` where it is not what a host says.
+    /// Reads it; `None` if it is not a host's statement.
     pub fn read(bytes: &[u8]) -> Option<Self> {
         serde_json::from_slice(bytes).ok()
     }
@@ -23,7 +23,7 @@ impl HostState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct PrimaryHost {
     is_online: bool,
-    /// The newest time of any statement, and of one that said online.
+    /// The newest time of any statement, and of an online statement.
     newest: Option<u64>,
     newest_online: Option<u64>,
 }
@@ -33,7 +33,7 @@ impl PrimaryHost {
         self.is_online
     }
 
-    /// A new connection to the broker: what was heard before says nothing of it but its time.
+    /// Begins a new connection to the broker: of earlier statements, only the time still counts.
     pub fn connected(self) -> Self {
         PrimaryHost { is_online: false, ..self }
     }

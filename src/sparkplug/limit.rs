@@ -1,11 +1,12 @@
-//! Limits for what a broker sends: a flood neither fills the audit trail nor takes the loop's turns, and never swallows a stop.
+//! Limits for messages from a broker: a flood neither fills the audit trail nor uses up the loop's turns, and never
+//! swallows a stop.
 
 use super::command::NodeCommand;
 use crate::accounts::MostLines;
 use std::collections::BTreeMap;
 
-/// The same command is passed on at most so often, ms. One that comes earlier is passed on when that time is over: nothing that stops is
-/// lost.
+/// The shortest time between two passings of the same command, ms. An earlier one is passed on when that time is
+/// over: no stop is lost.
 const EVERY_MS: u64 = 1_000;
 /// Lines of the audit trail in a minute: of what was done, and of what was refused.
 pub(super) const LINES: MostLines = MostLines { done: 60, refused: 20 };
@@ -35,7 +36,7 @@ impl CommandLimit {
         }
     }
 
-    /// Commands whose waiting is over.
+    /// The commands that have waited long enough.
     pub fn due(&mut self, now_ms: u64) -> Vec<NodeCommand> {
         let is_due = |passed: &Passed| passed.waits && now_ms.saturating_sub(passed.at_ms) >= EVERY_MS;
         let due: Vec<_> = self.0.iter().filter(|(_, passed)| is_due(passed)).map(|(command, _)| *command).collect();

@@ -1,5 +1,5 @@
-//! The metrics: each with its name, its type, what it means, and where its value comes from. The alias of a metric is its place in the
-//! table, from 1, so that it stays the same as long as new ones are added at the end.
+//! The metrics: each with its name, its type, its meaning and the source of its value. The alias of a metric is its
+//! place in the table, from 1, so that it stays the same as long as new ones are added at the end.
 
 use super::cell_view::{CellView, unit_mode, unit_state};
 use super::value::{DataType, Value};

@@ -1,8 +1,9 @@
-//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: what is published, and what a command asks for.
+//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: the published values, and the
+//! requests in commands.
 //!
-//! It is a live view: its data may be lost, and nothing in the cell waits for it. `payload` (protobuf) · `value` · `cell_view` (what is told)
-//! · `metrics` (the table of all that is told) · `topic` · `host` (the primary host) · `command` · `limit` (floods) · `node` (the state
-//! machine). The connection is `daemon/sparkplug`.
+//! It is a live view: its data may be lost, and nothing in the cell waits for it. `payload` (protobuf) · `value` ·
+//! `cell_view` (the published values) · `metrics` (the table of all published values) · `topic` · `host` (the
+//! primary host) · `command` · `limit` (floods) · `node` (the state machine). The connection is `daemon/sparkplug`.
 //!
 //! Source: Sparkplug specification, version 3.0.0, Eclipse Foundation, 2022.
 

@@ -66,11 +66,11 @@ pub enum Event<'m> {
 pub enum Act {
     /// To publish a message, not retained.
     Publish(Message),
-    /// To ask the cell, by the same request and gates as every front.
+    /// To request it of the cell, by the same request and gates as every front.
     Ask {
         /// For what.
         command: NodeCommand,
-        /// Whether a line of the audit trail says what came of it.
+        /// Whether a line of the audit trail records the result.
         is_noted: bool,
     },
     /// To write a line of the audit trail.
@@ -97,7 +97,7 @@ pub struct AuditNote {
     pub what: String,
     /// What it was attempted on.
     pub subject: Option<String>,
-    /// Why it was refused; `None` where it was done.
+    /// Why it was refused; `None` if it was done.
     pub refused: Option<String>,
 }
 
@@ -121,7 +121,7 @@ pub struct EdgeNode {
     host: PrimaryHost,
     /// As the cell was seen last.
     seen: Option<Vec<Value>>,
-    /// As the broker was told.
+    /// The values last published to the broker.
     told: Vec<Value>,
     commands: CommandLimit,
     lines: LineLimit,
@@ -149,7 +149,7 @@ impl EdgeNode {
         [Some(ids.ncmd()), ids.state()].into_iter().flatten().collect()
     }
 
-    /// The death of this connection: its will, and what is published where the node leaves by itself.
+    /// The death of this connection: its will, also published if the node itself ends the connection.
     pub fn will(&self, now: Now) -> Message {
         let payload = Payload {
             timestamp: Some(now.unix_ms),
@@ -159,7 +159,7 @@ impl EdgeNode {
         Message { topic: self.setup.ids.ndeath(), payload: payload.encode_to_vec(), qos: 1 }
     }
 
-    /// Whether the broker was told a birth in this connection.
+    /// Returns whether a birth was published in this connection.
     pub fn is_born(&self) -> bool {
         self.session == Session::Born
     }
@@ -169,7 +169,7 @@ impl EdgeNode {
         self.commands.waits(NodeCommand::Rebirth)
     }
 
-    /// One event, and all that follows of it.
+    /// Handles one event and returns all resulting actions.
     pub fn step(&mut self, event: Event<'_>, now: Now) -> Vec<Act> {
         let mut acts = match event {
             Event::Connecting => {
@@ -183,7 +183,7 @@ impl EdgeNode {
             }
             Event::Lost => {
                 self.session = Session::Offline;
-                // What was asked for in a connection ends with it: nobody expects it minutes later.
+                // Requests end with their connection: no one expects them minutes later.
                 self.commands.forget_all();
                 vec![]
             }
@@ -203,12 +203,12 @@ impl EdgeNode {
         Metric::of(&number, now.unix_ms).named("bdSeq", DataType::Int64)
     }
 
-    /// What the broker is told now: a birth where it knows nothing yet, else what has changed.
+    /// The next message to the broker: a birth if it has received nothing yet, else the changes.
     fn told(&mut self, now: Now) -> Option<Act> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
             Session::Waiting if may_publish => self.birth(now),
-            // Between a rebirth that is asked for and the birth no data go out.
+            // No data are sent between a rebirth request and the birth.
             Session::Born if !self.waits_for_rebirth() => self.data(now),
             _ => None,
         }
@@ -324,7 +324,7 @@ impl EdgeNode {
             return self.refuse("host state", None, refused);
         };
         self.host = self.host.told(state);
-        // A node that has published nothing yet goes on waiting where it is: there is one broker alone.
+        // A node that has published nothing yet continues to wait at this broker: there is only one.
         match self.session == Session::Born && !self.host.is_online() {
             true => self.die(now),
             false => vec![],

@@ -10,7 +10,7 @@ pub struct Payload {
     /// When it was sent, ms since 1970, UTC.
     #[prost(uint64, optional, tag = "1")]
     pub timestamp: Option<u64>,
-    /// What it tells.
+    /// Its metrics.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
     /// Its number, 0 to 255; a death and a command have none.
@@ -24,7 +24,7 @@ pub struct Metric {
     /// The name.
     #[prost(string, optional, tag = "1")]
     pub name: Option<String>,
-    /// The number that stands for the name after the birth.
+    /// The number that replaces the name after the birth.
     #[prost(uint64, optional, tag = "2")]
     pub alias: Option<u64>,
     /// When the value was seen, ms since 1970, UTC.

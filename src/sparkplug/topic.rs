@@ -19,27 +19,27 @@ impl Ids {
         format!("{NAMESPACE}/{}/{kind}/{}", self.group_id, self.edge_node_id)
     }
 
-    /// Where the birth is told.
+    /// The topic of the birth.
     pub fn nbirth(&self) -> String {
         self.of("NBIRTH")
     }
 
-    /// Where changes are told.
+    /// The topic of changes.
     pub fn ndata(&self) -> String {
         self.of("NDATA")
     }
 
-    /// Where the death is told.
+    /// The topic of the death.
     pub fn ndeath(&self) -> String {
         self.of("NDEATH")
     }
 
-    /// Where commands come.
+    /// The topic of commands.
     pub fn ncmd(&self) -> String {
         self.of("NCMD")
     }
 
-    /// Where the primary host says whether it is online.
+    /// The topic on which the primary host states whether it is online.
     pub fn state(&self) -> Option<String> {
         self.primary_host_id.as_ref().map(|host| format!("{NAMESPACE}/STATE/{host}"))
     }

@@ -25,7 +25,7 @@ impl DataType {
     }
 }
 
-/// The value of a metric. What is not known is `Null`, and never a number that stands for it.
+/// The value of a metric. An unknown value is `Null`, and never a number in its place.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Value {
     /// Not known, or there is none now.
@@ -42,17 +42,17 @@ pub enum Value {
 }
 
 impl Value {
-    /// A whole number, where there is one.
+    /// A whole number, if there is one.
     pub(super) fn whole(number: Option<impl Into<i64>>) -> Self {
         number.map_or(Value::Null, |number| Value::Whole(number.into()))
     }
 
-    /// A number, where there is one and it is finite.
+    /// A number, if there is one and it is finite.
     pub(super) fn real(number: Option<f64>) -> Self {
         number.filter(|number| number.is_finite()).map_or(Value::Null, Value::Real)
     }
 
-    /// A text, where there is one.
+    /// A text, if there is one.
     pub(super) fn text(text: Option<&str>) -> Self {
         text.map_or(Value::Null, |text| Value::Text(text.to_owned()))
     }

@@ -14,15 +14,16 @@ use crate::surface::BSplineSurface;
 use crate::verdict::{Judgement, SetBy, Severity};
 use crate::words::apart;
 
-/// A report may lie this far beside the planned lines where they are straight, mm: what the drives leave.
+/// Allowed distance of a reported pose from the planned lines where these are straight, mm: the remaining error of
+/// the drives.
 const OFF_PATH_MM: f64 = 1.0;
-/// An executed grid may be covered by so much less than planned: reports are some millimetres apart.
+/// An executed grid may be covered by this share less than planned: reports are some millimetres apart.
 const SHORT_OF_PLAN: f64 = 0.01;
 
 /// A grid may be under the disc for this many times as long as planned before a person must look: bends and short lines are
 /// driven more slowly than their feed.
 const LONGER_REVIEW: f64 = 1.35;
-/// From this many times on what the path took off is not what was planned.
+/// From this factor on, the path's removal is not the planned one.
 const LONGER_REJECT: f64 = 1.6;
 
 /// How far a path was executed: waypoints are counted from the second one on.
@@ -35,7 +36,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Was all of it executed?
+    /// Was the whole path executed?
     pub fn is_whole(self) -> bool {
         self.done >= self.waypoints
     }
@@ -50,7 +51,7 @@ pub struct Abraded {
     pub begun: Vec<GridId>,
     /// What the disc swept, mm².
     pub swept_mm2: f64,
-    /// What it removed, over all passes of the part; `None` where the recipe does not ask, or nobody knows.
+    /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
     pub removed: Option<Removed>,
     progress: Progress,
     walked: ExecutedPath,
@@ -63,7 +64,7 @@ pub struct Abraded {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Longer {
     id: GridId,
-    /// Executed time over planned time; infinite where none was planned, or it is no number.
+    /// Executed time over planned time; infinite if none was planned, or if it is not a number.
     ratio: f64,
 }
 
@@ -113,17 +114,18 @@ impl Abraded {
         ]
     }
 
-    /// What was removed, where that is known.
+    /// The removal, if it is known.
     pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
         let caption = "What was removed, with what earlier passes removed of this part, by the poses that the robot reported, µm";
         self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_executed", caption)))
     }
 
-    /// What is asked of a path: all of it executed, the grids covered, and near the planned lines.
+    /// The requirements on a path: it was executed completely, covered the grids, and stayed near the planned
+    /// lines.
     fn checks(&self) -> [Check; 4] {
         let Progress { waypoints, done } = self.progress;
         let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
-        // Of a path that was cut short nobody expects that.
+        // This is not expected of a path that was cut short.
         let is_not_covered = self.progress.is_whole() && begun > 0.0;
         [
             Check::new(name::EXECUTED, "", f64::from(done))
@@ -153,7 +155,8 @@ impl Abraded {
         ]
     }
 
-    /// How long the disc stayed, beside its plan. The share of a grid that was covered is no measure of it: a slow robot covers all.
+    /// The time of the disc, compared with its plan. The covered share of a grid does not measure this: a slow
+    /// robot covers everything.
     fn longer_check(&self) -> Check {
         let Some(Longer { id, ratio }) = self.longer else { return Check::new(name::LONGER, "", None) };
         let severity = if ratio <= LONGER_REJECT { Severity::Review } else { Severity::Reject };
@@ -170,7 +173,7 @@ impl Abraded {
         )
     }
 
-    /// What a compliant tool pressed with where it was meant to be on the panel; nothing of another tool.
+    /// The force of a compliant tool at poses meant to be on the panel; empty for another tool.
     fn forces(&self) -> Vec<Check> {
         let on_panel = self.walked.poses.iter().filter(|pose| pose.contact);
         let forces_n: Vec<f64> = on_panel.filter_map(|pose| pose.force_n).collect();
@@ -185,14 +188,14 @@ impl Abraded {
             .into()
     }
 
-    /// The result for the record; at most so many passes are allowed.
+    /// The result for the record; `most_passes` passes are allowed.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
         let (walked, dwell) = (&self.walked, &self.dwell);
         let [executed, begun, off_path, longer] = self.checks();
         let spread = dwell.spread();
         let of_removal =
             self.removed.as_ref().map_or_else(Vec::new, |removed| removed.told_after(self.progress.is_whole()));
-        // What it took off goes before how long it took.
+        // The removal has priority over the time.
         let judgement =
             Judgement::of_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
         let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
@@ -219,14 +222,15 @@ impl Abraded {
     }
 }
 
-/// The gate's word on what was executed. That a rest of a path is left is no fault of what was done of it: the cycle is held or
-/// aborted then, and the rest is planned again.
+/// The gate's verdict on the executed path. A remaining rest of the path is no fault of the executed part: the
+/// cycle is then held or aborted, and the rest is planned again.
 pub fn of_executed(finding: &Finding) -> Judgement {
     Judgement::of_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED))
 }
 
-/// The grid that was under the disc for the most times as long as planned, by its mean and by the time that 95 % of it has at most:
-/// what is long in a part of a grid alone is found by the latter. `None` where the disc touched nothing.
+/// The grid with the largest ratio of executed to planned time under the disc. Compared are the mean and the time
+/// that 95 % of the grid has at most; the latter finds a long time in only a part of a grid. `None` if the disc
+/// touched nothing.
 fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longer> {
     let high_s = |grid: &GridDwell| grid.spread().map_or(0.0, |spread| spread.high_s);
     let of_grid = |grid: &GridDwell| {

@@ -1,8 +1,8 @@
-//! What the flange camera's pictures of taught corners say: the correction of a localization, and just before contact
-//! whether the corners still stand where the localization puts them.
+//! The results of the flange camera's pictures of taught corners: the correction of a localization, and just before
+//! contact whether the corners are still where the localization puts them.
 //!
-//! Each corner is looked for in its own picture. All corners together then correct the place, or confirm it: what one of
-//! them says alone is never the result where several were seen.
+//! Each corner is looked for in its own picture. All corners together then correct the place, or confirm it: one
+//! corner alone is never the result if several were seen.
 
 use super::Drawing;
 use crate::calib::health;
@@ -18,10 +18,10 @@ use crate::verdict::{Judgement, Reason, SetBy, Severity};
 use crate::words::apart;
 use serde_json::json;
 
-/// Corners that are looked at, at most: two hold the panel's shift and its turn, more say little more.
+/// The most corners that are looked at: two determine the panel's shift and its turn, more add little.
 const MOST: usize = 2;
 
-/// How many corners a loop looks at where all of `taught` can be.
+/// The number of corners that a loop looks at if all of `taught` can be looked at.
 pub fn most(limits: &recipe::Corner, taught: usize) -> usize {
     MOST.min(limits.max_moves() + 1).min(taught)
 }
@@ -33,7 +33,7 @@ pub struct Taught<'a> {
     pub corners: &'a [TaughtCorner],
     /// The flange camera.
     pub camera: &'a PinholeCamera,
-    /// Where in its picture the camera's lens is known: nothing is measured elsewhere.
+    /// The part of its picture in which the camera's lens is known: nothing is measured elsewhere.
     pub lens: &'a LensExtent,
     /// The recipe's `[corner]`.
     pub limits: &'a recipe::Corner,
@@ -46,9 +46,9 @@ pub struct Sighting {
     pub corner: usize,
     /// The corner as taught.
     pub taught: TaughtCorner,
-    /// Where the camera stood at this picture.
+    /// The camera's pose at this picture.
     pub base_from_camera: Rigid<Base, FlangeCamera>,
-    /// Where the corner was found.
+    /// The corner's position in the picture.
     pub found_px: Pixel,
     /// The place of the panel by which it was looked for.
     pub looked_for: Rigid<Base, Panel>,
@@ -64,10 +64,10 @@ pub struct Progress {
 }
 
 impl Taught<'_> {
-    /// Finds a taught corner in the picture from a view; `place` is where the panel is taken to stand.
+    /// Finds a taught corner in the picture from a view; `place` is the assumed place of the panel.
     ///
     /// # Errors
-    /// Where the picture shows no corner of the panel.
+    /// If the picture shows no corner of the panel.
     pub fn find(
         &self,
         (corner, taught): (usize, &TaughtCorner),
@@ -79,17 +79,17 @@ impl Taught<'_> {
         Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, looked_for: place })
     }
 
-    /// What all sightings together say about a place.
+    /// The result of all sightings together for a place.
     fn seen(&self, place: Rigid<Base, Panel>, sightings: &[Sighting]) -> Result<Refined, RefineError> {
         let views: Vec<CornerView<'_>> = sightings.iter().map(Sighting::view).collect();
         refine::refine(place, self.camera, &views)
     }
 
-    /// Corrects a localization by corner pictures. `claims_mm` is what localization and calibrations claim, 95 %, where
-    /// they do; `progress` is told where the pictures are those of a loop of views.
+    /// Corrects a localization by corner pictures. `claims_mm` are the errors that localization and calibrations
+    /// claim, 95 %, if they claim any; `progress` is given if the pictures are those of a loop of views.
     ///
     /// # Errors
-    /// Where there is no sighting, or a corner is not before its camera.
+    /// If there is no sighting, or a corner is not in front of its camera.
     pub fn refine(
         &self,
         located: Rigid<Base, Panel>,
@@ -113,8 +113,8 @@ impl Taught<'_> {
         Some(check.gives(Some(outside), Severity::Reject))
     }
 
-    /// Whether the corners stand where `place` puts them. `unseen` says which of the corners that hold the place cannot be
-    /// seen again, where there are such.
+    /// Checks whether the corners are where `place` puts them. `unseen` states which of the corners that determine
+    /// the place cannot be seen again, if there are any.
     ///
     /// # Errors
     /// As [`Taught::refine`].
@@ -132,8 +132,8 @@ impl Taught<'_> {
         Ok(Verification { checks, count, judgement })
     }
 
-    /// The corner in its picture, with where it was found and where a place puts it; none where that is not before the
-    /// camera.
+    /// The corner in its picture, with the found position and the position according to a place; `None` if the
+    /// latter is not in front of the camera.
     pub fn drawn(
         &self,
         (sighting, picture): (&Sighting, &ColorPicture),
@@ -175,7 +175,7 @@ struct Views {
     progress: Progress,
     /// No view follows.
     is_last: bool,
-    /// How far a corner stands from where it was looked for, at most, mm.
+    /// The largest distance of a corner from the place where it was looked for, mm.
     step_mm: f64,
 }
 
@@ -189,11 +189,11 @@ impl Views {
         !self.progress.is_missing && self.is_settled(limits)
     }
 
-    /// What is asked of a loop of views: that it comes to rest, in so many moves, having seen all corners.
+    /// The requirements on a loop of views: it comes to rest, within the allowed moves, and has seen all corners.
     fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
         let (is_done, step_mm) = (self.is_done(limits), self.step_mm);
         let step = Check::new("corner from where it was looked for", "mm", step_mm);
-        // One that asks for more leads to a move and another picture.
+        // A loop that needs more leads to a move and another picture.
         let step = if is_done || self.is_last {
             step.at_most(limits.settled_mm(), SetBy::recipe("corner.settled_mm"))
         } else {
@@ -230,7 +230,7 @@ pub struct Correction {
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
-    /// Whether another view may say more: all corners have not been seen from near, and views are left.
+    /// Whether another view may help: not all corners have been seen from near, and views are left.
     pub wants_another_view: bool,
 }
 
@@ -270,7 +270,7 @@ impl Correction {
         self
     }
 
-    /// The result for the record; `left_out` says which corners the arm did not come to, and why.
+    /// The result for the record; `left_out` states which corners the arm could not reach, and why.
     pub fn finding(&self, left_out: &[String]) -> Finding {
         let finding = Finding::new(Kind::Refine, 0, self.judgement.clone())
             .detail("base_from_panel", json!(KukaPose::from_rigid(&self.refined.base_from_panel)))
@@ -291,10 +291,10 @@ fn of_motion(refined: &Refined) -> [Check; 3] {
     ]
 }
 
-/// What the corners say just before contact.
+/// The result of the corners just before contact.
 #[derive(Debug, Clone)]
 pub struct Verification {
-    /// How far each corner is from where the localization puts it.
+    /// The distance of each corner from its place according to the localization.
     pub checks: Vec<Check>,
     /// How many corners were seen.
     count: Check,
@@ -303,7 +303,7 @@ pub struct Verification {
 }
 
 impl Verification {
-    /// The result for the record; after the last view so many corners must have been seen.
+    /// The result for the record; after the last view, `needed` corners must have been seen.
     pub fn finding(&self, pass: u8, needed: Option<usize>) -> Finding {
         let count = match needed {
             Some(needed) => self.count.clone().at_least(needed as f64, SetBy::Program),
@@ -364,7 +364,8 @@ mod tests {
         }
     }
 
-    /// The doubts of a view that another one follows are none of the panel's: nobody is asked about them.
+    /// The doubts of a view that is followed by another are not doubts about the panel: no person is asked about
+    /// them.
     #[test]
     fn a_view_that_another_one_follows_leaves_no_review() {
         let recipe = recipe();
@@ -386,7 +387,7 @@ mod tests {
         assert!(!wants(None), "pictures that were not taken in a loop are all there are");
     }
 
-    /// Pictures from files are judged as those of a loop whose corners were all seen from near.
+    /// Pictures from files are judged like those of a loop that has seen all corners from near.
     #[test]
     fn a_loop_that_is_done_judges_as_a_command_does() {
         let recipe = recipe();

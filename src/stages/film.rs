@@ -19,7 +19,7 @@ pub struct Setup<'a> {
     pub panel: &'a TaughtPanel,
     /// The camera that films.
     pub camera: &'a PinholeCamera,
-    /// Where the panel stands before it.
+    /// The panel's pose in the camera's frame.
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// The taught pixels of places that were sanded since the dry picture was taken.
     pub sanded: Option<&'a Mask>,
@@ -43,15 +43,15 @@ pub struct Filming {
 pub struct Added {
     /// The picture's time after the first fully wet one, s; `None` before that.
     pub since_wet_s: Option<f64>,
-    /// The grids on which the film broke, where they are the first of this film to fail.
+    /// The grids on which the film broke, if they are the first of this film to fail.
     pub opened_on: Option<String>,
 }
 
 impl Filming {
-    /// Begins a test that will last so long, as far as is known, s.
+    /// Begins a test with this expected duration, s.
     ///
     /// # Errors
-    /// Where the region is not in the picture at all.
+    /// If the region is not in the picture at all.
     pub fn begin(setup: &Setup<'_>, lasts_s: f64) -> Result<Self, InspectError> {
         let Setup { panel, camera, camera_from_panel, sanded, demands, recipe } = *setup;
         let view = inspect::View { taught: panel, camera, camera_from_panel, sanded };
@@ -60,7 +60,7 @@ impl Filming {
         Ok(Filming { watch, strip, last: None, opened: false })
     }
 
-    /// Nobody said where the panel stands: see [`Watch::assume_place`].
+    /// The panel's place was not given: see [`Watch::assume_place`].
     pub fn assume_place(&mut self) {
         self.watch.assume_place();
     }
@@ -70,10 +70,10 @@ impl Filming {
         self.watch.begins(time_s);
     }
 
-    /// Takes the next picture, at `time_s` of any clock that does not jump.
+    /// Adds the next picture, at `time_s` of any clock that does not jump.
     ///
     /// # Errors
-    /// Where its size is not the camera's, or it comes out of order.
+    /// If its size is not the camera's, or it comes out of order.
     pub fn push(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<Added, InspectError> {
         let step = self.watch.push(picture, time_s, phase)?;
         self.strip.see(picture, &step);
@@ -92,7 +92,7 @@ impl Filming {
     /// Judges the film.
     ///
     /// # Errors
-    /// Where it has no picture of the wet panel.
+    /// If it has no picture of the wet panel.
     pub fn finish(self) -> Result<Filmed, InspectError> {
         let inspection = Arc::new(self.watch.finish()?);
         Ok(Filmed { inspection, last: self.last, strip: self.strip })
@@ -114,7 +114,7 @@ pub struct Filmed {
 pub struct Counted {
     /// From a decoded picture to its result, median.
     pub ms_per_picture: Option<f64>,
-    /// Pictures that the camera took and nobody took over in time, where it tells.
+    /// Pictures of the camera that were not fetched in time, if the camera reports it.
     pub dropped: Option<u64>,
 }
 
@@ -178,7 +178,7 @@ impl Filmed {
     }
 }
 
-/// The grids that failed, each with what broke of it in words.
+/// The failed grids, each with its broken area in words.
 fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<FailedGrid<'p>> {
     let failed = inspection.grids.iter().filter(|grid| grid.failed);
     let one = |found: &GridInspection| {
@@ -189,7 +189,7 @@ fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<Fail
     failed.filter_map(one).collect()
 }
 
-/// What is told of a film beside what it is judged by.
+/// Values that are reported with a film and are not judged.
 fn counts(inspection: &Inspection, counted: Counted) -> [Check; 4] {
     let closed = inspection.breaks.iter().filter(|found| found.closed_again()).count();
     [

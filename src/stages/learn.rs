@@ -17,10 +17,10 @@ pub enum CornerLearnError {
     NotOnPanel(#[from] LearnError),
 }
 
-/// Learns the corner with this number, from 0, that a picture from `base_from_flange` shows.
+/// Learns the corner with this number, from 0, in a picture from `base_from_flange`.
 ///
 /// # Errors
-/// Where the picture shows no corner of the panel.
+/// If the picture shows no corner of the panel.
 pub fn corner(
     panel: &TaughtPanel,
     (settings, number): (&recipe::Corner, usize),
@@ -34,8 +34,9 @@ pub fn corner(
         let reference_px = corner::find_taught(&gray, (settings, number), camera, expected)?.corner_px;
         Ok(panel.corner(CornerTeaching { reference_px, panel_from_camera }, camera)?)
     };
-    // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
-    // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
+    // The corner's place is known once it is found with the scale at the panel's middle. It is then found again
+    // with its own scale, as in a cycle: the edges' ends depend on the scale, and so does their intersection, by a
+    // tenth of a pixel.
     let rough = seen_at(panel.centre())?;
     seen_at(rough.point)
 }

@@ -1,4 +1,4 @@
-//! Where the panel stands: the taught panel is found in a 3D scan, and the gate judges the fit.
+//! Localizes the panel: the taught panel is found in a 3D scan, and the gate judges the fit.
 
 use super::Drawing;
 use crate::files;
@@ -14,9 +14,9 @@ use serde_json::json;
 
 /// A localization with its verdict.
 pub struct Located<'a> {
-    /// The evidence; `None` where nothing like the panel was found.
+    /// The evidence; `None` if nothing like the panel was found.
     pub fit: Option<Fit>,
-    /// Every number that was judged; none where nothing was found.
+    /// Every number that was judged; empty if nothing was found.
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
@@ -53,8 +53,8 @@ impl Located<'_> {
         self.view.range
     }
 
-    /// What the arm keeps off on its way to a corner: the panel where it was found, and what else the scan shows. There is
-    /// none where the localization is rejected, since nothing moves towards such a panel.
+    /// The obstacles that the arm avoids on its way to a corner: the panel where it was found, and the other points
+    /// of the scan. `None` if the localization is rejected, since nothing moves towards such a panel.
     pub fn obstacles(&self) -> Option<Obstacles> {
         let fit = self.fit.as_ref().filter(|_| self.judgement.verdict != Verdict::Reject)?;
         let of_panel = self.panel.points().map(|(_, point)| fit.base_from_panel * point);
@@ -62,7 +62,7 @@ impl Located<'_> {
         Some(Obstacles::default().with("panel", of_panel).with("what the scan saw", of_scan))
     }
 
-    /// The taught outline and grids at the place found, over the scan's picture; none where no panel was found.
+    /// The taught outline and grids at the found place, over the scan's picture; `None` if no panel was found.
     pub fn drawn_place(&self, picture: &ColorPicture) -> Option<Drawing> {
         let camera_from_panel = self.view.base_from_camera.inverse() * self.fit.as_ref()?.base_from_panel;
         let view = report::View { picture, camera: self.view.camera, camera_from_panel };
@@ -70,7 +70,7 @@ impl Located<'_> {
         Some(Drawing::new("located", caption, view.located(self.panel)))
     }
 
-    /// Where each reason of the verdict shows in the scan; none for reasons that no scan shows.
+    /// Shows each reason of the verdict in the scan; none for reasons that no scan shows.
     pub fn drawn_reasons(&self, picture: &ColorPicture) -> Vec<Drawing> {
         let Some(prepared) = self.prepared.as_ref().filter(|_| !self.judgement.reasons.is_empty()) else {
             return Vec::new();

@@ -1,14 +1,14 @@
 //! The phases of a cycle, each written once: a function from inputs to a result of checks, drawings and data.
 //!
-//! A command that reads its inputs from files and the live loop that has just taken a picture call the same function. A
-//! stage knows no camera, robot, store or clock: the caller takes the picture, calls the stage, measures how long that
-//! took, records the result, and answers the cycle's table.
+//! A command that reads its inputs from files and the live loop that has just taken a picture call the same
+//! function. A stage has no access to camera, robot, store or clock: the caller takes the picture, calls the stage,
+//! measures its duration, records the result, and answers the cycle's table.
 //!
-//! - `locate`: where the panel stands, by the 3D scan · `corners`: the correction by corner pictures, and the
+//! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the
 //!   verification before contact · `film`: the water-break test on the pictures of a film
-//! - `survey`: the surface, and what of it the arm reaches · `plan`: the path over some grids · `abrade`: what was executed ·
-//!   `removal`: what that takes off
-//! - `learn`: panel and corners, derived from what a teaching holds
+//! - `survey`: the surface, and the part of it that the arm reaches · `plan`: the path over some grids · `abrade`:
+//!   the executed path · `removal`: the removal by the path
+//! - `learn`: panel and corners, derived from the content of a teaching
 
 pub mod abrade;
 pub mod corners;
@@ -55,7 +55,8 @@ pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::of(vec![reason], vec![]))
 }
 
-/// A phase that could not be done for this reason: a trouble of the cell, which a person looks at. It says nothing of the panel.
+/// A phase that could not be done for this reason: a trouble of the cell, which a person looks at. It states
+/// nothing about the panel.
 pub fn undone(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::of(vec![], vec![reason]))
 }

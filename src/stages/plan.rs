@@ -17,12 +17,12 @@ use crate::report::View;
 use crate::surface::Fit;
 use crate::verdict::{Judgement, Reason, Severity};
 
-/// Where the arm follows a plan from.
+/// The pose from which the arm follows a plan.
 #[derive(Debug)]
 pub enum Reach<'a> {
     /// It is not known which tool it has: reach is not looked at.
     Unknown,
-    /// It stands so before the panel.
+    /// The arm's pose in front of the panel.
     From(Stand<'a>),
     /// It does not come there.
     Refused(Reason),
@@ -33,11 +33,11 @@ pub enum Reach<'a> {
 pub struct Planned {
     /// The paths in the panel's frame, the tool turned as the arm follows best.
     pub plan: Plan,
-    /// How the arm follows; `None` where it does not, or where that was not looked at.
+    /// How the arm follows; `None` if it does not, or if that was not checked.
     pub reached: Option<Reached>,
     /// What the path wears of the disc.
     pub disc: DiscUse,
-    /// What it removes, over all passes of the part; `None` where the recipe does not ask, or nobody knows.
+    /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
     pub removed: Option<Removed>,
     /// Every number that was judged.
     pub checks: Vec<Check>,
@@ -45,10 +45,10 @@ pub struct Planned {
     pub judgement: Judgement,
 }
 
-/// Lays paths over these grids of a fitted surface, with the feeds that remove what the recipe asks for.
+/// Lays paths over these grids of a fitted surface, with the feeds for the removal that the recipe asks for.
 ///
 /// # Errors
-/// Where the surface allows none.
+/// If the surface allows no path.
 pub fn lay(
     (panel, fit): (&TaughtPanel, &Fit),
     grids: &[GridId],
@@ -109,7 +109,7 @@ pub fn judge(
 }
 
 impl Planned {
-    /// Also judged as the gate before the motion will do it where the panel stands: box, steps, turns and tilt.
+    /// Also applies the checks of the gate before the motion, at the panel's place: box, steps, turns and tilt.
     #[must_use]
     pub fn held_in_base(mut self, base_from_panel: Rigid<Base, Panel>, limits: &Limits) -> Self {
         let broken = path::broken_in_base(&self.plan, base_from_panel, &WaypointLimits::from(limits));
@@ -118,7 +118,7 @@ impl Planned {
         self
     }
 
-    /// The path over the panel in a picture of it.
+    /// The path over the panel in a picture of the panel.
     pub fn drawn(&self, panel: &TaughtPanel, view: &View<'_>) -> Drawing {
         let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
             let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
@@ -133,7 +133,7 @@ impl Planned {
         )
     }
 
-    /// What the path removes, where that is known.
+    /// The path's removal, if it is known.
     pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
         let caption = "What the path removes, with what earlier passes removed of this part, µm";
         self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_planned", caption)))
@@ -146,7 +146,7 @@ impl Planned {
     }
 }
 
-/// Every number of what the path reaches. Where removal is scheduled its own evenness counts, not that of the times.
+/// Every number of the path's result. If removal is scheduled, its own evenness counts, not that of the times.
 fn of_path(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
     let (checks, judgement) = path::judged(plan, recipe.path());
     let scheduled = recipe.removal().is_some_and(|asked| asked.method() == RemovalMethod::Scheduled);

@@ -1,4 +1,4 @@
-//! What a path removes, as it is planned and as it was executed; and the feeds by which it removes what the recipe asks for.
+//! The removal of a path, as planned and as executed; and the feeds for the removal that the recipe asks for.
 
 mod checks;
 mod feeds;
@@ -57,7 +57,7 @@ pub struct Abrasive<'a> {
 pub struct Removed {
     /// Place by place, with what earlier paths removed.
     pub map: RemovalMap,
-    /// The numbers of the path, and the largest depths of the part; `None` where nothing is treated.
+    /// The numbers of the path, and the largest depths of the part; `None` if nothing is treated.
     pub figures: Option<Figures>,
     /// The same, judged.
     pub checks: Vec<Check>,
@@ -65,12 +65,12 @@ pub struct Removed {
 }
 
 impl<'a> Abrasive<'a> {
-    /// The recipe's table with its force, N, and the model; `None` where one of them is not there.
+    /// The recipe's table with its force, N, and the model; `None` if one of them is missing.
     fn known(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
         Some((self.recipe.removal()?, self.recipe.force_n()?, self.tool.removal?))
     }
 
-    /// The same where the recipe asks for scheduled feeds.
+    /// The same, if the recipe asks for scheduled feeds.
     fn wanted(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
         self.known().filter(|(asked, ..)| asked.method() == RemovalMethod::Scheduled)
     }
@@ -81,7 +81,7 @@ impl<'a> Abrasive<'a> {
         self.wanted().map_or(0.0, |_| BEYOND_RADII * radius_mm)
     }
 
-    /// The plan with the feeds that remove the target, where the recipe asks for that and the model is known.
+    /// The plan with the feeds that remove the target, if the recipe asks for that and the model is known.
     #[must_use]
     pub fn scheduled(&self, plan: Plan) -> Plan {
         let Some((asked, force_n, model)) = self.wanted() else { return plan };
@@ -103,15 +103,15 @@ impl<'a> Abrasive<'a> {
         fed.timed(&times)
     }
 
-    /// What a plan removes; `None` where the recipe does not ask, or the model is not known.
+    /// The removal of a plan; `None` if the recipe does not ask for it, or if the model is not known.
     pub fn planned(&self, plan: &Plan) -> Option<Removed> {
         let asked = self.recipe.removal()?;
         let bounded = AtBounds::of(&waypoints(plan), asked, self.recipe.path());
         self.removed((&treated(plan), &dwell::planned(plan)), bounded)
     }
 
-    /// What is removed by these poses, of those grids, with the force that the tool measured; where it measured none, with the
-    /// recipe's.
+    /// The removal by these poses on those grids, with the force that the tool measured; without a measurement,
+    /// with the recipe's force.
     pub fn executed(&self, grids: &[GridId], poses: &[Executed]) -> Option<Removed> {
         self.removed((grids, poses), AtBounds::default())
     }
@@ -149,7 +149,7 @@ impl<'a> Abrasive<'a> {
         Disc { pad, orbit: model.orbit, rim_orbits: true, swept_mm2: self.tool.worn_mm2 }
     }
 
-    /// Is there panel at a place?
+    /// Does the panel exist at a place?
     fn ground(&self) -> impl Fn(Parameter) -> bool + Sync + use<> {
         let outline = PanelGround::of(&self.panel.region, &self.panel.outline_px);
         let holes = self.fit.map.holes(&self.panel.region, self.recipe.path().lift_hole_mm());
@@ -163,7 +163,7 @@ impl Removed {
         Drawing::new(name, caption, removal_map(&self.map.field(), &panel.region, self.limits_um))
     }
 
-    /// The checks of what was executed: what a path that was cut short leaves to do is no fault of it.
+    /// The checks of the executed path: the work that a path leaves when it is cut short is not its fault.
     pub fn told_after(&self, is_whole: bool) -> Vec<Check> {
         let told = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),

@@ -1,4 +1,5 @@
-//! The surface of the region, and what of it the arm reaches where the panel stands: known before any water runs.
+//! The surface of the region, and the part of it that the arm reaches at the panel's place: known before any water
+//! runs.
 
 use super::{Drawing, names};
 use crate::force::check_stroke;
@@ -15,14 +16,15 @@ use crate::surface::{self, Deviation, DeviationMap, Fit, Todays, TodaysPoint};
 use crate::verdict::{Judgement, Reason, SetBy, Severity};
 use crate::words::apart;
 
-/// What is said of the tool beside the path: the error at its tip, and what the disc in use has swept so far.
+/// Facts about the tool that are not in the path: the error at its tip, and the area that the disc in use has swept
+/// so far.
 #[derive(Debug, Clone, Copy)]
 pub struct ToolState {
     /// `[limits] tool_error_mm` of the cell.
     pub error_mm: Option<f64>,
     /// Swept by the disc in use, mm².
     pub worn_mm2: f64,
-    /// What the disc takes off, where that is calibrated.
+    /// The disc's removal model, if it is calibrated.
     pub removal: Option<Model>,
     /// The stroke of a compliant tool, mm.
     pub stroke_mm: Option<f64>,
@@ -31,7 +33,8 @@ pub struct ToolState {
 }
 
 impl ToolState {
-    /// Whether a compliant tool's stroke takes up what is not known of the way over this surface; none of another tool.
+    /// Checks whether a compliant tool's stroke absorbs the unknown part of the way over this surface; `None` for
+    /// another tool.
     pub(super) fn check_stroke(&self, fit: &Fit, settings: &recipe::Path) -> Option<Check> {
         let errors_mm = [self.error_mm, Some(fit.deviation.p95_mm), Some(settings.chord_error_mm())];
         self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
@@ -46,7 +49,7 @@ impl ToolState {
 /// What of a panel the arm reaches, grid by grid.
 #[derive(Debug)]
 pub struct Surveyed {
-    /// Every grid; none where the arm does not come to the panel, or the surface allows no path.
+    /// Every grid; empty if the arm does not reach the panel, or the surface allows no path.
     pub grids: Vec<GridReach>,
     /// Grids that are not reached, and steps that are too large.
     broken: Vec<Check>,
@@ -58,8 +61,8 @@ pub struct Surveyed {
     pub judgement: Judgement,
 }
 
-/// Follows the path over every grid alone, from where the arm stands before contact; `stand` says why it does not come
-/// there, where it does not.
+/// Follows the path over each grid separately, from the arm's pose before contact; `stand` states why the arm does
+/// not reach this pose, if it does not.
 pub fn survey(
     (panel, fit): (&TaughtPanel, &Fit),
     stand: Result<Stand<'_>, Reason>,
@@ -99,14 +102,15 @@ fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check 
     DiscUse { swept_mm2: largest_mm2, worn_after_mm2, life_mm2 }.check(name::WORN_BY_A_GRID, "one grid")
 }
 
-/// The surface of the panel as it lies there today, and what is said of it.
+/// The surface of the panel as it lies there today, and the results about it.
 #[derive(Debug)]
 pub struct Today {
     /// The surface on which paths are planned.
     pub fit: Fit,
     /// How far it lies from the taught one, and how well it is known.
     pub checks: Vec<Check>,
-    /// Root mean square of the scan's points from it, mm; `None` if the scan shows too little of it to compare.
+    /// Root mean square of the scan's points from it, mm; `None` if the scan shows too little of the surface to
+    /// compare.
     pub rms_mm: Option<f64>,
     /// How far it lies from the taught one, pixel by pixel.
     pub drawing: Option<Drawing>,

@@ -19,10 +19,10 @@ pub(super) const TABLES: &str = "
 ";
 
 impl Store {
-    /// Keeps that somebody acknowledged an alarm; the time in it is set here.
+    /// Stores a person's acknowledgement of an alarm; its time is set here.
     ///
     /// # Errors
-    /// Where the store is open for reading or cannot be written, or has no such cycle.
+    /// If the store is open for reading or cannot be written, or has no such cycle.
     pub fn acknowledge(&mut self, acknowledgement: &Acknowledgement) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let Acknowledgement { cycle, code, raised_unix_ms, who, .. } = acknowledgement;
@@ -39,7 +39,7 @@ impl Store {
     /// The acknowledgements of a cycle's alarms, or with `None` of those outside of cycles, oldest first.
     ///
     /// # Errors
-    /// Where they cannot be read; a store of an earlier program has none.
+    /// If they cannot be read; a store of an earlier program has none.
     pub fn acknowledgements(&self, cycle: Option<CycleId>) -> Result<Vec<Acknowledgement>, StoreError> {
         let read = || -> Result<Vec<Acknowledgement>, rusqlite::Error> {
             if !self.connection.table_exists(None, "acknowledgements")? {

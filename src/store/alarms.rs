@@ -10,7 +10,7 @@ impl Store {
     /// The alarms of a cycle in the order in which they were raised, with their acknowledgements.
     ///
     /// # Errors
-    /// Where there is no such cycle, or it does not read back.
+    /// If there is no such cycle, or it cannot be read back.
     pub fn alarms(&self, cycle: CycleId) -> Result<Vec<Alarm>, StoreError> {
         let record = self.cycle(cycle)?;
         let times = AlarmTimes {
@@ -23,7 +23,7 @@ impl Store {
     /// When a person first reset or cleared the cell after the end of a cycle, or the next one began, ms since 1970.
     fn settled_unix_ms(&self, record: &CycleRecord) -> Result<Option<i64>, StoreError> {
         let Some(ended_unix_s) = record.ended_unix_s else { return Ok(None) };
-        // The end is kept in whole seconds: what was asked in that second may have been before it.
+        // The end is stored in whole seconds: a request in that second may have been before it.
         let after_unix_ms = (ended_unix_s + 1) * 1_000;
         // A store of an earlier program has no requests.
         let (asked, count) = match self.has_table("requests")? {

@@ -38,12 +38,12 @@ impl Blobs {
     /// Makes the folder.
     ///
     /// # Errors
-    /// Where the disk refuses.
+    /// If the disk refuses.
     pub fn make(&self) -> Result<(), StoreError> {
         fs::create_dir_all(&self.folder).map_err(at("create", &self.folder))
     }
 
-    /// Where they are.
+    /// Their folder.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }
@@ -53,16 +53,16 @@ impl Blobs {
         self.folder.parent().unwrap_or(Path::new("."))
     }
 
-    /// Keeps these bytes; their hash comes back. Written under another name, flushed, then renamed: under its hash a file is whole or
-    /// not there.
+    /// Stores these bytes and returns their hash. They are written under another name, flushed, then renamed: under
+    /// its hash a file is complete or absent.
     ///
     /// # Errors
-    /// Where the disk refuses, or the file is there already and damaged.
+    /// If the disk refuses, or the file exists already and is damaged.
     pub fn put(&self, bytes: &[u8]) -> Result<String, StoreError> {
         let hash = content_hash(bytes);
         let path = self.folder.join(&hash);
         match self.get(&hash) {
-            // Whoever put it there may not have come to flush its name.
+            // The process that wrote the file may not have flushed its name.
             Ok(_) => return self.flush_names().map(|()| hash),
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(error),
@@ -99,7 +99,7 @@ impl Blobs {
         free_mb(&self.folder).map_err(at("look at the disk of", &self.folder))
     }
 
-    /// Whether there is a file with this hash; what is there was whole when it was put there.
+    /// Returns whether there is a file with this hash; it was complete when it was written.
     pub fn has(&self, hash: &str) -> bool {
         self.folder.join(hash).is_file()
     }
@@ -107,7 +107,7 @@ impl Blobs {
     /// The bytes with this hash.
     ///
     /// # Errors
-    /// Where the file is missing or no longer has this hash.
+    /// If the file is missing or no longer has this hash.
     pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         let path = self.folder.join(hash);
         let bytes = fs::read(&path).map_err(at("read", &path))?;
@@ -116,10 +116,10 @@ impl Blobs {
     }
 }
 
-/// Free space on the disk of what is at this path, MB.
+/// Free space on the disk that contains this path, MB.
 ///
 /// # Errors
-/// Where nothing is there.
+/// If the path does not exist.
 pub fn free_mb(path: &Path) -> std::io::Result<u64> {
     free_bytes(path).map(|bytes| bytes / 1_000_000)
 }

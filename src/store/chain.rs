@@ -1,8 +1,9 @@
 //! The chain: every row that was written to the store, each link bound to the one before by SHA-256.
 //!
-//! A link holds the hash of the columns that one transaction wrote; a row whose end is written later has two links. The last
-//! link is the head, which is also kept outside of the database (see `head`). Rows that are changed, deleted, added or reordered
-//! without this program contradict a link, and a shortened chain contradicts the head.
+//! A link holds the hash of the columns that one transaction wrote; a row with an end that is written later has two
+//! links. The last link is the head, which is also kept outside of the database (see `head`). Rows that are
+//! changed, deleted, added or reordered without this program contradict a link, and a shortened chain contradicts
+//! the head.
 
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -158,7 +159,7 @@ pub(super) fn part(name: &str) -> Option<&'static Part> {
     PARTS.iter().find(|part| part.name == name)
 }
 
-/// The last link of a database; the beginning where it has none.
+/// The last link of a database; the beginning if it has none.
 pub(super) fn last(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let last = connection
         .prepare_cached("SELECT link, hash FROM chain ORDER BY link DESC LIMIT 1")?
@@ -167,7 +168,7 @@ pub(super) fn last(connection: &Connection) -> Result<ChainPosition, rusqlite::E
     Ok(last.unwrap_or(ChainPosition::BEGIN))
 }
 
-/// The hash of what a row has in these columns; `None` where there is no such row.
+/// The hash of a row's values in these columns; `None` if there is no such row.
 pub(super) fn row_hash(
     connection: &Connection,
     part: &Part,
@@ -221,7 +222,7 @@ fn sized(hasher: &mut Sha256, bytes: &[u8]) {
     hasher.update(bytes);
 }
 
-/// Adds the link to what was just written to a row; where the chain then is comes back.
+/// Adds the link for the values just written to a row; returns the chain's new position.
 pub(super) fn add(
     connection: &Connection,
     last: ChainPosition,
@@ -236,7 +237,7 @@ pub(super) fn add(
     Ok(place)
 }
 
-/// Takes every row of a store of an earlier program into its chain.
+/// Adds every row of an earlier program's store to its chain.
 pub(super) fn adopt(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let mut place = ChainPosition::BEGIN;
     for part in &PARTS {

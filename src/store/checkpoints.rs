@@ -22,7 +22,7 @@ pub(super) const EVERY: i64 = 10_000;
 /// A start that had to read more lines than this writes one.
 pub(super) const TAIL: i64 = 2_000;
 
-/// Where the reading of the journal may begin.
+/// A position from which the journal can be read.
 pub(super) struct Checkpoint {
     pub sequence: i64,
     pub journal_chain: String,

@@ -68,7 +68,8 @@ impl From<StoreError> for Failed {
 }
 
 impl Store {
-    /// Commits what is written by `write`, which may be called again where the disk was full and the reserve was given up.
+    /// Commits the rows that `write` writes. `write` may be called again if the disk was full and the reserve was
+    /// released.
     pub(super) fn commit<T>(
         &mut self,
         doing: &'static str,
@@ -106,7 +107,7 @@ impl Store {
         self.steps.reach(Step::Prepared);
         transaction.commit()?;
         self.steps.reach(Step::Committed);
-        // What could not be written is still explained: the file says that the chain may be here.
+        // If this cannot be written, the position is still explained: the file states that the chain may be here.
         if let Err(error) = head.settle(last) {
             tracing::warn!("the head of the store could not be written: {error}");
         }

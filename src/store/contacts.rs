@@ -14,7 +14,7 @@ use rusqlite::{OptionalExtension, params};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// `cycle_facts` says of a cycle by a name what has no other place: its clock, the file that it is recorded in.
+/// `cycle_facts` holds named facts of a cycle that have no other place: its clock, the file of its recording.
 pub(super) const TABLES: &str = "
     CREATE TABLE contacts (
         id INTEGER PRIMARY KEY,
@@ -37,12 +37,12 @@ pub(super) const TABLES: &str = "
     CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
 ";
 
-/// What of a cycle says that another part lies there afterwards, or lay there before.
+/// Evidence in a cycle that another part is present afterwards, or was present before.
 #[derive(Debug, Clone, Copy)]
 struct PartEnds {
     /// It ended with pass or fail by a film, after which the part is taken out.
     has_result: bool,
-    /// Its start said that another part than before lies there.
+    /// Its start stated that another part than before is present.
     is_another: bool,
 }
 
@@ -53,7 +53,7 @@ impl Store {
     /// Commits that this contact path may begin and how many of its waypoints may be sent: all three at once.
     ///
     /// # Errors
-    /// Where it cannot be written, or a motion is open already.
+    /// If it cannot be written, or a motion is open already.
     pub fn open_contact(
         &mut self,
         motion: &Motion,
@@ -77,7 +77,7 @@ impl Store {
     /// Commits how many waypoints of the open motion may be sent.
     ///
     /// # Errors
-    /// Where it cannot be written, or no motion is open.
+    /// If it cannot be written, or no motion is open.
     pub fn permit(&mut self, waypoints: u32) -> Result<(), StoreError> {
         self.writable()?;
         let open = self
@@ -129,13 +129,14 @@ impl Store {
         Ok(told)
     }
 
-    /// Where on the part of this cycle the tool was in earlier cycles, or may have been. Cycles with the same serial number count, and
-    /// those that named none. They count until a cycle of that part came to a result by a film, pass or fail, after which the part is
-    /// taken out, or until a start said that another part lies there. An air-run, an abort, a reject and a part with another serial
-    /// number end no count.
+    /// The places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with the
+    /// same serial number count, and those that named none. They count until a cycle of that part had a result by a
+    /// film, pass or fail, after which the part is taken out of the cell. They also count only until a start stated
+    /// that another part is present. An air-run, an abort, a reject and a part with another serial number end no
+    /// count.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn abraded_before(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
         let mut earlier: Vec<EarlierPass> = Vec::new();
         for cycle in self.same_part_before(id)? {
@@ -152,7 +153,7 @@ impl Store {
         Ok(earlier)
     }
 
-    /// The earlier cycles whose part may be the one of this cycle, in order.
+    /// The earlier cycles that may have had the part of this cycle, in order.
     fn same_part_before(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
         self.with_parts()?;
         let failed = |error: rusqlite::Error| self.failed("read the cycles of", &error);
@@ -164,7 +165,7 @@ impl Store {
         };
         let mut cycles = read().map_err(failed)?.into_iter().map(|(id, serial)| (id, normalised_serial(&serial)));
         let Some((own, serial)) = cycles.next() else { return Ok(Vec::new()) };
-        // Whose part cannot be this one from here on: by serial number; those without one have the empty text.
+        // Parts that cannot be this one from here on, by serial number; those without one have the empty text.
         let (mut over, mut found) = (BTreeSet::new(), Vec::new());
         if self.ends_of_a_part(own).map_err(failed)?.is_another {
             return Ok(found);
@@ -178,7 +179,7 @@ impl Store {
             if !has_result {
                 found.push(CycleId(cycle));
             }
-            // Said of this part, it is another one than all before.
+            // If this part was declared another one, it differs from all before.
             if is_another && of == serial {
                 break;
             }
@@ -203,18 +204,18 @@ impl Store {
         self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART], ends)
     }
 
-    /// Keeps what a cycle's clock says: where it begins and where it is concluded.
+    /// Stores the readings of a cycle's clock: one at its begin and one at its conclusion.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn keep_clock(&mut self, id: CycleId, clock: Clock) -> Result<(), StoreError> {
         self.keep_fact(id, CLOCK, &clock)
     }
 
-    /// Keeps in which file a cycle is recorded.
+    /// Stores the file in which a cycle is recorded.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn keep_recording(&mut self, id: CycleId, file: &RecordingFile) -> Result<(), StoreError> {
         self.keep_fact(id, RECORDING, file)
     }
@@ -240,14 +241,14 @@ impl Store {
         read().map_err(|error| self.failed("read a cycle of", &error))
     }
 
-    /// The clock where a cycle began and where it was concluded.
+    /// The clock when a cycle began and when it was concluded.
     pub(super) fn clocks(&self, id: CycleId) -> Result<[Option<Clock>; 2], StoreError> {
         let kept = self.facts(id, CLOCK)?;
         let clock = |text: Option<&String>| text.map(|text| self.parsed(text)).transpose();
         Ok([clock(kept.first())?, clock(kept.get(1))?])
     }
 
-    /// The file that a cycle is recorded in, where it is.
+    /// The file in which a cycle is recorded, if it is recorded.
     pub(super) fn recording_of(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
         self.facts(id, RECORDING)?.first().map(|text| self.parsed(text)).transpose()
     }

@@ -22,11 +22,11 @@ const AGAIN: Duration = Duration::from_millis(10);
 /// A copy of a store's rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Copied {
-    /// What is not what was written, in words; where something is, there is no copy.
+    /// Deviations from the written content, in words; if there are any, there is no copy.
     pub found: Vec<String>,
     /// Links of its chain.
     pub links: u64,
-    /// The files that its rows name, by their hashes; without those that were removed as `[store] keep` says.
+    /// The files that its rows name, by their hashes; without those that were removed according to `[store] keep`.
     pub files: Vec<String>,
 }
 
@@ -36,25 +36,26 @@ pub const ROW_FILES: [&str; 2] = [DATABASE, head::FILE];
 pub const BLOBS: &str = "blobs";
 
 impl Store {
-    /// Copies the rows of the store in `folder` and the head of their chain into the folder `to`, also while a service writes
-    /// to it, and verifies the copy. The copy is of one moment; what is written meanwhile is not in it.
+    /// Copies the rows of the store in `folder` and the head of their chain into the folder `to`, also while a
+    /// service writes to it, and verifies the copy. The copy is of one moment; later writings are not in it.
     ///
     /// # Errors
-    /// Where there is no store, it is an earlier program's, or the copy cannot be written.
+    /// If there is no store, it is an earlier program's, or the copy cannot be written.
     pub fn copy_rows(folder: &Path, to: &Path) -> Result<Copied, StoreError> {
         let store = Store::open(folder)?;
         let found = schema::version(&store.connection, store.path())?;
         if found < schema::SCHEMA {
             return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
         }
-        // A transaction for reading: from here on the rows stand still for this connection, beside the head of that moment.
+        // A read transaction: from here on the rows do not change for this connection, and the head is that of the
+        // same moment.
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last(&store.connection)
         };
         let (told, last) = match head::read_beside(folder, begin) {
             Ok((told, last)) => (Ok(told), last),
-            // A writer that lets nobody in is no change of the store.
+            // A writer that does not release the lock is no change of the store.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
                 return Err(at("read the head in", folder)(error));
             }
@@ -109,7 +110,8 @@ fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Err
 }
 
 /// Keeps the database and the head of its chain as an earlier program left them, before the tables are changed:
-/// `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. One that is there is never written over. Gives the copy's file.
+/// `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. An existing copy is never overwritten. Returns the
+/// copy's file.
 pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64) -> Result<PathBuf, StoreError> {
     let part = folder.join(format!("panelprep.schema-{version}.part"));
     let remove = || {

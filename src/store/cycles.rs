@@ -46,15 +46,15 @@ pub struct CycleStart {
     pub recipe_text: String,
     /// The cell's file and its calibrations: what each is for, such as `base_from_camera`, and its text.
     pub file_texts: Vec<(String, String)>,
-    /// The file that it is recorded in, where it is.
+    /// The file in which it is recorded, if it is recorded.
     pub recording: Option<RecordingFile>,
 }
 
 impl Store {
-    /// Keeps that a cycle begins, with all it uses.
+    /// Stores that a cycle begins, with everything that it uses.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
         let kept = |(name, text): &(String, String)| {
             Ok(KeptFile { name: name.clone(), hash: self.put_blob(text.as_bytes())? })
@@ -80,21 +80,21 @@ impl Store {
         Ok(id)
     }
 
-    /// Whether there is a cycle with this number.
+    /// Returns whether there is a cycle with this number.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn has_cycle(&self, id: CycleId) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM cycles WHERE id = ?1)";
         let there = self.connection.query_row(sql, [id.0], |row| row.get(0));
         there.map_err(|error| self.failed("read a cycle of", &error))
     }
 
-    /// Keeps how a running cycle ended: as its table has it, never better than what its findings allow
-    /// ([`conclude`](crate::record::conclude)). `because` says why it was ended, if it was.
+    /// Stores how a running cycle ended: the verdict of its table, never better than its findings allow
+    /// ([`conclude`](crate::record::conclude)). `because` states why it was ended, if it was.
     ///
     /// # Errors
-    /// Where it cannot be written, or there is no such cycle or it is over.
+    /// If it cannot be written, or there is no such cycle or it is over.
     pub fn conclude(&mut self, id: CycleId, ended: Verdict, because: &[Reason]) -> Result<Judgement, StoreError> {
         let judgement = conclude(ended, &self.findings_of(id)?, &self.asked_in(id)?, because);
         let Judgement { verdict, reasons } = &judgement;
@@ -109,10 +109,10 @@ impl Store {
         Ok(judgement)
     }
 
-    /// Keeps the error at the tool, as far as it is known; a later one replaces it.
+    /// Stores the error at the tool, as far as it is known; a later one replaces it.
     ///
     /// # Errors
-    /// Where it cannot be written, a part is not finite, or there is no such cycle or it is over.
+    /// If it cannot be written, a part is not finite, or there is no such cycle or it is over.
     pub fn set_budget(&mut self, id: CycleId, budget: &Budget) -> Result<(), StoreError> {
         let parts = [budget.hand_eye_mm, budget.locate_mm, budget.fit_mm, budget.robot_mm, budget.stated_mm];
         if parts.into_iter().flatten().any(|part| !part.is_finite()) {
@@ -141,10 +141,10 @@ impl Store {
         })
     }
 
-    /// Keeps what a phase of a cycle found. Its pictures are kept before, with [`Store::put_blob`].
+    /// Stores the finding of a phase of a cycle. Its pictures are stored before, with [`Store::put_blob`].
     ///
     /// # Errors
-    /// Where it cannot be written, a number is not finite, a picture is not there, or there is no such cycle.
+    /// If it cannot be written, a number is not finite, a picture is missing, or there is no such cycle.
     pub fn note(&mut self, id: CycleId, finding: &Finding) -> Result<(), StoreError> {
         self.writable()?;
         let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
@@ -168,10 +168,10 @@ impl Store {
         })
     }
 
-    /// All that is kept of a cycle.
+    /// Everything that is stored about a cycle.
     ///
     /// # Errors
-    /// Where there is no such cycle, or it does not read back.
+    /// If there is no such cycle, or it cannot be read back.
     pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
         let read = |error: rusqlite::Error| self.failed("read a cycle of", &error);
         let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
@@ -232,7 +232,7 @@ impl Store {
     /// The cycle that began last.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn last_cycle(&self) -> Result<Option<CycleId>, StoreError> {
         let last = self.connection.query_row("SELECT max(id) FROM cycles", [], |row| row.get::<_, Option<i64>>(0));
         Ok(last.map_err(|error| self.failed("read the cycles of", &error))?.map(CycleId))
@@ -241,15 +241,15 @@ impl Store {
     /// Cycles that are over, in order.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn ended_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         self.cycles_where("verdict IS NOT NULL")
     }
 
-    /// Cycles without an end, in order: the running one, and before [`Store::recover`] what a crash left.
+    /// Cycles without an end, in order: the running one, and before [`Store::recover`] those left by a crash.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         self.cycles_where("verdict IS NULL")
     }

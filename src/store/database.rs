@@ -20,7 +20,7 @@ pub struct Store {
     pub(super) connection: Connection,
     pub(super) blobs: Blobs,
     pub(super) lease: Option<Lease>,
-    /// Where the chain's head is written; none for reading.
+    /// The file of the chain's head; `None` for reading.
     pub(super) head: Option<HeadFile>,
     /// An append failed; the journal may or may not hold its line.
     pub(super) journal_in_doubt: bool,
@@ -28,7 +28,7 @@ pub struct Store {
     pub(super) folded: Option<JournalFold>,
     /// What was found changed behind the program's back when the store was opened.
     pub(super) changed: Vec<String>,
-    /// The journal says so.
+    /// The journal has recorded this change.
     pub(super) change_is_told: bool,
     pub(super) reserve: Reserve,
     pub(super) fullness: Fullness,
@@ -37,19 +37,21 @@ pub struct Store {
 }
 
 impl Store {
-    /// Keeps these bytes; the hash is what [`Store::blob`] finds them by. Bytes that are there already are kept once.
+    /// Stores these bytes; [`Store::blob`] finds them by the returned hash. Bytes that exist already are stored
+    /// once.
     ///
     /// # Errors
-    /// Where the store is open for reading, or the file cannot be written, or is there already and damaged.
+    /// If the store is open for reading, or the file cannot be written, or exists already and is damaged.
     pub fn put_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
         self.writable()?;
         self.blobs.put(bytes).map_err(|error| self.full_or(error))
     }
 
-    /// Whatever writes files of this store beside its writer, on a thread of its own. What no row names is only a file.
+    /// Returns a writer for files of this store, for use beside the store's writer on a separate thread. A file
+    /// that no row names is only a file.
     ///
     /// # Errors
-    /// Where the store is open for reading.
+    /// If the store is open for reading.
     pub fn blob_writer(&self) -> Result<BlobWriter, StoreError> {
         self.writable()?;
         Ok(BlobWriter::new(&self.blobs, &self.fullness))
@@ -58,7 +60,7 @@ impl Store {
     /// The bytes with this hash.
     ///
     /// # Errors
-    /// Where the file is missing or no longer has this hash.
+    /// If the file is missing or no longer has this hash.
     pub fn blob(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         self.blobs.get(hash)
     }
@@ -66,7 +68,7 @@ impl Store {
     /// Free space on the store's disk, MB, once a probe could be written to it.
     ///
     /// # Errors
-    /// Where the store is open for reading, or its disk refuses.
+    /// If the store is open for reading, or its disk refuses.
     pub fn free_mb(&self) -> Result<u64, StoreError> {
         self.writable()?;
         self.blobs.free_mb()

@@ -20,7 +20,7 @@ impl Store {
     /// Records the area of the panel that the disc in use swept, mm².
     ///
     /// # Errors
-    /// Where the store is open for reading or cannot be written, or the area is no number.
+    /// If the store is open for reading or cannot be written, or the area is no number.
     pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
         if !swept_mm2.is_finite() {
             return Err(StoreError::NotFinite { name: "swept by the disc".to_owned() });
@@ -28,10 +28,10 @@ impl Store {
         self.keep_disc(cycle, false, swept_mm2)
     }
 
-    /// Keeps that a new disc was mounted.
+    /// Records that a new disc was mounted.
     ///
     /// # Errors
-    /// Where the store is open for reading or cannot be written.
+    /// If the store is open for reading or cannot be written.
     pub fn mount_disc(&mut self) -> Result<(), StoreError> {
         self.keep_disc(None, true, 0.0)
     }
@@ -48,10 +48,10 @@ impl Store {
         })
     }
 
-    /// What the disc in use has swept since it was mounted, mm².
+    /// The area that the disc in use has swept since it was mounted, mm².
     ///
     /// # Errors
-    /// Where it cannot be read; a store of an earlier program keeps no discs, and says so.
+    /// If it cannot be read; a store of an earlier program has no disc records, and the error states this.
     pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
         self.connection
             .query_row(

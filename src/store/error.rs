@@ -12,7 +12,7 @@ pub enum StoreError {
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The database refused.
@@ -22,7 +22,7 @@ pub enum StoreError {
         doing: &'static str,
         /// The database.
         path: PathBuf,
-        /// What SQLite says.
+        /// The error of SQLite.
         problem: String,
     },
     /// No store to read from.
@@ -80,7 +80,7 @@ pub enum StoreError {
     UnknownVerification {
         /// The database.
         path: PathBuf,
-        /// The number asked for.
+        /// The requested number.
         number: i64,
     },
     /// A verification is struck out once.
@@ -100,7 +100,7 @@ pub enum StoreError {
         path: PathBuf,
         /// "cycle" or "running cycle".
         what: &'static str,
-        /// The cycle asked for.
+        /// The requested cycle.
         id: i64,
     },
     /// A row does not read back.
@@ -127,7 +127,7 @@ pub enum StoreError {
         path: PathBuf,
         /// Its schema.
         found: i64,
-        /// The newest schema that this program knows.
+        /// The newest schema that this program supports.
         known: i64,
     },
     /// Written by an earlier version of this program, and not brought up to date yet.
@@ -177,7 +177,7 @@ pub enum StoreError {
     /// No such panel.
     #[error("no panel '{name}' was taught; {}", known_names(nearest.as_deref(), known))]
     UnknownPanel {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The name most likely meant.
         nearest: Option<String>,
@@ -189,12 +189,12 @@ pub enum StoreError {
     UnknownVersion {
         /// The panel.
         name: String,
-        /// The version asked for.
+        /// The requested version.
         version: String,
         /// All versions.
         known: Vec<String>,
     },
-    /// What a person signs cannot be kept as it stands.
+    /// A text of a person's signature cannot be stored as given.
     #[error("the signature's {what} is \"{found}\": {problem}")]
     Unsignable {
         /// "name", "user" or "remark".

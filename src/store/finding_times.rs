@@ -20,10 +20,11 @@ pub(super) fn insert(writing: &mut Writing<'_>, finding: i64, unix_ms: i64) -> R
 }
 
 impl Store {
-    /// When each finding of a cycle was kept, ms since 1970, in their order; `None` for those of an earlier program.
+    /// The time at which each finding of a cycle was stored, ms since 1970, in their order; `None` for those of an
+    /// earlier program.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn finding_times_unix_ms(&self, cycle: CycleId) -> Result<Vec<Option<i64>>, StoreError> {
         let read = || -> Result<Vec<Option<i64>>, rusqlite::Error> {
             let sql = match self.connection.table_exists(None, "finding_times")? {

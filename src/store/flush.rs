@@ -8,20 +8,20 @@ use std::fs::File;
 use std::io::{Error, ErrorKind};
 use std::path::Path;
 
-/// Makes the disk keep the names of the files in this folder.
+/// Flushes the names of the files in this folder to the disk.
 ///
 /// # Errors
-/// Where it is not there, or the disk refuses.
+/// If the folder does not exist, or the disk refuses.
 pub(super) fn names(folder: &Path) -> Result<(), Error> {
     File::open(folder)?.sync_all()
 }
 
-/// Makes the disk keep what a process that was killed may not have come to flush: the name of this database, and rows in its log.
-/// Whoever acts on such rows, or tells the head of them, must not lose them with the power. The log has none of SQLite's locks,
-/// which closing a file of the database would release.
+/// Flushes data that a killed process may not have flushed: the name of this database, and rows in its log. If such
+/// rows are used, or the head states them, a power loss must not lose them. SQLite holds no locks on the log;
+/// closing a file of the database here would release SQLite's locks.
 ///
 /// # Errors
-/// Where the disk refuses; a file that is not there is none.
+/// If the disk refuses; a missing file is no error.
 pub(super) fn left_behind(database: &Path) -> Result<(), StoreError> {
     let log = log_of(database);
     for file in database.parent().into_iter().chain([log.as_path()]) {

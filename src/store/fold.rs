@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// How a motion ended.
 pub(super) type Closed = (Motion, Outcome, u32);
 
-/// What a journal says of motions and cycles, as far as it was read.
+/// The content of a journal about motions and cycles, as far as it was read.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JournalFold {

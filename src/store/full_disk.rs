@@ -11,22 +11,22 @@ impl Store {
         self.fullness.is_full()
     }
 
-    /// Keeps a picture as [`Store::put_blob`] does; `None` where the disk is full: it is dropped, and the room that is left is
-    /// the journal's.
+    /// Stores a picture as [`Store::put_blob`] does. If the disk is full, the picture is dropped and the result is
+    /// `None`: the remaining space is for the journal.
     ///
     /// # Errors
-    /// As [`Store::put_blob`], but for a full disk.
+    /// As [`Store::put_blob`], except for a full disk.
     pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         self.writable()?;
         self.fullness.put_picture(&self.blobs, bytes)
     }
 
-    /// How many pictures were dropped since this was last asked.
+    /// The number of pictures dropped since the last call.
     pub fn dropped_pictures(&self) -> u64 {
         self.fullness.take_dropped()
     }
 
-    /// Whether there is room for the reserve and pictures again; where there is, the reserve is taken.
+    /// Returns whether there is room for the reserve and pictures again; if so, the reserve is allocated.
     pub fn has_room(&mut self) -> bool {
         let free = self.blobs.free_mb().unwrap_or(0);
         let has_room = free >= MB + PICTURES_MB && self.reserve.take().is_ok();

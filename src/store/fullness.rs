@@ -17,7 +17,7 @@ pub(super) struct Fullness(Arc<FullnessState>);
 #[derive(Debug, Default)]
 struct FullnessState {
     is_full: AtomicBool,
-    /// Pictures that found no place since they were last asked for.
+    /// Pictures that could not be stored since the last query.
     dropped: AtomicU64,
 }
 
@@ -34,12 +34,12 @@ impl Fullness {
         self.0.is_full.store(false, Ordering::Relaxed);
     }
 
-    /// How many pictures were dropped since this was last asked.
+    /// The number of pictures dropped since the last call.
     pub fn take_dropped(&self) -> u64 {
         self.0.dropped.swap(0, Ordering::Relaxed)
     }
 
-    /// Keeps a picture, or drops it where the disk is full: the rest of it is the journal's.
+    /// Stores a picture, or drops it if the disk is full: the remaining space is for the journal.
     pub fn put_picture(&self, blobs: &Blobs, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         if !self.is_full() && is_too_full_for_pictures(blobs.store()) {
             self.fill();
@@ -76,7 +76,7 @@ impl BlobWriter {
     /// As [`Store::put_picture`](super::Store::put_picture).
     ///
     /// # Errors
-    /// Where the file cannot be written but for a full disk, or is there already and damaged.
+    /// If the file cannot be written for a reason other than a full disk, or exists already and is damaged.
     pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
         self.1.put_picture(&self.0, bytes)
     }

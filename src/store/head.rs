@@ -1,10 +1,10 @@
 //! The chain's head outside of the database, in `panelprep.head` beside it.
 //!
-//! Before a transaction is committed the file states where the chain is and where it will be; afterwards it states where it is.
-//! If the program ends between the two, the database is at one of the positions that the file names, unless somebody else
-//! changed it. The file holds two copies of 512 bytes, a sector that a disk writes completely or not at all. They are written
-//! alternately and in place, so that a full disk does not prevent it. When the store is closed the file also holds the SHA-256 of the
-//! database's file.
+//! Before a transaction is committed, the file states the chain's present and next position; afterwards it states
+//! the present position. If the program ends between the two, the database is at one of the positions that the file
+//! names, unless it was changed by others. The file holds two copies of 512 bytes, a sector that a disk writes
+//! completely or not at all. They are written alternately and in place, so that a full disk does not prevent it.
+//! When the store is closed the file also holds the SHA-256 of the database's file.
 
 use super::chain::{ChainPosition, Hash};
 use super::flush;
@@ -25,14 +25,14 @@ const MARK: &str = "panelprep head 1";
 /// How long another process that writes a line to this store is waited for, as SQLite waits.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What the file says.
+/// The content of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
-    /// Where the chain is.
+    /// The chain's position.
     pub at: ChainPosition,
-    /// Where it is once the transaction under way is committed.
+    /// Its position once the transaction under way is committed.
     pub next: Option<ChainPosition>,
-    /// SHA-256 of the database's file, where it was closed.
+    /// SHA-256 of the database's file, if it was closed.
     pub database: Option<Hash>,
 }
 
@@ -43,7 +43,7 @@ impl Head {
     }
 }
 
-/// What a file says, and how it is written.
+/// The content of a file, and how it is written.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Read {
     pub head: Head,
@@ -97,7 +97,7 @@ fn take_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error> {
 }
 
 impl HeadFile {
-    /// Opens the file, and makes it where there is none.
+    /// Opens the file, and creates it if there is none.
     pub fn open(store: &Path) -> Result<Self, Error> {
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).open(store.join(FILE))?;
@@ -114,18 +114,19 @@ impl HeadFile {
         take_turn(&self.file, &self.turns)
     }
 
-    /// Says on the disk where the chain is and will be.
+    /// Writes the chain's present and next position to the disk.
     pub fn prepare(&self, at: ChainPosition, next: ChainPosition) -> Result<(), Error> {
         self.write(Head { at, next: Some(next), database: None })?;
         self.file.sync_data()
     }
 
-    /// Says where the chain is. Until this is on the disk the file says the same with one word more.
+    /// Writes the chain's position. Until this is on the disk, the file still names this position together with the
+    /// one before.
     pub fn settle(&self, at: ChainPosition) -> Result<(), Error> {
         self.write(Head { at, next: None, database: None })
     }
 
-    /// Says where the chain is in a database that is closed.
+    /// Writes the chain's position in a closed database.
     pub fn close(&self, at: ChainPosition, database: Option<Hash>) -> Result<(), Error> {
         self.write(Head { at, next: None, database })?;
         self.file.sync_data()
@@ -138,7 +139,7 @@ impl HeadFile {
     }
 }
 
-/// What the file of this store says; `None` where there is none, or it says nothing yet.
+/// The content of this store's file; `None` if there is no file, or it has no content yet.
 pub(super) fn read(store: &Path) -> Result<Option<Read>, Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => read_from(&file),
@@ -147,7 +148,7 @@ pub(super) fn read(store: &Path) -> Result<Option<Read>, Error> {
     }
 }
 
-/// The same while nobody else writes, with what `beside` reads meanwhile.
+/// The same while no other process or thread writes, with the data that `beside` reads meanwhile.
 pub(super) fn read_beside<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<Read>, T), Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => {

@@ -35,7 +35,7 @@ impl Store {
     /// All incidents, oldest first.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn incidents(&self) -> Result<Vec<Incident>, StoreError> {
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let mut rows = self.connection.prepare("SELECT at_unix_s, found FROM incidents ORDER BY id")?;

@@ -49,10 +49,11 @@ impl Line {
 const BEGIN: &str = "";
 
 impl Store {
-    /// Commits an event to the disk and answers its sequence number, from 1. To be called before the event's effects.
+    /// Commits an event to the disk and returns its sequence number, from 1. To be called before the event's
+    /// effects.
     ///
     /// # Errors
-    /// Where it cannot be written. Then nothing more is appended until the store is opened anew.
+    /// If it cannot be written. Then nothing more is appended until the store is opened anew.
     pub fn append(&mut self, event: &Event, cycle: Option<CycleId>) -> Result<u64, StoreError> {
         self.writable()?;
         if self.journal_in_doubt {
@@ -69,7 +70,7 @@ impl Store {
         });
         let told = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
         let written = self.commit("write the journal of", |writing| write_line(writing, &line, told.as_deref()));
-        // A full disk takes nothing; of any other failure nobody knows.
+        // A full disk writes nothing; after any other failure it is unknown whether the line was written.
         self.journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
         if written.is_ok() {
             self.folded = folded;
@@ -80,20 +81,21 @@ impl Store {
     /// Every event so far, in order.
     ///
     /// # Errors
-    /// Where it cannot be read, or a line is not what was written.
+    /// If it cannot be read, or a line differs from the line that was written.
     pub fn journal(&self) -> Result<Vec<Event>, StoreError> {
         let mut events = Vec::new();
         self.each_event((0, BEGIN.to_owned()), |event, _| events.push(event))?;
         Ok(events)
     }
 
-    /// Where a program starts that has this store: what the journal folds to, then at rest, Aborted or Stopped. Rows of
-    /// motions and cycles that the last process did not come to write after its last event are written first. Where the
-    /// store was changed behind the program's back, that is one more event, and the state is Aborted until a person clears
-    /// it.
+    /// Recovers the state when a program starts with this store: the journal's folded state, then at rest, Aborted
+    /// or Stopped. Rows of motions and cycles that the last process could not write after its last event are
+    /// written first. If the store was changed behind the program's back, that is one more event, and the state is
+    /// Aborted until a person clears it.
     ///
     /// # Errors
-    /// Where the journal cannot be read, a line is not what was written, or a motion is open that it does not know.
+    /// If the journal cannot be read, a line differs from the line that was written, or a motion is open that the
+    /// journal does not contain.
     pub fn recover(&mut self) -> Result<State, StoreError> {
         let (settled, last, tail) = self.folded()?;
         self.settle(&settled)?;
@@ -123,10 +125,10 @@ impl Store {
         }
     }
 
-    /// Lines of the journal.
+    /// The number of lines of the journal.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn lines(&self) -> Result<i64, StoreError> {
         let last =
             self.connection.query_row("SELECT coalesce(max(sequence), 0) FROM journal", [], |row| row.get(0));
@@ -196,7 +198,8 @@ pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
     store.commit("fill", |writing| (0..lines).try_for_each(|done| write_line(writing, &line(done), None).map(drop)))
 }
 
-/// Writes a line after the last one, and a checkpoint where one is due; `folded` is what the journal then folds to.
+/// Writes a line after the last one, and a checkpoint if one is due; `folded` is the journal's folded state
+/// afterwards.
 fn write_line(writing: &mut Writing<'_>, line: &Line, folded: Option<&str>) -> Result<u64, Failed> {
     let last: Option<(i64, String)> = writing
         .prepare_cached("SELECT sequence, chain FROM journal ORDER BY sequence DESC LIMIT 1")?

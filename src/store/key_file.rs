@@ -10,7 +10,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// The private key in the store's folder, where no other file is named.
+/// The private key in the store's folder, if no other file is named.
 const PRIVATE: &str = "record-key.pem";
 /// The public key, in the store's folder. One that was replaced stays in it, since it verifies older records.
 const PUBLIC: &str = "record-key.pub.pem";
@@ -20,17 +20,17 @@ const PUBLIC: &str = "record-key.pub.pem";
 pub enum KeyPlace {
     /// In the store's folder.
     InStore,
-    /// This file, which is made where it is not there.
+    /// This file, which is created if it does not exist.
     File(PathBuf),
-    /// This file, which somebody else provides, such as a credential of systemd.
+    /// This file, which is provided from outside, such as a credential of systemd.
     Provided(PathBuf),
 }
 
-/// The key of a cell; where there is none yet, it is made of random bytes of the operating system. Its public half is
+/// The key of a cell; if there is none yet, it is made of random bytes of the operating system. Its public half is
 /// written into the store's folder as PEM.
 ///
 /// # Errors
-/// Where the file cannot be read or made, holds no ed25519 key, or may be read by others than its owner.
+/// If the file cannot be read or made, holds no ed25519 key, or may be read by others than its owner.
 pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
     let (file, may_be_made) = match place {
         KeyPlace::InStore => (store.join(PRIVATE), true),
@@ -51,10 +51,10 @@ pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
     Ok(key)
 }
 
-/// The public keys that the store's folder has: that of the key in use, and of those before.
+/// The public keys in the store's folder: that of the key in use, and those of earlier keys.
 ///
 /// # Errors
-/// Where there is none, or the file holds something else.
+/// If there is none, or the file holds something else.
 pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
     let file = store.join(PUBLIC);
     let pem = fs::read_to_string(&file).map_err(at("read", &file))?;
@@ -98,7 +98,7 @@ fn written(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
     Ok(file)
 }
 
-/// Writes the public key where it is not written yet.
+/// Writes the public key if it is not written yet.
 fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
     let file = store.join(PUBLIC);
     let before = match fs::read_to_string(&file) {

@@ -1,9 +1,9 @@
 //! One writer at a time: a lock on the store's folder.
 //!
-//! It is a lock of the operating system and not SQLite's exclusive mode, which would also exclude readers (a `locate`
-//! beside the running daemon) and cannot say who holds it. It is not on a file in the folder, which somebody could remove
-//! and so admit a second writer. The system releases the lock when its process ends, however it ends. `panelprep.lock` names the
-//! holder, for messages alone.
+//! It is a lock of the operating system and not SQLite's exclusive mode, which would also exclude readers (a
+//! `locate` beside the running daemon) and cannot report the holder. It is not on a file in the folder: a person
+//! could remove such a file and so admit a second writer. The system releases the lock when its process ends,
+//! however it ends. `panelprep.lock` names the holder, for messages alone.
 
 use super::error::StoreError;
 use std::fs::{self, File, TryLockError};
@@ -19,10 +19,10 @@ pub struct Lease {
 }
 
 impl Lease {
-    /// Takes it; every other writer is refused until it is dropped.
+    /// Takes the lock; every other writer is refused until it is dropped.
     ///
     /// # Errors
-    /// Where another process, or another store of this one, holds it.
+    /// If another process, or another store of this process, holds it.
     pub fn take(store: &Path) -> Result<Self, StoreError> {
         let at = |doing| {
             let path = store.to_owned();

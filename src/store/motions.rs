@@ -1,7 +1,7 @@
-//! Motion intents: committed before the first waypoint is sent, closed when the robot has reported that it stands.
+//! Motion intents: committed before the first waypoint is sent, closed when the robot has reported standstill.
 //!
-//! The journal implies the same, since intents are effects of its events. If a process ends between an event and its
-//! effects, a row is missing; the next process writes it from the journal.
+//! The journal implies the same, since intents are effects of its events. If a process ends between an event and
+//! its effects, a row is missing; the next process writes it from the journal.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -28,7 +28,7 @@ impl Store {
     /// Commits that this motion may begin.
     ///
     /// # Errors
-    /// Where it cannot be written, or a motion is open already.
+    /// If it cannot be written, or a motion is open already.
     pub fn open_intent(&mut self, motion: &Motion, cycle: Option<CycleId>) -> Result<(), StoreError> {
         self.writable()?;
         let text = self.text(motion)?;
@@ -44,7 +44,7 @@ impl Store {
     /// Commits how the open motion ended, with the waypoints that the robot executed.
     ///
     /// # Errors
-    /// Where it cannot be written, or this motion is not the open one.
+    /// If it cannot be written, or this motion is not the open one.
     pub fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), StoreError> {
         self.writable()?;
         let (text, outcome) = (self.text(motion)?, self.text(&outcome)?);
@@ -59,10 +59,11 @@ impl Store {
         })
     }
 
-    /// Whether a motion is open: a person must clear it before anything moves. As of the last [`Store::recover`].
+    /// Returns whether a motion is open: a person must clear it before anything moves. As of the last
+    /// [`Store::recover`].
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn has_open_motion(&self) -> Result<bool, StoreError> {
         Ok(self.open_motion()?.is_some())
     }
@@ -82,7 +83,7 @@ impl Store {
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let closed = settled.closed.filter(|(closed, ..)| *closed == motion);
-            // Where the journal was cut it is a person who ends the motion, by the clear that the store then asks for.
+            // If the journal was cut, a person ends the motion, by the clear that the store then requires.
             let cleared = (!self.changed.is_empty()).then_some((motion, Outcome::Cleared, 0));
             let Some((_, outcome, done)) = closed.or(cleared) else {
                 return Err(

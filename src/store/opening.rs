@@ -19,10 +19,10 @@ use std::time::SystemTime;
 const STATEMENTS: usize = 100;
 
 impl Store {
-    /// Opens the store in this folder for reading, beside a writer too. Nothing is made or changed.
+    /// Opens the store in this folder for reading, also beside a writer. Nothing is made or changed.
     ///
     /// # Errors
-    /// Where there is no store, it is damaged, or it is that of a newer program or of another one.
+    /// If there is no store, it is damaged, or it belongs to a newer program or to another one.
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
         if !path.is_file() {
@@ -38,13 +38,13 @@ impl Store {
         Ok(Store::of((connection, Blobs::at(folder)), folder))
     }
 
-    /// Opens the store in this folder for writing, as the only writer; an empty or absent folder becomes a new one, and
-    /// an earlier program's store is brought up to date, after a copy of its database was made beside it. What was changed behind the program's back is kept as an incident,
-    /// see [`Store::changed`].
+    /// Opens the store in this folder for writing, as the only writer. An empty or absent folder becomes a new
+    /// store. An earlier program's store is brought up to date, after a copy of its database was made beside it. A
+    /// change behind the program's back is kept as an incident, see [`Store::changed`].
     ///
     /// # Errors
-    /// Where another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, that of
-    /// a newer program or of another one.
+    /// If another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, or
+    /// belongs to a newer program or to another one.
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
         let opened = match Store::begin(folder) {
             Err(error) if is_full(&error, folder) && Reserve::of(folder).release() => Store::begin(folder),
@@ -53,8 +53,8 @@ impl Store {
         opened.map_err(|error| if is_full(&error, folder) { reserve::full(folder) } else { error })
     }
 
-    /// Opens a store beside its writer, if it has one. Whoever signs is not the one who finds out about a change behind the
-    /// program's back: a head that contradicts the rows must stay as it is until the next start has looked at it.
+    /// Opens a store for signing, beside its writer, if it has one. Signing does not handle a change behind the
+    /// program's back: a head that contradicts the rows must stay as it is until the next start has checked it.
     pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
         let store = Store::beside_the_writer(folder)?;
         let version = schema::version(&store.connection, store.path())?;
@@ -138,14 +138,14 @@ impl Store {
         }
     }
 
-    /// Brings the tables up to date; where the chain was before comes back: at its beginning where there was none.
+    /// Brings the tables up to date and returns the chain's previous position: the beginning if there was none.
     fn raise(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
         let Some(head) = &self.head else { return Ok(Ok(ChainPosition::BEGIN)) };
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = if version < schema::CHAINED { ChainPosition::BEGIN } else { chain::last(&transaction)? };
         let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
         parts::fill_missing(&transaction, &self.blobs)?;
-        // A head that says more than nothing is looked at before it is written over.
+        // A head that has content is checked before it is overwritten.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
         if is_new && let Err(error) = head.prepare(before, after) {
             return Ok(Err(error));
@@ -188,11 +188,11 @@ impl Drop for Store {
         if std::mem::replace(&mut self.connection, nothing).close().is_err() || at != last {
             return;
         }
-        // Where another connection is open, its log stays, and the file alone is not the database.
+        // If another connection is open, the log stays, and the file alone is not the database.
         let is_log_left = log_of(&path).exists();
         if is_log_left && next.is_some() {
-            // A commit failed at the disk, and so did closing: its lines may be in the log all the same, and then the next start
-            // finds them. The head goes on saying so.
+            // A commit failed at the disk, and so did closing. Its lines may still be in the log, and then the next
+            // start finds them. The head continues to state this.
             return;
         }
         let database = if is_log_left { None } else { file_hash(&path).ok() };

@@ -1,9 +1,10 @@
-//! What the office is to have: one row for each cycle that ended, each signature and each verification, written in the transaction
-//! that writes the thing itself. A row is never changed and never removed, so that nothing can be forgotten on the way.
+//! The rows for the office: one for each cycle that ended, each signature and each verification, written in the
+//! same transaction as the object itself. A row is never changed and never removed, so that nothing can be
+//! forgotten on the way.
 //!
-//! Rows are numbered from 1 within an epoch, a random name. A new epoch begins with a new store, where rows were found changed or
-//! gone, and after a restore: a number is never used twice under one epoch by a store that knows its past. What has been
-//! sent so far is no row of the store (see `daemon/office`).
+//! Rows are numbered from 1 within an epoch, a random name. A new epoch begins with a new store, when rows were
+//! found changed or missing, and after a restore: a store that has its full history never uses a number twice under
+//! one epoch. The progress of sending is not a row of the store (see `daemon/office`).
 
 use super::chain;
 use super::commit::{Failed, Writing};
@@ -37,15 +38,15 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Why an epoch begins after a restore; the number above which cycles go on follows it.
+/// Why an epoch begins after a restore; the number above which cycles continue follows it.
 const RESTORED_ABOVE: &str = "the store was restored from a backup; cycles are numbered above ";
 /// Why the first epoch of a store began.
 const NEW_STORE: &str = "new store";
-/// Stands in a store that was restored and not opened since.
+/// Marks a store that was restored and not opened since.
 const RESTORED: &str = "panelprep.restored";
 
-/// Begins the first epoch and takes in what an earlier program kept, in its order. Part of a transaction, before the tables are taken
-/// into a chain where there is none yet.
+/// Begins the first epoch and adds the rows of an earlier program, in their order. Part of a transaction, before
+/// the tables are added to a chain if there is none yet.
 pub(super) fn begin(connection: &Connection, is_chained: bool) -> Result<(), rusqlite::Error> {
     connection.execute(
         "INSERT INTO outbox_epochs (epoch, unix_ms, why) VALUES (lower(hex(randomblob(16))), 0, ?1)",
@@ -105,10 +106,11 @@ impl Kept {
 const ROWS: &str = "SELECT epoch, number, kind, row_key, outbox.unix_ms FROM outbox JOIN outbox_epochs ON outbox_epochs.id = epoch_id";
 
 impl Store {
-    /// The names of all epochs with the number of the last row of each, oldest first; a store of an earlier program has none.
+    /// The names of all epochs with the number of the last row of each, oldest first; a store of an earlier program
+    /// has none.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn outbox_epochs(&self) -> Result<Vec<Position>, StoreError> {
         if !self.has_table("outbox")? {
             return Ok(Vec::new());
@@ -125,10 +127,10 @@ impl Store {
         read().map_err(|error| self.failed("read what the office is to have from", &error))
     }
 
-    /// What the office is to have after this position, within its epoch and in order, at most so many.
+    /// The rows for the office after this position, within its epoch and in order, at most `most`.
     ///
     /// # Errors
-    /// Where it cannot be read, or a row or a file is damaged.
+    /// If it cannot be read, or a row or a file is damaged.
     pub fn outbox_after(&self, after: &Position, most: usize) -> Result<Vec<Envelope>, StoreError> {
         let failed = |error: rusqlite::Error| self.failed("read what the office is to have from", &error);
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT ?3");
@@ -139,10 +141,10 @@ impl Store {
         rows.into_iter().map(|row| self.envelope(row)).collect()
     }
 
-    /// When the row after this position was written, ms since 1970; `None` where there is none.
+    /// When the row after this position was written, ms since 1970; `None` if there is none.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn outbox_waits_since(&self, after: &Position) -> Result<Option<i64>, StoreError> {
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT 1");
         let number = i64::try_from(after.number).unwrap_or(i64::MAX);
@@ -152,10 +154,10 @@ impl Store {
         Ok(row.map(|row| row.unix_ms))
     }
 
-    /// Every row with the hash of its content, oldest first: what `archive check` holds the office's rows against.
+    /// Every row with the hash of its content, oldest first: `archive check` compares the office's rows with these.
     ///
     /// # Errors
-    /// Where it cannot be read, or a row or a file is damaged.
+    /// If it cannot be read, or a row or a file is damaged.
     pub fn outbox_list(&self) -> Result<Vec<Listed>, StoreError> {
         let mut listed = Vec::new();
         for last in self.outbox_epochs()? {
@@ -170,26 +172,27 @@ impl Store {
         Ok(listed)
     }
 
-    /// Begins a new epoch in the store in this folder, also while a service writes to it, and says why.
+    /// Begins a new epoch in the store in this folder, also while a service writes to it, and records the reason.
     ///
     /// # Errors
-    /// Where the store cannot be opened or written.
+    /// If the store cannot be opened or written.
     pub fn renew_outbox(folder: &Path, why: &str) -> Result<(), StoreError> {
         Store::for_one_row(folder)?.begin_epoch(why)
     }
 
-    /// Says in the folder of a restored store that it lacks what was written after it was copied: its next start begins a new epoch and
-    /// rests in Aborted, and cycles are numbered above the last one of the store that it replaces, if that could be read.
+    /// Marks the folder of a restored store: the store lacks the writings since it was copied. Its next start
+    /// begins a new epoch and rests in Aborted. Cycles are numbered above the last one of the store that it
+    /// replaces, if that could be read.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn mark_restored(folder: &Path, replaced: Option<CycleId>) -> Result<(), StoreError> {
         let path = folder.join(RESTORED);
         let last = replaced.map_or(String::new(), |last| last.0.to_string());
         fs::write(&path, last).map_err(|source| StoreError::File { doing: "write", path, source })
     }
 
-    /// Begins a new epoch where the store was restored, and leaves the cell aborted.
+    /// Begins a new epoch if the store was restored, and leaves the cell aborted.
     pub(super) fn begin_epoch_if_restored(&mut self) -> Result<(), StoreError> {
         let path = self.folder().join(RESTORED);
         let replaced = match fs::read_to_string(&path) {
@@ -208,7 +211,7 @@ impl Store {
         fs::remove_file(&path).map_err(|source| StoreError::File { doing: "remove", path, source })
     }
 
-    /// The number above which cycles go on after restores; 0 if there was none.
+    /// The number above which cycles continue after restores; 0 if there was none.
     pub(super) fn numbered_above(&self) -> Result<i64, StoreError> {
         let sql = "SELECT coalesce(max(CAST(substr(why, length(?1) + 1) AS INTEGER)), 0) FROM outbox_epochs
              WHERE substr(why, 1, length(?1)) = ?1";
@@ -244,7 +247,7 @@ impl Store {
         Ok(Envelope { position, unix_ms, body })
     }
 
-    /// Stable whatever program reads it: only what the row of the cycle says.
+    /// The same for every program version that reads it: only the content of the cycle's row.
     fn cycle_end(&self, id: CycleId) -> Result<Body, StoreError> {
         let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version, verdict, reasons
             FROM cycles WHERE id = ?1";

@@ -1,8 +1,8 @@
 //! The names of each cycle's part (serial number, work order, operator) as a table that can be searched.
 //!
-//! What counts is the text that the cycle keeps as the file `part`, whose hash the chain covers; this table is an index over
-//! those texts and no part of the chain. It is written in the transaction that begins a cycle, made anew for cycles of
-//! earlier programs, and `store verify` compares every row with its text.
+//! The authoritative text is the one that the cycle keeps as the file `part`; the chain covers its hash. This table
+//! is an index over those texts and no part of the chain. It is written in the transaction that begins a cycle,
+//! made anew for cycles of earlier programs, and `store verify` compares every row with its text.
 
 use super::blobs::Blobs;
 use super::commit::Failed;
@@ -100,10 +100,10 @@ pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<
 }
 
 impl Store {
-    /// The part of a cycle; `None` where none was named.
+    /// The part of a cycle; `None` if none was named.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn part_of(&self, cycle: crate::record::CycleId) -> Result<Option<PartNames>, StoreError> {
         self.with_parts()?;
         let sql = "SELECT serial, work_order, operator FROM cycle_parts WHERE cycle_id = ?1";

@@ -14,28 +14,28 @@ pub struct PassesOfCycle {
     pub started_unix_s: i64,
     /// Passes in which the tool was on the part, or may have been.
     pub passes: usize,
-    /// The upper 95 % bound of what was removed anywhere of the part by its end, µm; `None` where nobody knows.
+    /// The upper 95 % bound of the removal anywhere on the part by its end, µm; `None` if it is not known.
     pub removed_um: Option<f64>,
 }
 
-/// A serial number without what makes no other part of it: blanks around it and the case of its letters.
+/// A serial number without differences that make no other part: blanks around it and the case of its letters.
 pub(super) fn normalised_serial(serial: &str) -> String {
     serial.trim().to_uppercase()
 }
 
 impl Store {
-    /// The part that a cycle was about, by the text that it keeps; `None` where none was named, or what was kept of it is
-    /// missing or damaged.
+    /// The part of a cycle, by the text that the cycle keeps; `None` if none was named, or if that text is missing
+    /// or damaged.
     pub fn kept_part(&self, record: &CycleRecord) -> Option<PartNames> {
         let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
         PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
     }
 
-    /// The cycles in which the part with this serial number was abraded, or may have been, in order; those before `before`
-    /// where it is given.
+    /// The cycles in which the part with this serial number was abraded, or may have been, in order; only those
+    /// before `before` if it is given.
     ///
     /// # Errors
-    /// Where a cycle cannot be read.
+    /// If a cycle cannot be read.
     pub fn passes_of_serial(
         &self,
         serial: &str,
@@ -46,7 +46,7 @@ impl Store {
             let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
             let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
-            // A blank, or another case, is no other part. SQL knows the case of ASCII letters alone.
+            // A blank or another case makes no other part. SQL compares the case of ASCII letters only.
             let is_it = |row: &Result<(i64, String), _>| {
                 row.as_ref().map_or(true, |(_, found): &(i64, String)| {
                     normalised_serial(found) == normalised_serial(serial)

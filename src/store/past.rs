@@ -18,10 +18,10 @@ pub struct CycleCounts {
 }
 
 impl Store {
-    /// How many cycles there were.
+    /// The counts of all cycles.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn cycle_counts(&self) -> Result<CycleCounts, StoreError> {
         let sql = "SELECT (SELECT count(*) FROM cycles WHERE verdict IS NOT NULL),
             (SELECT count(*) FROM cycles WHERE verdict = 'pass'),
@@ -32,18 +32,18 @@ impl Store {
         self.connection.query_row(sql, [], counts).map_err(|error| self.failed("count the cycles of", &error))
     }
 
-    /// A cycle with its part and what it did to the disc.
+    /// A cycle with its part and its wear of the disc.
     ///
     /// # Errors
-    /// Where there is no such cycle, or it does not read back.
+    /// If there is no such cycle, or it cannot be read back.
     pub fn past_cycle(&self, id: CycleId) -> Result<PastCycle, StoreError> {
         Ok(PastCycle { record: self.cycle(id)?, part: self.part_of(id)?, disc: self.disc_in(id)? })
     }
 
-    /// The last cycles of a panel that are over, at most so many, the oldest first.
+    /// The last cycles of a panel that are over, at most `most`, the oldest first.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn past_cycles(&self, panel: &str, most: usize) -> Result<Vec<PastCycle>, StoreError> {
         let most = i64::try_from(most).unwrap_or(i64::MAX);
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
@@ -55,10 +55,10 @@ impl Store {
         ids.into_iter().rev().map(|id| self.past_cycle(id)).collect()
     }
 
-    /// The names of all panels that cycles were about.
+    /// The names of all panels in cycles.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn cycle_panels(&self) -> Result<Vec<String>, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT DISTINCT panel FROM cycles ORDER BY panel";
@@ -67,10 +67,10 @@ impl Store {
         read().map_err(|error| self.failed("read the panels of", &error))
     }
 
-    /// The last verifications of a subject that are not struck out, at most so many, the oldest first.
+    /// The last verifications of a subject that are not struck out, at most `most`, the oldest first.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn verification_points(&self, subject: &str, most: usize) -> Result<Vec<TrendPoint>, StoreError> {
         let all = self.verifications(subject)?;
         let points = all.into_iter().filter(|it| it.struck.is_none()).map(|it| TrendPoint {
@@ -85,7 +85,7 @@ impl Store {
         Ok(points)
     }
 
-    /// What a cycle did to the disc; `None` where it did nothing.
+    /// A cycle's wear of the disc; `None` if there was none.
     fn disc_in(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
         let read = || -> Result<Option<DiscWear>, rusqlite::Error> {
             if !self.connection.table_exists(None, "discs")? {

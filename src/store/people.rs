@@ -30,18 +30,18 @@ pub struct NumberedEntry {
 }
 
 impl Store {
-    /// Opens the store for rows that no cycle waits for: as its only writer, or beside the one that there is.
+    /// Opens the store for rows that no cycle waits for: as its only writer, or beside an existing writer.
     ///
     /// # Errors
-    /// Where there is no store beside a writer, or it cannot be opened.
+    /// If there is no store beside a writer, or it cannot be opened.
     pub fn for_people(folder: &Path) -> Result<Self, StoreError> {
         Store::for_one_row(folder)
     }
 
-    /// Keeps a new account or what is changed of one, together with the line of the audit trail that says so.
+    /// Stores a new account or a change of one, together with the line of the audit trail that records it.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn keep_account(&mut self, account: &Account, entry: &AuditEntry) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let (account, entry) = (self.text(account)?, self.text(&AuditEntry { unix_ms, ..entry.clone() })?);
@@ -54,10 +54,10 @@ impl Store {
         })
     }
 
-    /// Every account as it is now, by name.
+    /// Every account in its present state, by name.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn accounts(&self) -> Result<BTreeMap<String, Account>, StoreError> {
         if !self.has_table("accounts")? {
             return Ok(BTreeMap::new());
@@ -70,10 +70,10 @@ impl Store {
         rows.iter().map(account).collect()
     }
 
-    /// Keeps a line of the audit trail. Its time is set here.
+    /// Stores a line of the audit trail. Its time is set here.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn keep_audit(&mut self, entry: &AuditEntry) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let entry = self.text(&AuditEntry { unix_ms, ..entry.clone() })?;
@@ -83,10 +83,11 @@ impl Store {
         })
     }
 
-    /// At most so many lines of the audit trail, the newest first; with `before`, only lines with a lower number.
+    /// The newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines with a
+    /// lower number.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn audit(&self, before: Option<i64>, most: usize) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
@@ -96,10 +97,11 @@ impl Store {
         self.entries(sql, &[&before, &most])
     }
 
-    /// What was done, and not refused, under this name to subjects that begin so; the newest first.
+    /// The actions that were done, and not refused, under this name on subjects with this beginning; the newest
+    /// first.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn audit_about(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());

@@ -43,12 +43,13 @@ struct Ended {
 }
 
 impl Store {
-    /// Removes clips and scans of cycles that are over, as long ago as `keep` says, from the store in this folder; beside its
-    /// writer, and never while a cycle runs. What waits for a person's word (verdict review), what is on a page, and what
-    /// anything else names, stays. Each file is in the chain before it goes, so that it can be distinguished from one that is missing.
+    /// Removes clips and scans of ended cycles from the store in this folder, after the time that `keep` states;
+    /// beside its writer, and never while a cycle runs. Files stay if they wait for a person's decision (verdict
+    /// review), if they are on a page, or if another row names them. Each file is recorded in the chain before it
+    /// is removed, so that it can be distinguished from a missing one.
     ///
     /// # Errors
-    /// Where the store cannot be read or written, or a file cannot be removed.
+    /// If the store cannot be read or written, or a file cannot be removed.
     pub fn prune(folder: &Path, keep: &Keep) -> Result<Pruned, StoreError> {
         let mut pruned = Pruned::default();
         if keep.is_for_ever() {
@@ -69,10 +70,10 @@ impl Store {
         Ok(pruned)
     }
 
-    /// What was removed of a cycle; `None` where nothing was.
+    /// The files that were removed from a cycle; `None` if there were none.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn pruned_of(&self, id: CycleId) -> Result<Option<Pruned>, StoreError> {
         let sql = "SELECT count(*), coalesce(sum(bytes), 0), max(at_unix_s) FROM pruned WHERE cycle_id = ?1";
         let row = |row: &rusqlite::Row<'_>| {
@@ -84,8 +85,8 @@ impl Store {
         Ok(Some(pruned).filter(|pruned| pruned.files > 0))
     }
 
-    /// Cycles whose clips and scans are kept no longer. Days are counted to the newest cycle's end and not to today: a clock
-    /// that jumps removes nothing.
+    /// Cycles with clips and scans that are no longer kept. Days are counted to the newest cycle's end and not to
+    /// today: a clock that jumps removes nothing.
     fn due(&self, keep: &Keep) -> Result<Vec<i64>, StoreError> {
         let read = || -> Result<Vec<Ended>, rusqlite::Error> {
             let sql = "SELECT id, ended_unix_s, verdict FROM cycles WHERE verdict IS NOT NULL ORDER BY id DESC";
@@ -112,7 +113,7 @@ impl Store {
         Ok(due)
     }
 
-    /// Removes these files of a cycle, first from what is kept, then from the disk; false where a cycle runs.
+    /// Removes these files of a cycle, first from the rows, then from the disk; false if a cycle runs.
     fn prune_files(
         &mut self,
         id: i64,
@@ -120,7 +121,7 @@ impl Store {
         pruned: &mut Pruned,
     ) -> Result<bool, StoreError> {
         let blobs = self.blobs.folder().to_owned();
-        // One that is missing was not removed by us, and verification is to say so.
+        // A missing file was not removed by this program, and verification must report it.
         let there: Vec<(&String, i64)> = hashes
             .iter()
             .filter_map(|hash| Some((hash, i64::try_from(blobs.join(hash).metadata().ok()?.len()).ok()?)))
@@ -207,7 +208,7 @@ fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, Store
 /// What the list of a clip's pictures is called in a finding.
 const CLIP: &str = "clip.csv";
 
-/// The pictures of a clip, by its list; none where the list is gone.
+/// The pictures of a clip, by its list; empty if the list is missing.
 fn clip(store: &Store, hash: &str) -> Vec<String> {
     let list = store.blob(hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
     let lines = list.as_deref().unwrap_or_default().lines().skip(1);

@@ -1,7 +1,8 @@
 //! Requests: what was requested of the cell, by whom, and the reply. A row is written once, with its reply.
 //!
-//! A request that the table decides about is also in the journal, before its effects. If the program ended between the two,
-//! only the journal has it; who requested it and the reply were then not recorded, and the record says so.
+//! A request that the table decides about is also in the journal, before its effects. If the program ended between
+//! the two, only the journal has it. The person who requested it and the reply were then not recorded, and the
+//! record states this.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -21,11 +22,10 @@ pub(super) const TABLES: &str = "
 ";
 
 impl Store {
-    /// Keeps a request with its answer; `journal` is the line that the journal has of it, where it has one. The time in
-    /// it is set here.
+    /// Stores a request with its answer; `journal` is its line in the journal, if it has one. Its time is set here.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn keep_request(
         &mut self,
         asked: &RequestRecord,
@@ -44,7 +44,7 @@ impl Store {
         })
     }
 
-    /// What was asked in a cycle, in order; of lines of the journal that have no row, what they say.
+    /// The requests in a cycle, in order; for lines of the journal without a row, the content of the line.
     pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let mut asked = match self.has_table("requests")? {
             true => self.asked_by("cycle_id = ?1", "cycle_id = ?1", id)?,
@@ -75,7 +75,7 @@ impl Store {
         Ok(asked)
     }
 
-    /// What was asked between the cycle before and this one, in order.
+    /// The requests between the cycle before and this one, in order.
     pub(super) fn asked_before(&self, id: CycleId, started_unix_s: i64) -> Result<Vec<RequestRecord>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(Vec::new());

@@ -1,4 +1,4 @@
-//! The reserve: a file that is given up when the disk is full, so that the journal goes on until the cell rests.
+//! The reserve: a file that is released when the disk is full, so that the journal continues until the cell rests.
 
 use super::blobs;
 use super::error::StoreError;
@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 /// The file's name.
 pub(super) const FILE: &str = "panelprep.reserve";
-/// Its size. A line of the journal takes at most 16 kB of the database's log: the reserve is good for 2,000 lines, where a
-/// retract, a hold and a stop take less than 100.
+/// Its size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for 2,000
+/// lines, and a retract, a hold and a stop need less than 100.
 pub(super) const MB: u64 = 32;
 /// Free disk below which no program starts on a store without a reserve, MB: its journal would end before the cell rests.
 const JOURNAL_MB: u64 = 8;
@@ -28,7 +28,7 @@ impl Reserve {
         Reserve { path: store.join(FILE) }
     }
 
-    /// Takes the disk's blocks, where they are not taken yet.
+    /// Allocates the disk's blocks, if they are not allocated yet.
     pub fn take(&self) -> std::io::Result<()> {
         let bytes = MB << 20;
         let mut options = OpenOptions::new();
@@ -45,7 +45,7 @@ impl Reserve {
         taken
     }
 
-    /// Gives it up; false where there was none.
+    /// Releases the reserve; false if there was none.
     pub fn release(&self) -> bool {
         let released = fs::remove_file(&self.path).is_ok();
         if released && let Some(folder) = self.path.parent() {
@@ -59,7 +59,7 @@ impl Reserve {
     }
 }
 
-/// Whether this error says that the disk is full.
+/// Returns whether this error means that the disk is full.
 pub(super) fn is_full(error: &rusqlite::Error, folder: &Path) -> bool {
     match error.sqlite_error_code() {
         Some(ErrorCode::DiskFull) => true,

@@ -10,10 +10,10 @@ use rusqlite::Connection;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-/// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
-/// 7: requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings, acknowledgements,
-/// signatures. 9: what the office is to have.
+/// The newest schema that this program supports. 1: taught panels. 2: cycles, findings, journal, motions. 3:
+/// verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files. 7:
+/// requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings,
+/// acknowledgements, signatures. 9: the rows for the office.
 pub(super) const SCHEMA: i64 = 9;
 /// The first with a chain.
 pub(super) const CHAINED: i64 = 6;
@@ -36,8 +36,8 @@ fn read(connection: &Connection) -> Result<(i64, i64), rusqlite::Error> {
     Ok((version, entries))
 }
 
-/// A larger database is not looked at page by page when it is opened: that takes a second for each 200 MB. What is read of it
-/// is held against the chain, and `panelprep store verify` looks at all of it.
+/// A larger database is not checked page by page when it is opened: that needs a second for each 200 MB. The rows
+/// that are read are compared with the chain, and `panelprep store verify` checks the whole database.
 const CHECKED_BYTES: u64 = 64 << 20;
 
 /// SQLite's own look at every page; what it finds wrong.
@@ -61,8 +61,8 @@ pub(super) fn prepare(connection: &Connection) -> Result<(), rusqlite::Error> {
     connection.pragma_update(None, "foreign_keys", "ON")
 }
 
-/// Brings the tables up to date and takes what a store without a chain holds into one, where that is not done yet; the
-/// chain's end, where something was. Part of a transaction.
+/// Brings the tables up to date and adds the rows of a store without a chain to a chain, if that is not done yet;
+/// returns the chain's end if anything was done. Part of a transaction.
 pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, rusqlite::Error> {
     let (found, _) = read(transaction)?;
     if found == SCHEMA {
@@ -85,7 +85,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     if found < 5 {
         transaction.execute_batch(verifications::STRIKES)?;
     }
-    // Before the chain, which takes in every table.
+    // Before the chain, which includes every table.
     if found < 7 {
         transaction.execute_batch(requests::TABLES)?;
         transaction.execute_batch(contacts::TABLES)?;

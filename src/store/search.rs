@@ -24,7 +24,7 @@ impl Conditions {
         }
     }
 
-    /// A name in which `*` stands for any characters.
+    /// A name in which `*` matches any characters.
     fn name(&mut self, column: &str, name: Option<&String>) {
         let Some(name) = name else { return };
         if name.contains('*') {
@@ -59,7 +59,7 @@ impl Conditions {
     }
 }
 
-/// As it stands inside of LIKE.
+/// The text in the form for use inside LIKE.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_")
 }
@@ -67,7 +67,7 @@ fn escaped(text: &str) -> String {
 /// Whether the path was run in the air: it was moved so …
 const MOVED_IN_AIR: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
-/// … or asked for so, which stores of earlier programs do not tell.
+/// … or requested so, which stores of earlier programs do not record.
 const ASKED_FOR_AIR: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
     AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
 
@@ -75,7 +75,7 @@ impl Store {
     /// Searches the cycles, the newest first.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn search(&self, query: &Query) -> Result<Hits, StoreError> {
         self.with_parts()?;
         let read = |error: rusqlite::Error| self.failed("search the cycles of", &error);
@@ -88,7 +88,7 @@ impl Store {
              FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
              WHERE {condition} ORDER BY cycles.id DESC LIMIT ?"
         );
-        // One more says whether there is another page.
+        // One additional row shows whether there is another page.
         values.push(Value::Integer(query.page_size() as i64 + 1));
         let mut statement = self.connection.prepare_cached(&sql).map_err(read)?;
         let rows = statement.query_map(params_from_iter(values), columns).map_err(read)?;
@@ -100,10 +100,10 @@ impl Store {
         Ok(Hits { hits, next })
     }
 
-    /// How many cycles ended with each verdict, without runs in the air.
+    /// The number of cycles that ended with each verdict, without runs in the air.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn verdict_counts(&self) -> Result<Vec<(Verdict, u32)>, StoreError> {
         let asked = if self.has_table("requests")? { ASKED_FOR_AIR } else { "FALSE" };
         let sql = format!(

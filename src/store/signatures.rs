@@ -1,8 +1,10 @@
-//! Signatures: the cell's statement of each cycle that is over, and what persons state of it; each is kept, none is changed.
+//! Signatures: the cell's statement about each cycle that is over, and persons' statements about it; each is kept,
+//! none is changed.
 //!
-//! A statement is a file under its SHA-256, as every other one, and the row that names it comes last, in one transaction: no
-//! statement is ever half signed. Which statement comes before is read first and held against the table once more inside of the
-//! transaction, so that the loop's journal never waits for a file of the record to reach the disk.
+//! A statement is a file under its SHA-256, as every other one, and the row that names it comes last, in one
+//! transaction: no statement is ever half signed. The preceding statement is read first and compared with the table
+//! once more inside of the transaction. The loop's journal therefore never waits for a file of the record to reach
+//! the disk.
 
 use super::chain;
 use super::commit::Writing;
@@ -34,7 +36,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX signatures_by_cycle ON signatures (cycle_id);
 ";
 
-/// How often signing begins anew where another process signed meanwhile.
+/// The most attempts to sign if another process signs meanwhile.
 const ATTEMPTS: usize = 10;
 /// The longest name, user or remark, in characters.
 const MOST_CHARACTERS: usize = 200;
@@ -42,10 +44,10 @@ const MOST_CHARACTERS: usize = 200;
 const OF_CYCLE: &str = "cycle";
 const OF_PERSON: &str = "person";
 
-/// What a person signs. Whoever calls has recognized the person, by a password or otherwise.
+/// A person's signature request. The caller has recognized the person, by a password or otherwise.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PersonSigns {
-    /// The cycle whose record is signed.
+    /// The cycle with the record to sign.
     pub cycle: CycleId,
     /// The person's printed name.
     pub name: String,
@@ -104,11 +106,11 @@ fn last(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
 }
 
 impl Store {
-    /// Signs every cycle that is over and is not signed yet, in order, in the store in this folder, also while a service
-    /// writes to it. Each is told by `told`; one that cannot be signed does not keep the others.
+    /// Signs every cycle that is over and is not signed yet, in order, in the store in this folder, also while a
+    /// service writes to it. `told` is called for each; one that cannot be signed does not stop the others.
     ///
     /// # Errors
-    /// Where the store cannot be opened, or its signatures cannot be read.
+    /// If the store cannot be opened, or its signatures cannot be read.
     pub fn sign_missing(
         folder: &Path,
         key: &CellKey,
@@ -124,17 +126,17 @@ impl Store {
         Ok(())
     }
 
-    /// Signs the record of a cycle as this person, in the store in this folder, also while a service writes to it. The
-    /// signature is a statement of its own on the cell's chain, which names the hash of the cell's statement; where the
-    /// cell has not signed the cycle yet, it does so first.
+    /// Signs the record of a cycle as this person, in the store in this folder, also while a service writes to it.
+    /// The signature is a separate statement on the cell's chain, which names the hash of the cell's statement; if
+    /// the cell has not signed the cycle yet, it does so first.
     ///
     /// # Errors
-    /// Where there is no such cycle or it is not over, a text cannot be printed as it stands, the person has signed this
+    /// If there is no such cycle or it is not over, a text cannot be printed as given, the person has signed this
     /// record with this meaning already, or the store cannot be written.
     pub fn sign_as(folder: &Path, key: &CellKey, signs: &PersonSigns) -> Result<SignatureRow, StoreError> {
         let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
         for (what, text) in texts {
-            // What stands under a signature is printed.
+            // The texts of a signature are printed.
             let Some(text) = text else { continue };
             printable(text, MOST_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
@@ -155,7 +157,7 @@ impl Store {
     /// Signs a cycle that is over, as the cell.
     ///
     /// # Errors
-    /// Where there is no such cycle, it is not over, or the store cannot be written.
+    /// If there is no such cycle, it is not over, or the store cannot be written.
     pub fn sign_cycle(&mut self, key: &CellKey, id: CycleId) -> Result<SignatureRow, StoreError> {
         let says = self.cycle_to_sign(id)?;
         self.sign(key, &Said::Cycle(says))
@@ -184,7 +186,7 @@ impl Store {
         Err(StoreError::SignedMeanwhile { path: self.path().to_owned() })
     }
 
-    /// `None` where another process has signed meanwhile.
+    /// `None` if another process has signed meanwhile.
     fn attempt_to_sign(&mut self, key: &CellKey, says: &Said) -> Result<Option<SignatureRow>, StoreError> {
         let read = |store: &Store, error: rusqlite::Error| store.failed("read the signatures of", &error);
         let (before, previous) = last(&self.connection).map_err(|error| read(self, error))?;
@@ -224,7 +226,7 @@ impl Store {
     /// All signatures of the cell, in order; a store of an earlier program has none.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn signatures(&self) -> Result<Vec<SignatureRow>, StoreError> {
         self.signatures_where("?1 IS NULL", None)
     }
@@ -232,15 +234,15 @@ impl Store {
     /// The signatures of a cycle, in order: the cell's first, then persons'.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn signatures_of(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
         self.signatures_where("cycle_id = ?1", Some(id.0))
     }
 
-    /// The first one after this number, and how many there are after it.
+    /// The first signature after this number, and the number of signatures after it.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn signature_after(&self, number: u64) -> Result<Option<(SignatureRow, u64)>, StoreError> {
         let number = Some(i64::try_from(number).unwrap_or(i64::MAX));
         let first = "id = (SELECT min(id) FROM signatures WHERE id > ?1)";
@@ -251,10 +253,10 @@ impl Store {
         Ok(Some((first, count.unsigned_abs())))
     }
 
-    /// What persons have signed of a cycle, in order, each with the time, ms since 1970.
+    /// The persons' signatures of a cycle, in order, each with the time, ms since 1970.
     ///
     /// # Errors
-    /// Where it cannot be read, or a statement is damaged.
+    /// If it cannot be read, or a statement is damaged.
     pub fn signed_by_persons(&self, id: CycleId) -> Result<Vec<(i64, PersonSignature)>, StoreError> {
         let mut persons = Vec::new();
         for row in self.signatures_of(id)?.into_iter().filter(|row| row.is_of_person) {
@@ -267,10 +269,10 @@ impl Store {
         Ok(persons)
     }
 
-    /// The head of the chain of signatures as it is now, in canonical form, with its signature.
+    /// The present head of the chain of signatures, in canonical form, with its signature.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If it cannot be read.
     pub fn signed_head(&self, key: &CellKey) -> Result<(SignedHead, Vec<u8>, [u8; 64]), StoreError> {
         let row = self.signatures()?.pop();
         let head = SignedHead {

@@ -1,5 +1,6 @@
-//! Verifies the signatures of a store: each by its key, all by their chain, and what was signed against what the rows say
-//! now. Rows that were changed together with the store's own chain and head contradict what was signed of them.
+//! Verifies the signatures of a store: each by its key, all by their chain, and the signed records against the
+//! present rows. Rows that were changed together with the store's own chain and head contradict their signed
+//! records.
 
 use super::database::Store;
 use super::signatures::SignatureRow;
@@ -28,7 +29,7 @@ impl Store {
         let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::of_hex(hex).ok()).collect();
         let checked = signing::verify(&all, &keys, None);
         verified.found.extend(checked.found);
-        // Of the first ones it is told below.
+        // The first ones are reported below.
         verified.found.extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing));
         for (number, (statement, _)) in &checked.statements {
             verified.found.extend(self.contradicts(*number, statement));
@@ -46,7 +47,7 @@ impl Store {
         verified.keys = keys.iter().map(PublicKey::hex).collect();
     }
 
-    /// What the rows now say otherwise than a statement.
+    /// The contradictions between the present rows and a statement.
     fn contradicts(&self, number: u64, statement: &Statement) -> Vec<String> {
         let mut found = Vec::new();
         let place = &statement.store;

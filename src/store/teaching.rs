@@ -42,13 +42,13 @@ pub struct Teaching {
     pub recipe_text: String,
     /// Intrinsic parameters of the 3D camera.
     pub scanner_calibration_text: String,
-    /// Where the 3D camera stands.
+    /// The 3D camera's pose.
     pub base_from_camera_text: String,
     /// The corners, in the order they were given.
     pub corners: Vec<TaughtCorner>,
     /// Intrinsic parameters of the flange camera.
     pub flange_camera_text: String,
-    /// Where the flange camera sits.
+    /// The flange camera's mounting.
     pub flange_from_camera_text: String,
 }
 
@@ -57,7 +57,7 @@ pub struct Teaching {
 pub struct TaughtCorner {
     /// The picture of the flange camera, as a file.
     pub picture: Vec<u8>,
-    /// Where the flange was.
+    /// The flange's pose.
     pub base_from_flange: KukaPose,
 }
 
@@ -91,10 +91,11 @@ impl Record {
 }
 
 impl Store {
-    /// Keeps a teaching as the panel's latest and answers its version. The same content has the same version.
+    /// Stores a teaching as the panel's latest and returns its version. The same content has the same version.
     ///
     /// # Errors
-    /// Where the store is open for reading, a flange pose is not finite, or files or database cannot be written; then no panel was changed.
+    /// If the store is open for reading, a flange pose is not finite, or files or database cannot be written; then
+    /// no panel was changed.
     pub fn teach(&mut self, teaching: &Teaching) -> Result<String, StoreError> {
         if let Some(corner) = teaching.corners.iter().position(|corner| !corner.base_from_flange.is_finite()) {
             return Err(StoreError::Pose { corner: corner + 1 });
@@ -119,10 +120,10 @@ impl Store {
         Ok(version)
     }
 
-    /// A panel as it was taught: the version asked for, else the latest. Every part is checked against its hash.
+    /// A panel as it was taught: the requested version, else the latest. Every part is checked against its hash.
     ///
     /// # Errors
-    /// Where there is no such panel or version, or a part of it is damaged.
+    /// If there is no such panel or version, or a part of it is damaged.
     pub fn taught(&self, name: &str, version: Option<&str>) -> Result<Taught, StoreError> {
         let found = self.record(name, version).map_err(|error| self.failed("read", &error))?;
         let Some((stored_version, taught_at_unix_s, record)) = found else {
@@ -162,10 +163,10 @@ impl Store {
         Ok(Taught { version: stored_version, taught_at_unix_s, teaching })
     }
 
-    /// The names of all panels that were taught, in the order of the alphabet.
+    /// The names of all taught panels, in alphabetical order.
     ///
     /// # Errors
-    /// Where they cannot be read.
+    /// If they cannot be read.
     pub fn panels(&self) -> Result<Vec<String>, StoreError> {
         self.names().map_err(|error| self.failed("read", &error))
     }

@@ -1,8 +1,8 @@
-//! Whose turn it is to write to a store, among the threads of this process: first come, first served.
+//! The order of writing to a store among the threads of this process: first come, first served.
 //!
-//! A lock of the file system knows no order: whoever asks again at once takes it again. So a page that keeps a line for each refused
-//! request could hold up the loop, whose stop goes on the journal before it is done. Between processes the lock of the head's file
-//! decides, as before.
+//! A lock of the file system has no order: a thread that requests it again at once gets it again. A page that
+//! writes a line for each refused request could therefore hold up the loop, which writes a stop to the journal
+//! before it is done. Between processes the lock of the head's file decides, as before.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -90,7 +90,7 @@ mod tests {
         }
     }
 
-    /// Whoever has had a turn and asks again at once comes behind all who wait.
+    /// A thread that has had a turn and requests another at once comes after all waiting threads.
     #[test]
     fn who_comes_first_is_served_first() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -42,23 +42,24 @@ pub fn calibration_hash(texts: &[&str]) -> String {
 }
 
 impl Store {
-    /// Keeps a verification in the store in this folder, also while a service writes to it: one row in a transaction of
-    /// its own, for which SQLite makes either wait for the other. A store that is missing or of an earlier program is
-    /// made, as its only writer. The verification's number comes with the store.
+    /// Stores a verification in the store in this folder, also while a service writes to it. It is one row in a
+    /// separate transaction; SQLite makes the two writers wait for each other. A missing store is created and an
+    /// earlier program's is brought up to date, as its only writer. The verification's number is returned with the
+    /// store.
     ///
     /// # Errors
-    /// Where the store cannot be opened or written, or a number is not finite.
+    /// If the store cannot be opened or written, or a number is not finite.
     pub fn keep_verification_in(folder: &Path, verification: &Verification) -> Result<(Self, i64), StoreError> {
         let mut store = Store::for_one_row(folder)?;
         let number = store.insert_verification(verification)?;
         Ok((store, number))
     }
 
-    /// Strikes out the verification with this number in the store in this folder, also while a service writes to it. It
-    /// stays where it is, with who struck it out and why.
+    /// Strikes out the verification with this number in the store in this folder, also while a service writes to
+    /// it. It stays in its place, with the person who struck it out and the reason.
     ///
     /// # Errors
-    /// Where the store cannot be opened or written, has no such verification, or it is struck out already.
+    /// If the store cannot be opened or written, has no such verification, or it is struck out already.
     pub fn strike_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
         // A mistyped folder must not become a store.
         drop(Store::open(folder)?);
@@ -104,10 +105,10 @@ impl Store {
         Ok(store)
     }
 
-    /// Keeps a verification.
+    /// Stores a verification.
     ///
     /// # Errors
-    /// Where the store is open for reading or cannot be written, or a number is not finite.
+    /// If the store is open for reading or cannot be written, or a number is not finite.
     pub fn keep_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
         self.writable()?;
         self.insert_verification(verification).map(drop)
@@ -137,10 +138,10 @@ impl Store {
         })
     }
 
-    /// All verifications of a subject, in the order in which they were kept.
+    /// All verifications of a subject, in the order in which they were stored.
     ///
     /// # Errors
-    /// Where they cannot be read; a store of an earlier program has none, and says so.
+    /// If they cannot be read; a store of an earlier program has none, and the error states this.
     pub fn verifications(&self, subject: &str) -> Result<Vec<Verification>, StoreError> {
         let all = self.verification_history()?.into_iter();
         Ok(all.map(|(_, verification)| verification).filter(|it| it.subject == subject).collect())
@@ -190,7 +191,7 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// The newest verification of a subject, struck out or not; `None` where it was never verified.
+    /// The newest verification of a subject, struck out or not; `None` if it was never verified.
     ///
     /// # Errors
     /// As [`Store::verifications`].

@@ -26,7 +26,7 @@ pub struct Verified {
     pub links: u64,
     /// Files that were read and are whole.
     pub files: u64,
-    /// Files that the service removed, as `[store] keep` says.
+    /// Files that the service removed, according to `[store] keep`.
     pub pruned: u64,
     /// Signatures of the cell and of persons; they are looked at with the files.
     pub signatures: u64,
@@ -61,10 +61,11 @@ impl Store {
     /// Verifies the store in this folder, also while a service writes to it.
     ///
     /// # Errors
-    /// Where there is no store, it is an earlier program's, or its database cannot be opened at all. What cannot be read in it is found, not an error.
+    /// If there is no store, it is an earlier program's, or its database cannot be opened at all. Unreadable
+    /// content is a finding, not an error.
     pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
         let path = folder.join(DATABASE);
-        // Before a connection is open: closing a file takes the locks of one along.
+        // Before a connection is open: closing a file also releases the locks of a connection.
         let log = std::fs::metadata(log_of(&path)).map_or(0, |log| log.len());
         let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
@@ -167,7 +168,7 @@ impl Store {
         }
     }
 
-    /// Whether the journal says that somebody must look at a change of the store.
+    /// Returns whether the journal states that a person must look at a change of the store.
     fn waits_for_a_person(&self) -> bool {
         use crate::cycle::{At, Cause};
         self.state().is_ok_and(|state| {
@@ -346,7 +347,7 @@ impl Walk {
         Ok(())
     }
 
-    /// All of it in words; neighbouring rows together.
+    /// All findings in words; neighbouring rows together.
     fn words(mut self) -> Vec<String> {
         let mut told = Vec::new();
         let exchanged: Vec<(&str, i64, i64)> = self

@@ -24,7 +24,7 @@ pub enum SurfaceError {
     ControlCount {
         /// Control points found.
         found: usize,
-        /// Control points that the knots ask for.
+        /// Control points that the knots need.
         needed: usize,
     },
     /// The side that the camera saw cannot be determined.
@@ -46,11 +46,11 @@ pub struct BSplineSurface {
 }
 
 impl BSplineSurface {
-    /// A surface from knots along u and v and its control net, v running fastest. `viewer` is where the camera
-    /// stood: normals point to its side.
+    /// A surface from knots along u and v and its control net, v running fastest. `viewer` is the camera's
+    /// position: normals point to its side.
     ///
     /// # Errors
-    /// Where the counts differ, or the surface shows its edge to the viewer.
+    /// If the counts differ, or the surface shows its edge to the viewer.
     pub fn new(
         [knots_u, knots_v]: [KnotVector; 2],
         controls: Vec<Point<Panel>>,
@@ -97,7 +97,7 @@ impl BSplineSurface {
         &self.controls
     }
 
-    /// The parameters u and v for which the surface was made; beyond them its border polynomials go on.
+    /// The parameters u and v for which the surface was made; beyond them its border polynomials continue.
     pub fn domain(&self) -> [RangeInclusive<f64>; 2] {
         [self.knots_u.domain(), self.knots_v.domain()]
     }
@@ -161,8 +161,8 @@ impl BSplineSurface {
         }
     }
 
-    /// Principal curvatures, 1/mm, the larger one first; positive where the surface bends away from the camera's side,
-    /// as a ball does that is seen from outside. `None` where there is no normal.
+    /// Principal curvatures, 1/mm, the larger one first; positive if the surface bends away from the camera's side,
+    /// as a ball does that is seen from outside. `None` if there is no normal.
     pub fn principal_curvatures(&self, there: &Derivatives) -> Option<[f64; 2]> {
         let normal = self.normal_of(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
@@ -175,7 +175,7 @@ impl BSplineSurface {
         Some([mean + half_gap, mean - half_gap])
     }
 
-    /// The unit normal, towards the side that the camera saw; `None` where S_u and S_v are parallel.
+    /// The unit normal, towards the side that the camera saw; `None` if S_u and S_v are parallel.
     pub fn normal(&self, at: Parameter) -> Option<Vector<Panel>> {
         self.normal_of(&self.tangents(at))
     }

@@ -5,9 +5,9 @@ use crate::geometry::{Panel, Point, Vector};
 /// A place on a surface by its parameters; no unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Along the columns of the region, 0…1 inside of it.
+    /// Along the columns of the region, 0…1 inside the region.
     pub u: f64,
-    /// Along the rows of the region, 0…1 inside of it.
+    /// Along the rows of the region, 0…1 inside the region.
     pub v: f64,
 }
 
@@ -23,7 +23,7 @@ pub struct Tangents {
 }
 
 impl Tangents {
-    /// |S_u × S_v|: the surface that a unit of u and v stands for, mm².
+    /// |S_u × S_v|: the surface area for a unit of u and v, mm².
     pub fn area_mm2(&self) -> f64 {
         self.s_u.mm.cross(&self.s_v.mm).norm()
     }

@@ -1,10 +1,10 @@
-//! What the disc did to the surface: for each square millimetre how long it was under the disc, and how often.
+//! The disc's effect on the surface: for each square millimetre, how long and how often it was under the disc.
 //!
-//! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm; each step adds its time to the samples
-//! within the disc's radius of it, and a step that is not the one after the last there begins another pass. The path is
-//! one of poses, planned or as the robot reported them, so what was executed is judged the same way. A pose meant to be
-//! in contact is so where its point lies no higher than a millimetre above the surface. The disc is taken as wholly in
-//! contact: a compliant pad.
+//! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm. Each step adds its time to the
+//! samples within the disc's radius. If a sample's last step was not the preceding one, another pass begins there.
+//! The path consists of poses, planned or as the robot reported them, so the executed path is judged the same way.
+//! A pose meant to be in contact is in contact if its point lies no higher than a millimetre above the surface. The
+//! disc is assumed to be wholly in contact: a compliant pad.
 
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 /// Distance between samples, and of the steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
-/// A disc whose point is higher above the surface than this does not touch it, mm.
+/// A disc with its point higher above the surface than this does not touch it, mm.
 pub const CONTACT_MM: f64 = 1.0;
 /// Steps of the search for the place on the surface below a point.
 const FOOT_STEPS: usize = 12;
@@ -65,7 +65,7 @@ impl GridDwell {
         self.share_of(|passes| passes > 0)
     }
 
-    /// How even the time under the disc is; `None` where it reached nothing.
+    /// How even the time under the disc is; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<Spread> {
         Spread::of(self.times())
     }
@@ -155,7 +155,7 @@ fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec
             if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
                 continue;
             }
-            // Each end stands for half a step.
+            // Each end counts as half a step.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
             // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
             let lengths = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
@@ -167,7 +167,7 @@ fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec
     steps
 }
 
-/// The place on the surface below or above a point, by Gauss and Newton; `None` where there is none nearby.
+/// The place on the surface below or above a point, by Gauss and Newton; `None` if there is none nearby.
 pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
     let mut at = guess;
     for _ in 0..FOOT_STEPS {
@@ -233,7 +233,7 @@ impl Dwell {
         covered / all
     }
 
-    /// How even the time under the disc is over all of them; `None` where it reached nothing.
+    /// How even the time under the disc is over all of them; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<Spread> {
         Spread::of(self.grids.iter().flat_map(GridDwell::times))
     }

@@ -1,12 +1,12 @@
-//! The normal equations of the fit, and the smoothing that the noise asks for.
+//! The normal equations of the fit, and the smoothing that the noise requires.
 //!
 //! With weights w_q and basis functions N_n = N_i(u) N_j(v) of the control points c_n,
 //!     (A + λ P) c = b,   A_nm = Σ_q w_q N_n N_m,   b_n = Σ_q w_q N_n P_q,                              (1)
-//! P the sum of squared second differences of neighbouring control points over their Greville abscissae, along u and
-//! along v: zero for a flat net. λ is the one with the least unbiased estimate of the risk for noise σ,
+//! P the sum of squared second differences of neighbouring control points over their Greville abscissae, along u
+//! and along v: zero for a flat net. λ is the one with the least unbiased estimate of the risk for noise σ,
 //!     R(λ) = Σ_q w_q |S(u_q, v_q) − P_q|² + 2 σ² tr (A + λ P)⁻¹ A,                                      (2)
-//! searched in decades. The noise lies along the rays alone, hence one trace for three coordinates.
-//! Source of (2): Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
+//! searched in decades. The noise lies along the rays alone, hence one trace for three coordinates. Source of (2):
+//! Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
 
 use super::banded::BandMatrix;
 use super::samples::{Sample, Samples};
@@ -94,7 +94,7 @@ impl Equations {
         Ok(self.solve(*DECADES.start(), 0.0)?.0)
     }
 
-    /// The solution with the smoothing that noise of `noise_mm` asks for.
+    /// The solution with the smoothing that noise of `noise_mm` requires.
     pub fn smoothed(&self, noise_mm: f64) -> Result<Solution, usize> {
         let mut best = self.solve(*DECADES.start(), noise_mm)?;
         for decade in DECADES.skip(1) {

@@ -41,13 +41,13 @@ pub enum FitError {
         /// Side allowed, mm.
         limit_mm: f64,
     },
-    /// The thesis's way needs a point where there is none.
+    /// The thesis's method needs a point at a place without one.
     #[error(
         "the scan has no point at ({:.0}, {:.0}) px to be a control point; scan again, or set [surface] method = \
          \"least-squares\"", at.u, at.v
     )]
     NoControlPoint {
-        /// Where, in the taught picture.
+        /// The place, in the taught picture.
         at: Pixel,
     },
     /// Too much is missing.
@@ -70,7 +70,7 @@ pub enum FitError {
     /// The surface turns its back to the camera.
     #[error("the surface folds at ({:.0}, {:.0}) px: its normal turns away from the camera", at.u, at.v)]
     Fold {
-        /// Where, in the taught picture.
+        /// The place, in the taught picture.
         at: Pixel,
     },
     /// The deviation is too large.
@@ -96,8 +96,8 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// The number that the scan does not keep, with its limit, and the rejection that follows; where no number is at fault, the
-    /// rejection alone.
+    /// The number that the scan does not meet, with its limit, and the rejection that follows; if no number is at
+    /// fault, the rejection alone.
     pub fn check(&self) -> Check {
         let rejects = |check: Check| check.broken(true, Severity::Reject, "no_surface", || self.to_string());
         let recipe = SetBy::recipe;

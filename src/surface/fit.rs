@@ -1,16 +1,16 @@
 //! The surface of a taught region, with its deviation.
 //!
-//! Minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), P_q the scan's points, smoothed as the
-//! noise asks for (`equations`). A point bears on the (k + 1)(l + 1) control points of its span alone, so the normal
-//! equations are banded. They are summed band by band of the picture and folded in order: the result is the same for
-//! any number of threads. With r_q the deviation along the normal and σ = 1.4826 · median |r|, points have Tukey's
-//! weights
+//! Minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), P_q the scan's points, smoothed as
+//! the noise requires (`equations`). A point affects only the (k + 1)(l + 1) control points of its span, so the
+//! normal equations are banded. They are summed band by band of the picture and folded in order: the result is the
+//! same for any number of threads. With r_q the deviation along the normal and σ = 1.4826 · median |r|, points have
+//! Tukey's weights
 //!     w = (1 − (r / c)²)² for |r| < c = 4.685 σ, else 0,
-//! after a first fit with w = 1, and again until σ settles: flying points lose their say. A point of weight 0 counts as
-//! missing. The white noise is told from second differences of r between neighbouring pixels, which no smooth misfit
-//! and no slow error of the camera enters. Where points are missing nothing is invented: a hole larger than the recipe
-//! allows is an error, and so are a fold and a poor fit.
-//! Source of the weights: Beaton & Tukey, Technometrics 16(2), 1974.
+//! after a first fit with w = 1, and again until σ settles: flying points lose their influence. A point of weight 0
+//! counts as missing. The white noise is derived from second differences of r between neighbouring pixels, which no
+//! smooth misfit and no slow error of the camera affects. Missing points are not invented: a hole larger than the
+//! recipe allows is an error, and so are a fold and a poor fit. Source of the weights: Beaton & Tukey,
+//! Technometrics 16(2), 1974.
 
 use super::bspline::BSplineSurface;
 use super::equations::{Equations, Solution};
@@ -48,7 +48,7 @@ pub struct Deviation {
     pub largest_mm: f64,
     /// The scan's white noise along the normal, σ, mm: what `rms_mm` would be of a perfect surface.
     pub noise_mm: f64,
-    /// The smoothing λ that this noise asked for, relative to the data; 0 in the thesis's way.
+    /// The smoothing λ that this noise required, relative to the data; 0 in the thesis's method.
     pub smoothing: f64,
     /// Pixels of the region without a point, or with a rejected one, percent.
     pub missing_percent: f64,
@@ -67,7 +67,7 @@ pub struct Fit {
     pub map: DeviationMap,
 }
 
-/// A fit that is refused, with the picture that says where.
+/// A refused fit, with the picture that shows the place.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{error}")]
 pub struct Refusal {
@@ -80,7 +80,7 @@ pub struct Refusal {
 /// Fits the surface of the panel's region.
 ///
 /// # Errors
-/// Where the scan has holes, does not determine the surface, or deviates from it by more than the recipe allows.
+/// If the scan has holes, does not determine the surface, or deviates from it by more than the recipe allows.
 pub fn fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, FitError> {
     examine(panel, settings).map_err(|refusal| refusal.error)
 }
@@ -234,7 +234,7 @@ impl FitInputs<'_> {
         if size_mm > limit_mm { Err(FitError::Hole { at, size_mm, limit_mm }) } else { Ok(()) }
     }
 
-    /// What is there, pixel by pixel; with residuals, how far it lies from the surface.
+    /// The state of each pixel; with residuals, also its distance from the surface.
     fn map(&self, residuals: Option<(&[Vec<f64>], f64)>) -> DeviationMap {
         let samples = self.samples;
         let of_pixel = |inside: &bool| if *inside { MapPixel::Missing } else { MapPixel::Outside };

@@ -1,4 +1,5 @@
-//! The deviation of a fit as a map: where the scan lies in front of the surface, where behind it, and where points are missing.
+//! The deviation of a fit as a map: where the scan lies in front of the surface or behind it, and where points are
+//! missing.
 
 use super::derivatives::Parameter;
 use super::samples::Window;
@@ -6,14 +7,14 @@ use crate::geometry::{Pixel, Raster};
 use crate::panel::Region;
 use nalgebra::Point2;
 
-/// What one pixel of the taught picture says.
+/// The state of one pixel of the taught picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MapPixel {
     /// Outside of the region.
     Outside,
     /// No point of the panel.
     Missing,
-    /// A point that has no say.
+    /// A point that does not count.
     Rejected {
         /// How far in front of the surface, mm.
         mm: f32,
@@ -47,7 +48,7 @@ impl Holes {
         Holes { region: region.clone(), window: Window { columns: 0..0, rows: 0..0 }, is_over: Vec::new() }
     }
 
-    /// Is there no panel at this place?
+    /// Does the panel have a hole at this place?
     pub fn holds(&self, at: Parameter) -> bool {
         let pixel = self.region.pixel(Point2::new(at.u, at.v));
         let (column, row) = (pixel.u.round(), pixel.v.round());
@@ -69,12 +70,12 @@ impl DeviationMap {
         self.window.width()
     }
 
-    /// What each pixel says, row by row.
+    /// The state of each pixel, row by row.
     pub fn pixels(&self) -> &[MapPixel] {
         &self.pixels
     }
 
-    /// The same pixels of the region with what this says of each.
+    /// The same pixels of the region with the state that `says` returns for each.
     pub(super) fn filled(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
         let one = |(index, pixel): (usize, &MapPixel)| match pixel {
             MapPixel::Outside => MapPixel::Outside,
@@ -88,8 +89,8 @@ impl DeviationMap {
         self.mm_per_px
     }
 
-    /// Side, px, and middle of the largest square of the region in which no pixel has a point in the fit; 0 where there
-    /// is none.
+    /// Side, px, and middle of the largest square of the region in which no pixel has a point in the fit; 0 if
+    /// there is none.
     pub(super) fn largest_hole(&self) -> (usize, Pixel) {
         let squares = self.squares();
         let largest = squares.iter().enumerate().fold(
@@ -132,7 +133,7 @@ impl DeviationMap {
 mod tests {
     use super::*;
 
-    /// By hand: in 6 × 5 pixels a hole of 3 × 2 whose other pixel is rejected; the largest square is 2 × 2 and the
+    /// By hand: in 6 × 5 pixels a hole of 3 × 2 that contains a rejected pixel; the largest square is 2 × 2 and the
     /// corner at (4, 2) makes a second one.
     #[test]
     fn the_largest_hole_is_a_square_of_missing_and_rejected_pixels() {

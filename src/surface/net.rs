@@ -30,7 +30,7 @@ impl Net {
         self.columns * self.rows
     }
 
-    /// Where a place is; they are counted row by row.
+    /// The parameters of a place; places are counted row by row.
     pub fn at(&self, place: usize) -> Parameter {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
         self.patch.at(Parameter {
@@ -39,7 +39,8 @@ impl Net {
         })
     }
 
-    /// The area of the parameters that each place stands for: times the surface's area at the place it is that in mm².
+    /// The area of the parameters for each place. Multiplied by the surface's area at the place, it gives the area
+    /// in mm².
     pub fn cell(&self) -> f64 {
         let [size_u, size_v] = sizes(self.patch);
         size_u * size_v / self.count() as f64
@@ -82,8 +83,8 @@ mod tests {
         BSplineSurface::new([knots(), knots()], controls, Point::at(0.0, 0.0, 500.0)).expect("a surface")
     }
 
-    /// By hand: the upper left quarter, 50 by 30 mm, in places of at most 11 mm has 5 columns and 3 rows, the first one at (5, 5) mm.
-    /// Each stands for 100 mm², which are 100/6000 of the parameters' square.
+    /// By hand: the upper left quarter, 50 by 30 mm, in places of at most 11 mm has 5 columns and 3 rows, the first
+    /// one at (5, 5) mm. Each has an area of 100 mm², which is 100/6000 of the parameters' square.
     #[test]
     fn places_are_spread_evenly() {
         let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };

@@ -14,7 +14,7 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// The patch of one grid; `None` where the region has no such grid.
+    /// The patch of one grid; `None` if the region has no such grid.
     pub fn of_grid(region: &Region, id: GridId) -> Option<Self> {
         let known = (1..=region.rows).contains(&id.row) && (1..=region.columns).contains(&id.column);
         known.then(|| {

@@ -1,8 +1,8 @@
-//! The taught pixels that a surface is fitted to, each with its knot span.
+//! The taught pixels for the fit of a surface, each with its knot span.
 //!
 //! A pixel's position in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along
-//! its ray and therefore does not change its parameter. The knots begin slightly outside of the region: points beyond its
-//! border, where there are any, support the surface's edge as well as its middle.
+//! its ray and therefore does not change its parameter. The knots begin slightly outside of the region: points
+//! beyond its border, if there are any, support the surface's edge as well as its middle.
 
 use super::derivatives::Parameter;
 use super::error::FitError;
@@ -127,7 +127,7 @@ impl Samples {
         }
     }
 
-    /// Where a sample lies on the surface.
+    /// The place of a sample on the surface.
     pub fn place(&self, sample: &Sample) -> Parameter {
         let [span_u, span_v] = self.spans(sample.cell as usize);
         let along = |functions: &SpanFunctions, share: f64| functions.start + functions.length * share;

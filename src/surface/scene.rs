@@ -121,8 +121,8 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
     TaughtPanel::learn(&cloud, LENS, base_from_camera, recipe).unwrap_or_else(|e| panic!("{e}"))
 }
 
-// What a pixel shows where the surface is folded: back by half a pixel for each in the band, forth again on both sides of
-// it, so that no neighbours are far from each other.
+// The point that a pixel shows where the surface is folded: backwards by half a pixel for each pixel in the band,
+// and forwards again on both sides of the band, so that no neighbours are far from each other.
 fn folded(pixel: Pixel, fold_px: f64) -> Pixel {
     let from_middle = pixel.u - LENS.cx_px;
     let (size, side) = (from_middle.abs(), from_middle.signum());

@@ -1,8 +1,8 @@
 //! A surface as one polynomial for each pair of spans: the quick form.
 //!
-//! With N_r(t) = Σ_k c_rk t^k on a span (`basis`), Eq. 4.12 becomes S = Σ_kl a_kl s^k t^l, a_kl = Σ_ij c_ik c_jl p_ij:
-//! two Horner schemes without a division, 25 ns for a point with five derivatives. x, y, z and an idle fourth number
-//! stand side by side, as a processor adds them. Serves degrees up to 3.
+//! With N_r(t) = Σ_k c_rk t^k on a span (`basis`), Eq. 4.12 becomes S = Σ_kl a_kl s^k t^l, a_kl = Σ_ij c_ik c_jl
+//! p_ij: two Horner schemes without a division, 25 ns for a point with five derivatives. x, y, z and an unused
+//! fourth number are stored side by side, as a processor adds them. Supports degrees up to 3.
 
 use super::derivatives::{Derivatives, Parameter, Tangents};
 use crate::geometry::basis::{KnotVector, SpanFunctions};

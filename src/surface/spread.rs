@@ -15,7 +15,7 @@ impl ByArea {
         ByArea(sorted)
     }
 
-    /// The number that this share of the area has at most; `None` where there is no number.
+    /// The number that this share of the area has at most; `None` if there is no number.
     pub fn at(&self, share: f64) -> Option<f64> {
         let mut left = share * self.0.iter().map(|(_, area)| area).sum::<f64>();
         let found = self.0.iter().find(|(_, area)| {
@@ -27,8 +27,8 @@ impl ByArea {
     }
 }
 
-/// The time under the disc that 5 % of the treated area has at most, and 95 %. Treated is what the disc reaches; what it
-/// leaves out the coverage tells.
+/// The time under the disc that 5 % of the treated area has at most, and 95 %. The treated area is the area that
+/// the disc reaches; the coverage reports the rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
     /// At 5 % of the area, s.
@@ -38,7 +38,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of times in s, each with its area; `None` where nothing was under the disc.
+    /// Computed from times in s, each with its area; `None` if nothing was under the disc.
     pub fn of(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let treated = ByArea::of(times.filter(|(time_s, _)| *time_s > 0.0));
         let [low_s, high_s] = SHARES.map(|share| treated.at(share));

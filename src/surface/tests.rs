@@ -93,7 +93,8 @@ fn a_poor_fit_and_too_many_controls_are_refused() {
     assert!(matches!(fine, Err(FitError::TooFine { .. })), "{fine:?}");
 }
 
-/// A band of 40 px whose points run backwards: the surface folds there, and the refusal says where, with a picture.
+/// A band of 40 px with points in reverse order: the surface folds there, and the refusal states the place, with a
+/// picture.
 #[test]
 fn a_fold_is_refused_with_its_picture() {
     let recipe = recipe(Shape::Plane, "[surface]\nmax_rms_mm = 5\n");

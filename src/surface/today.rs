@@ -28,7 +28,7 @@ const STEPS: usize = 6;
 /// A point of today's scan beside the taught surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TodaysPoint {
-    /// Where the taught camera sees it, in the region's unit square.
+    /// The point's place in the taught camera's picture, in the region's unit square.
     at: Parameter,
     /// The point, mm.
     point: Vector<Panel>,
@@ -54,7 +54,7 @@ pub struct Todays {
 /// Why a scan gives no surface of today.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TodayError {
-    /// No point of it lies near the taught region.
+    /// The scan has no point near the taught region.
     #[error("the scan in which the panel was located has no point of its region; scan again")]
     NoPoints,
     /// The equations have no solution.
@@ -65,7 +65,8 @@ pub enum TodayError {
     Surface(#[from] SurfaceError),
 }
 
-/// The points of a scan that lie in the region, as many as are needed; `panel_from_camera` is where the panel was found in it.
+/// The points of a scan that lie in the region, as many as are needed; `panel_from_camera` is the panel's place
+/// found in this scan.
 pub fn todays_points(
     panel: &TaughtPanel,
     scan: &OrganizedCloud<Camera>,
@@ -79,7 +80,7 @@ pub fn todays_points(
         let point = Vector::new((*panel_from_camera * point).mm.coords);
         is_inside.then_some(TodaysPoint { at: Parameter { u: unit.x, v: unit.y }, point })
     };
-    // The region takes a sixteenth of the picture or more.
+    // The region covers a sixteenth of the picture or more.
     let every =
         ((scan.width() * scan.height()) as f64 / (16 * MOST_POINTS) as f64).sqrt().floor().max(1.0) as usize;
     let rows: Vec<usize> = (0..scan.height()).step_by(every).collect();
@@ -113,7 +114,7 @@ pub fn todays(
     let sides_mm = sides_mm(taught);
     let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
     let surface = corrected(taught, &field, panel)?;
-    // Also what lies far from the taught surface is there, and is not it.
+    // A point far from the taught surface also counts here, and is not part of the surface.
     let off_mm: Vec<f64> = seen.par_iter().map(|height| (height.mm - field.at(height.at)).abs()).collect();
     let squares: Vec<f64> = off_mm.iter().filter(|off_mm| **off_mm < limit_mm).map(|mm| mm.powi(2)).collect();
     let mut cells = Cells::new(sides_mm, max_hole_mm / 2.0);

@@ -1,4 +1,4 @@
-//! Is a recording whole? Each message in its order and number, as many as its end says, and no error before.
+//! Is a recording complete? Each message in its order and number, as many as its end states, and no error before.
 
 use super::entry::Start;
 use super::error::TapeError;
@@ -23,10 +23,10 @@ pub struct Checked {
     pub length_s: f64,
 }
 
-/// Reads a recording whole and says what it is.
+/// Reads a whole recording and returns its data.
 ///
 /// # Errors
-/// Where it is none, is of another format, has a gap, is damaged or was not finished.
+/// If it is no recording, has another format, has a gap, is damaged or was not finished.
 pub fn check(source: impl Read) -> Result<Checked, TapeError> {
     let mut records = Records::new(source);
     let mut inventory = Inventory::default();
@@ -131,7 +131,7 @@ impl Inventory {
         self.counts.iter().filter(|(topic, _)| topic.is_entry()).map(|(_, count)| count).sum()
     }
 
-    /// Why the bytes do not go on.
+    /// The reason why the bytes do not continue.
     fn broken(&self, error: McapError) -> TapeError {
         match error {
             McapError::Io(error) if error.kind() != std::io::ErrorKind::UnexpectedEof => {

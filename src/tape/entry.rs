@@ -11,13 +11,13 @@ use std::sync::Arc;
 /// One exchange of the loop with what is outside.
 #[derive(Debug, Clone)]
 pub struct Entry {
-    /// Where it belongs.
+    /// Its topic.
     pub topic: Topic,
     /// When, ns since the recording began, on the loop's clock.
     pub at_ns: u64,
-    /// What the loop did; null where it only listened.
+    /// The loop's action; null if it only listened.
     pub said: Value,
-    /// What came; null where nothing was to come.
+    /// The reply or input; null if none was expected.
     pub heard: Value,
     /// What a camera gave.
     pub shot: Option<Shot>,
@@ -52,7 +52,7 @@ impl Shot {
         }
     }
 
-    /// Memory that it takes, bytes.
+    /// The memory that it needs, bytes.
     pub fn bytes(&self) -> usize {
         let [width, height] = self.size_px();
         width * height * if matches!(self, Shot::Points(_)) { 15 } else { 3 }
@@ -88,11 +88,11 @@ pub enum Begin {
     Boot,
     /// It had run before, and was idle.
     Cycle {
-        /// What the robot last said of itself.
+        /// The robot's last report of its state.
         robot: Option<Box<eki::State>>,
         /// The deadlines that were armed.
         armed: Vec<Armed>,
-        /// Where the panel of the cycles before stood last, in the base.
+        /// The last place of the panel of the cycles before, in the base.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         place: Option<KukaPose>,
     },
@@ -121,11 +121,11 @@ pub struct Lost {
     pub count: u64,
 }
 
-/// What the end of a recording says.
+/// The content of a recording's end.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Ending {
     /// What was not kept: an entry of the recording that is no whole one.
     pub lost: Vec<Lost>,
-    /// Why it ends before the cycle does, where it does.
+    /// Why it ends before the cycle, if it does.
     pub stopped: Option<String>,
 }

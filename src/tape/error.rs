@@ -8,10 +8,10 @@ pub enum TapeError {
     /// Some other file.
     #[error("this is no MCAP file: {problem}")]
     NotMcap {
-        /// What its beginning says.
+        /// The problem with its beginning.
         problem: String,
     },
-    /// Somebody else's.
+    /// Written by another program.
     #[error("this MCAP file is no recording of panelprep: {problem}")]
     Foreign {
         /// What is not there, or should not be.
@@ -47,7 +47,7 @@ pub enum TapeError {
         /// Why.
         why: String,
     },
-    /// It says itself that something is missing.
+    /// The recording itself states that something is missing.
     #[error(
         "the recording has a gap: {count} entries of {topic}, the first {from_s:.3} s after its beginning, could not be kept \
          while it was written"
@@ -72,7 +72,7 @@ pub enum TapeError {
         from_s: f64,
         /// The entry that was due.
         expected: u64,
-        /// The one that came; as many as there must be, where the end is missing.
+        /// The entry that came; the required number of entries, if the end is missing.
         found: u64,
     },
     /// Times that do not rise.
@@ -106,7 +106,7 @@ pub enum TapeError {
     Disk {
         /// Read or written.
         doing: &'static str,
-        /// What it says.
+        /// The error that was returned.
         source: mcap::McapError,
     },
     /// A picture that cannot be packed.
@@ -114,7 +114,7 @@ pub enum TapeError {
     Picture(#[from] crate::files::PictureError),
 }
 
-/// The library's own words leave out what the system said.
+/// The library's own words leave out the error of the system.
 fn with_causes(error: &dyn std::error::Error) -> String {
     let mut words = error.to_string();
     let mut cause = error.source();

@@ -1,7 +1,8 @@
-//! Where the records of a file begin, followed beside its reader: a chunk that is not packed is refused before it is read.
+//! Finds the beginnings of a file's records, in parallel with its reader: an uncompressed chunk is refused before
+//! it is read.
 //!
-//! The reader takes it for granted that the last record of such a chunk ends with it, and counts below zero where it does not.
-//! Our recordings have only packed chunks, whose records are unpacked by their own lengths.
+//! The reader assumes that the last record of such a chunk ends with the chunk, and counts below zero if it does
+//! not. Our recordings have only compressed chunks; their records are unpacked by their own lengths.
 
 use super::error::TapeError;
 use mcap::records::op;
@@ -18,7 +19,7 @@ const CHUNK_BYTES: usize = HEAD_BYTES + BEFORE_NAME + 4;
 /// Follows the records of a file through its bytes, in any pieces.
 #[derive(Debug)]
 pub struct Framing {
-    /// Bytes that say nothing: the magic, the rest of a record.
+    /// Bytes to skip: the magic, the rest of a record.
     skip: u64,
     /// What has come of a record's beginning.
     head: Vec<u8>,
@@ -31,10 +32,10 @@ impl Default for Framing {
 }
 
 impl Framing {
-    /// Takes the next bytes of the file.
+    /// Reads the next bytes of the file.
     ///
     /// # Errors
-    /// Where a chunk begins in them that is not packed.
+    /// If an uncompressed chunk begins in them.
     pub fn take(&mut self, mut bytes: &[u8]) -> Result<(), TapeError> {
         while !bytes.is_empty() {
             let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());

@@ -1,6 +1,6 @@
 //! Bytes to entries, one at a time: a recording may be larger than the memory.
 //!
-//! `check` reads a recording once and refuses it where anything is missing; [`Entries`] then gives what it holds.
+//! `check` reads a recording once and refuses it if anything is missing; [`Entries`] then returns its entries.
 
 use super::entry::{Entry, Shot};
 use super::error::TapeError;
@@ -112,7 +112,7 @@ fn has_shot(entry: &Entry) -> bool {
     entry.topic == Topic::Camera && entry.heard.get("Ok").is_some_and(|shot| shot.get("size_px").is_some())
 }
 
-/// What a camera's answer says of its picture.
+/// The data about a picture in a camera's answer.
 #[derive(Deserialize)]
 struct Answer {
     size_px: [usize; 2],
@@ -147,7 +147,7 @@ fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCl
     if ![STRIDE_OF_2, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
         return Err(format!("points of {stride} bytes; ours have {STRIDE}"));
     }
-    // What both have in common stands first.
+    // The data that both have in common come first.
     let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<STRIDE_OF_2>);
     let points_mm = each().map(|&[a, b, c, d, e, f, g, h, i, j, k, l, ..]| {
         [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)

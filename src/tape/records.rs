@@ -8,7 +8,7 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::Read;
 
-/// No record of ours is longer: the points of a full-size scan take 35 MB.
+/// No record of this program is longer: the points of a full-size scan need 35 MB.
 const LONGEST: usize = 256 << 20;
 
 /// What is read at once.
@@ -72,7 +72,7 @@ pub(super) enum Wrong {
     Content(TapeError),
 }
 
-/// Whether an attachment's record is as long as its lengths say; its parser takes that for granted.
+/// Returns whether an attachment's record is as long as its lengths state; its parser assumes this.
 fn is_whole_attachment(body: &[u8]) -> bool {
     let length = |at: usize| {
         let bytes = body.get(at..)?.first_chunk::<4>()?;

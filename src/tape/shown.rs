@@ -1,4 +1,4 @@
-//! What of an entry is for people: where things stand, and what was found, in words. Nothing of it is read back.
+//! The data of an entry for people: poses and findings, in words. None of it is read back.
 
 use super::entry::Entry;
 use super::topic::Topic;
@@ -12,7 +12,7 @@ use serde::Deserialize;
 /// A frame in another, mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mounted {
-    /// The frame that it is told in: `base`, `flange`.
+    /// The frame of reference: `base`, `flange`.
     pub parent: &'static str,
     /// The frame.
     pub child: &'static str,
@@ -40,7 +40,7 @@ impl Lens {
 pub(super) const SCANNER_FRAME: &str = "scanner";
 pub(super) const FLANGE_FRAME: &str = "flange_camera";
 
-/// What is said at the beginning of each recording.
+/// The text at the beginning of each recording.
 pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that takes them for metres shows the scene 1000 times \
      as large as it is";
 

@@ -100,9 +100,9 @@ fn what_is_written_reads_back_to_the_bit() {
     assert_eq!(back, put);
 }
 
-/// What Foxglove asks for: colours with an alpha beside them, and a lens whose frame is that of the pictures. By hand, with an
-/// undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 · (−20)/400 + 20 = 10, and
-/// the same in metres.
+/// Foxglove's requirements: colours with an alpha beside them, and a lens in the same frame as the pictures. By
+/// hand, with an undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 ·
+/// (−20)/400 + 20 = 10, and the same in metres.
 #[test]
 fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
     let (k1, k2, p1, p2, k3) = (0.1, 0.2, 0.3, 0.4, 0.5);
@@ -217,7 +217,7 @@ fn a_gap_is_named_with_its_topic_and_time() {
     assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
 }
 
-/// One that ended before its cycle did says why; it is whole and yet no cycle.
+/// A recording that ended before its cycle states why; it is complete and still is no cycle.
 #[test]
 fn a_recording_that_was_stopped_says_why() {
     let ending = Ending { stopped: Some("the disk has 1999 MB left".to_owned()), ..Ending::default() };

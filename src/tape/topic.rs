@@ -6,25 +6,25 @@ use strum::{IntoStaticStr, VariantArray};
 /// A topic of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum Topic {
-    /// What the robot's link tells.
+    /// Reports of the robot's link.
     #[strum(serialize = "/robot/report")]
     Report,
-    /// What the robot is told, and what comes of it.
+    /// Commands to the robot, and their results.
     #[strum(serialize = "/robot/command")]
     Command,
-    /// What the compliant tool is told, and what it says.
+    /// Commands to the compliant tool, and its reports.
     #[strum(serialize = "/tool")]
     Tool,
-    /// Readings of the clock that the loop runs by, where they differ from the one before.
+    /// Readings of the clock that the loop uses, if they differ from the one before.
     #[strum(serialize = "/clock")]
     Clock,
-    /// What is asked of the loop.
+    /// Requests to the loop.
     #[strum(serialize = "/request")]
     Request,
     /// Results of what is computed beside the loop, as they come to it.
     #[strum(serialize = "/result")]
     Result,
-    /// What the table takes: the journal's lines.
+    /// The events of the table: the journal's lines.
     #[strum(serialize = "/cycle/event")]
     Event,
     /// What a stage found.
@@ -33,7 +33,7 @@ pub enum Topic {
     /// What else is kept, and what is read back from the store.
     #[strum(serialize = "/cycle/store")]
     Store,
-    /// What the cameras are asked, and what they say; a picture or points follow in a message of their own.
+    /// Requests to the cameras, and their answers; a picture or points follow in a separate message.
     #[strum(serialize = "/camera")]
     Camera,
     /// The 3D camera's points.
@@ -51,7 +51,7 @@ pub enum Topic {
     /// For people: the lens of the flange camera.
     #[strum(serialize = "/flange/calibration")]
     FlangeLens,
-    /// For people: where things stand.
+    /// For people: the poses.
     #[strum(serialize = "/tf")]
     Transform,
     /// For people: what was found, in words.
@@ -101,7 +101,7 @@ pub(super) const JSON: &str = "jsonschema";
 const ENTRY: &str = r#"{"title": "panelprep.Entry", "type": "object", "properties": {
     "said": {"description": "what the loop did"}, "heard": {"description": "what came to it"}}}"#;
 
-/// What a message looks like, for whoever reads the file.
+/// The form of a message, for readers of the file.
 pub(super) struct Schema {
     pub name: &'static str,
     pub encoding: &'static str,

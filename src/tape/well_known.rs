@@ -23,7 +23,7 @@ pub struct CompressedImage {
     pub frame_id: String,
 }
 
-/// Points, packed as the fields say.
+/// Points, packed as the fields state.
 #[derive(Clone, PartialEq, Message)]
 pub struct PointCloud {
     #[prost(message, optional, tag = "1")]
@@ -86,7 +86,7 @@ pub struct CameraCalibration {
     pub frame_id: String,
 }
 
-/// Where something stands.
+/// A pose.
 #[derive(Clone, PartialEq, Message)]
 pub struct Pose {
     #[prost(message, optional, tag = "1")]

@@ -25,7 +25,7 @@ use std::io::Write;
 pub(super) const STRIDE: usize = 16;
 const OPAQUE: u8 = 255;
 
-/// Where a topic stands.
+/// The state of a topic.
 #[derive(Debug, Clone, Copy)]
 struct Channel {
     id: u16,
@@ -41,10 +41,11 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Begins with how the loop began, the files it works by, where cameras and tool are mounted, and the cameras' lenses.
+    /// Begins with the loop's initial state, the files that it uses, the mounting of cameras and tool, and the
+    /// cameras' lenses.
     ///
     /// # Errors
-    /// Where the disk refuses; likewise for the others.
+    /// If the disk refuses; likewise for the others.
     pub fn begin(
         out: W,
         start: &Start,
@@ -92,7 +93,7 @@ impl<W: Write> Writer<W> {
         Ok(writer)
     }
 
-    /// Writes an entry, and what of it people want to see.
+    /// Writes an entry, and its data for people.
     ///
     /// # Errors
     /// As [`Writer::begin`].
@@ -114,7 +115,7 @@ impl<W: Write> Writer<W> {
         self.mcap.flush().map_err(failed)
     }
 
-    /// Ends the recording and says what there must be.
+    /// Ends the recording and states how many messages there must be.
     ///
     /// # Errors
     /// As [`Writer::begin`].
@@ -130,7 +131,7 @@ impl<W: Write> Writer<W> {
         Ok(self.mcap.into_inner().into_inner())
     }
 
-    /// Leaves out a message, as somebody else may have.
+    /// Leaves out a message, as another program could.
     #[cfg(test)]
     pub(super) fn skip(&mut self, topic: Topic) {
         self.channels.entry(topic).and_modify(|channel| channel.written += 1);
@@ -142,7 +143,7 @@ impl<W: Write> Writer<W> {
         let Some(channel) = self.channels.get_mut(&topic) else { return Ok(()) };
         let header = MessageHeader {
             channel_id: channel.id,
-            // It counts on from 0 after 2³² messages; so does whoever reads it.
+            // It continues from 0 after 2³² messages; readers do the same.
             sequence: channel.written as u32,
             log_time,
             publish_time: self.began_ns + at_ns,

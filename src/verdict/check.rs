@@ -1,7 +1,8 @@
-//! A check: one number with its unit, what is allowed of it and who says so, and what follows where it is not kept.
+//! A check: one number with its unit, its limit and the source of the limit, and the consequence if it is not kept.
 //!
-//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list. A limit that is not
-//! kept always has a consequence: the page prints "not allowed" beside such a value, and nothing with such a row is accepted.
+//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list. A
+//! limit that is not kept always has a consequence: the page prints "not allowed" beside such a value, and nothing
+//! with such a row is accepted.
 
 use super::judgement::{Judgement, Reason};
 use serde::{Deserialize, Serialize};
@@ -49,7 +50,7 @@ pub enum SetBy {
     Recipe(Cow<'static, str>),
     /// The cell's file, by this key.
     Cell(Cow<'static, str>),
-    /// The program: a constant of it, or what it measured itself.
+    /// The program: one of its constants, or its own measurement.
     Program,
 }
 
@@ -65,16 +66,16 @@ impl SetBy {
     }
 }
 
-/// What follows where a check is not kept.
+/// The consequence if a check is not kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Nothing: the number is told beside its limit, and decides nothing.
+    /// Nothing: the number is reported beside its limit, and decides nothing.
     #[default]
     None,
     /// A person decides.
     Review,
-    /// The thing is not used; a film that says nothing is invalid.
+    /// The object is not used; a film without a result is invalid.
     Reject,
 }
 
@@ -83,22 +84,22 @@ pub enum Severity {
 pub struct Check {
     /// What it is, in words.
     pub name: String,
-    /// The value; `None` where it was not measured, which breaks no limit.
+    /// The value; `None` if it was not measured, which breaks no limit.
     pub value: Option<f64>,
     /// Its unit, "mm"; empty for shares and counts.
     pub unit: String,
     /// What is allowed.
     pub limit: Limit,
-    /// Who says so; `None` where there is no limit, or where an earlier program did not keep it.
+    /// The source of the limit; `None` if there is no limit, or if an earlier program did not keep it.
     #[serde(default)]
     pub set_by: Option<SetBy>,
-    /// What follows where it is not kept.
+    /// The consequence if it is not kept.
     #[serde(default)]
     pub severity: Severity,
     /// The code of the reason that it then gives; several checks may give one reason.
     #[serde(default)]
     pub code: Option<Cow<'static, str>>,
-    /// The reason's words, where the check is not kept.
+    /// The reason's words, if the check is not kept.
     #[serde(default)]
     pub message: Option<String>,
 }
@@ -107,7 +108,7 @@ pub struct Check {
 pub const SINCE_CHECKS: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
-    /// A number without a limit; `None` says that it was not measured.
+    /// A number without a limit; `None` means that it was not measured.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, value: impl Into<Option<f64>>) -> Self {
         let (name, unit, value) = (name.into(), unit.into(), value.into());
         let (limit, severity) = (Limit::Unlimited, Severity::None);
@@ -120,39 +121,39 @@ impl Check {
         Check { limit, set_by: Some(set_by), ..self }
     }
 
-    /// The same number, which may be so much.
+    /// The same number, with this upper limit.
     #[must_use]
     pub fn at_most(self, limit: f64, set_by: SetBy) -> Self {
         self.within(Limit::AtMost(limit), set_by)
     }
 
-    /// The same number, which must be so much.
+    /// The same number, with this lower limit.
     #[must_use]
     pub fn at_least(self, limit: f64, set_by: SetBy) -> Self {
         self.within(Limit::AtLeast(limit), set_by)
     }
 
-    /// Where it is not kept, the thing is rejected for this reason.
+    /// If it is not kept, the object is rejected for this reason.
     #[must_use]
     pub fn rejects(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.leads_to(Severity::Reject, code, words)
     }
 
-    /// Where it is not kept, a person decides for this reason.
+    /// If it is not kept, a person decides for this reason.
     #[must_use]
     pub fn reviews(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
         self.leads_to(Severity::Review, code, words)
     }
 
-    /// Where it is not kept, this follows for this reason.
+    /// If it is not kept, this is the consequence, for this reason.
     #[must_use]
     pub fn leads_to(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
         let is_broken = !self.is_kept();
         self.broken(is_broken, severity, code, words)
     }
 
-    /// Where `is_broken`, this follows for this reason: for a number that had to be measured and was not, or whose limit
-    /// alone does not decide.
+    /// If `is_broken`, this is the consequence, for this reason. Used for a number that had to be measured and was
+    /// not, or if its limit alone does not decide.
     #[must_use]
     pub fn broken(
         self,
@@ -194,13 +195,14 @@ impl Check {
         self.value.is_none_or(|value| self.limit.allows(value))
     }
 
-    /// The reason that it gives, where it is not kept and something follows.
+    /// The reason that it gives, if it is not kept and has a consequence.
     pub fn reason(&self) -> Option<Reason> {
         let (code, message) = (self.code.clone()?, self.message.clone()?);
         (self.severity > Severity::None).then_some(Reason { code, message })
     }
 
-    /// The reason to look at a limit that is not kept although no rule says what follows: a fault of the program, on the safe side.
+    /// The reason to look at a limit that is not kept although no rule states the consequence: a fault of the
+    /// program, on the safe side.
     fn unjudged(&self) -> Option<Reason> {
         let is_judged = self.is_kept() || self.reason().is_some();
         let (value, bound) = (self.value?, self.limit.bound().filter(|_| !is_judged)?);
@@ -303,7 +305,7 @@ mod tests {
         }
         let kept = Check::new("overhang", "mm", 1.99).at_most(2.0, SetBy::Program).without_consequence();
         assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
-        // No rule says what follows: a person looks.
+        // No rule states the consequence: a person looks.
         for number in [2.005, f64::NAN] {
             let unjudged = Check { value: Some(number), ..over() };
             let judgement = Judgement::of_checks(std::slice::from_ref(&unjudged));

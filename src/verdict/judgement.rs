@@ -18,7 +18,7 @@ pub enum Verdict {
     Pass,
     /// The test was not passed.
     Fail,
-    /// The test says nothing; repeat it.
+    /// The test has no result; repeat it.
     Invalid,
     /// A fault of the cell ended the work.
     Aborted,
@@ -30,8 +30,8 @@ impl Verdict {
         self.into()
     }
 
-    /// How bad it is: of two verdicts on one thing the larger number holds. A review is worse than a fail, since nobody has decided
-    /// whether the evidence holds.
+    /// How bad it is: of two verdicts on one object the larger number applies. A review is worse than a fail, since
+    /// no person has decided whether the evidence holds.
     pub fn badness(self) -> u8 {
         match self {
             Verdict::Accept | Verdict::Pass => 0,
@@ -62,7 +62,7 @@ impl Serialize for Verdict {
 /// One reason for a verdict.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reason {
-    /// A stable lower-case word, `shift_limit`; owned where it was read back from a store.
+    /// A stable lower-case word, `shift_limit`; owned if it was read back from a store.
     pub code: Cow<'static, str>,
     /// What was measured, what is allowed, what to do.
     pub message: String,
@@ -85,7 +85,7 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// Reject where there is a reason to, else review where there is one, else accept.
+    /// Reject if there is a reason to, else review if there is one, else accept.
     pub fn of(reject: Vec<Reason>, review: Vec<Reason>) -> Self {
         let verdict = match (reject.is_empty(), review.is_empty()) {
             (true, true) => Verdict::Accept,

@@ -8,7 +8,7 @@ pub fn argument(name: &str) -> Option<String> {
 /// The same as a number.
 ///
 /// # Panics
-/// Where it is none, with the argument.
+/// If it is not a number, with the argument.
 pub fn number(name: &str) -> Option<u64> {
     argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
 }

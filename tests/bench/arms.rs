@@ -1,9 +1,9 @@
-//! Simulated arms with errors of the KR 6's class: how far off the tool is over the panel before and after `calibrate robot`,
-//! and whether what is stated holds. `cargo bench --bench arms -- [SEEDS]`.
+//! Simulated arms with errors of the KR 6's class: how far off the tool is over the panel before and after
+//! `calibrate robot`, and whether the stated error holds. `cargo bench --bench arms -- [SEEDS]`.
 //!
-//! The judge is not the model that is estimated: each arm here is a chain of Denavit–Hartenberg frames (for the nearly
-//! parallel axes 2 and 3 with Hayati's turn), all of whose numbers are off, every axis yields under the weight of the links, and
-//! gears err with the angle. In half of the arms these last two are larger.
+//! The judge is not the model that is estimated. Each arm here is a chain of Denavit–Hartenberg frames (with
+//! Hayati's turn for the nearly parallel axes 2 and 3). All numbers of the chain are off, every axis yields under
+//! the weight of the links, and gears err with the angle. In half of the arms these last two errors are larger.
 
 #[path = "arms/true_arm.rs"]
 mod true_arm;
@@ -25,11 +25,12 @@ use true_arm::TrueArm;
 
 const POSES: usize = 40;
 const TOUCHES: usize = 10;
-/// The robot comes back to a pose to so many degrees of each axis.
+/// Repeatability of the robot at a pose, degrees of each axis.
 const REPEAT_DEG: f64 = 0.001;
 const CORNER_PX: f64 = 0.05;
 const TOUCH_MM: f64 = 0.1;
-/// Wanted: contact within so many mm in so many of the seeds, and the share of places within what is stated.
+/// Targets: the contact error in mm, the share of the seeds that must keep it, and the share of places within the
+/// stated error.
 const CONTACT_MM: f64 = 0.3;
 const SEEDS_SHARE: f64 = 0.95;
 const HELD: (f64, f64) = (0.90, 0.99);
@@ -62,7 +63,7 @@ fn mount() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(520.0, 0.0, 1350.0), down)
 }
 
-/// What the two cameras see; `None` where a board is not whole in the picture, or seen too flat.
+/// Returns what the two cameras see; `None` if a board is not whole in the picture or is seen at too flat an angle.
 fn seen(
     camera: &PinholeCamera,
     board: &Board,
@@ -178,8 +179,9 @@ fn trial(seed: u64) -> Trial {
     Trial { arm, tip, data }
 }
 
-/// At each place of a panel: how far from it the tip lands that is sent to where the fixed camera sees the place, and what is
-/// stated. Without the correction the arm is as drawn, and mount and tip as they come out so.
+/// For each place of a panel, returns how far from it the tip lands when it is sent to the place that the fixed
+/// camera sees, and the stated error. Without the correction, the arm is as drawn, and mount and tip are the
+/// results for such an arm.
 fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &trial.data.geometry;
     let (rigs, tip) = match is_corrected {
@@ -209,7 +211,7 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
     all
 }
 
-/// How far the flange is from where the arm as drawn would have it, in the measured poses, at most, mm.
+/// Returns the largest distance of the flange from its place by the arm as drawn, in the measured poses, mm.
 fn off_mm(trial: &Trial) -> f64 {
     let off = |view: &ArmView| {
         let joints = view.pose.joints.unwrap_or_default();

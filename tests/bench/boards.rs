@@ -1,7 +1,7 @@
-//! Boards in poor pictures: how many are found, how well, and how fast, beside OpenCV's own detectors in the same run.
-//! `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER] [save=FOLDER]`: so many mixtures of each
-//! kind of board, of one kind, of one part, without OpenCV's detectors, with the seeds after this one; what is not found is
-//! written there as a PGM picture.
+//! Boards in poor pictures: how many are found, how well, and how fast, compared with OpenCV's own detectors in the
+//! same run. `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER] [save=FOLDER]`:
+//! this number of mixtures of each kind of board, of one kind, of one part, without OpenCV's detectors, with the
+//! seeds after this one. Boards that are not found are written to this folder as PGM pictures.
 
 #[path = "../board_pictures.rs"]
 mod board_pictures;
@@ -24,7 +24,7 @@ const TYPICAL_S: f64 = 0.2;
 
 type Corners = Option<detect::Corners>;
 
-/// A detector of somebody.
+/// A detector of one library.
 struct Peer {
     name: &'static str,
     find: fn(&Board, &GrayPicture) -> Corners,
@@ -76,7 +76,7 @@ struct Chosen<'a> {
     part: &'a str,
     /// The seeds begin after this one.
     after: u64,
-    /// Where pictures go of which not all was found.
+    /// The folder for pictures in which not everything was found.
     folder: Option<&'a str>,
 }
 

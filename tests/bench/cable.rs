@@ -1,21 +1,23 @@
-//! A cable that lies, between the service as a process and the controller as another: a TCP proxy of this bench carries both channels,
-//! and at one moment of a cycle tells one lie. Whole cycles by the wall clock, several cells beside one another.
-//! Exit code 1 on any violation; a scenario whose lie was never told is counted as such and never as passed.
-//! `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77] [only=N] [keep=FOLDER] [tried=WORD] [program=FILE]`
+//! A cable that lies, between the service as a process and the controller as another. A TCP proxy of this bench
+//! carries both channels, and at one moment of a cycle it tells one lie. Whole cycles run by the wall clock,
+//! several cells in parallel. Exit code 1 on any violation; a scenario whose lie was never told is counted as such
+//! and never as passed. `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77] [only=N]
+//! [keep=FOLDER] [tried=WORD] [program=FILE]`
 //!
-//! What is judged, each by what the controller itself says or by what lies outside of the service: `cable/judges.rs` the arm, its
-//! outputs, a stop that is pressed and a verdict; this file the rest: after the lie `clear`, `reset` and `start` succeed and a whole
-//! honest cycle ends complete; each verdict has its signed record and its page, `panelprep store verify` finds nothing, the service
-//! runs on, has not panicked and feeds its watchdog.
+//! Everything is judged by the controller's own reports or by facts outside the service. `cable/judges.rs` judges
+//! the arm, its outputs, a stop that is pressed and a verdict. This file judges the rest. After the lie, `clear`,
+//! `reset` and `start` succeed and a whole honest cycle ends complete. Each verdict has its signed record and its
+//! page, and `panelprep store verify` finds nothing. The service continues to run, has not panicked and feeds its
+//! watchdog.
 //!
-//! What cannot be asked for: the messages carry counts and epochs, and each number has its range, but no checksum. TCP has one, so that a
-//! value which is wrong and still possible (another waypoint within range, an input's bit) does not come from a cable. Such lies are
-//! told all the same, since nothing may come to harm by them: the judges hold, and the cell comes back. That a cycle does not notice one
-//! is counted as unnoticed, and is no violation.
+//! One thing cannot be required: the messages carry counts and epochs, and each number has its range, but there is
+//! no checksum. TCP has one, so a cable does not produce a value that is wrong but still possible (another waypoint
+//! within range, an input's bit). Such lies are told anyway, because they must not do any harm: the judges hold,
+//! and the cell recovers. If a cycle does not notice one, it is counted as unnoticed, which is not a violation.
 //!
-//! Each cell has two addresses of its own, 127.net.place.1 and .2, so that runs beside one another need different numbers for `net`.
-//! `tried` tries the judges (`cable/tried.rs` has the words): they must find what is changed before they hear it. `keep` writes all
-//! that was said to a folder.
+//! Each cell has two addresses of its own, 127.net.place.1 and .2, so parallel runs need different numbers for
+//! `net`. `tried` tests the judges (`cable/tried.rs` has the words): they must find each change that is made before
+//! they hear it. `keep` writes all messages to a folder.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -183,7 +185,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
     found
 }
 
-/// All that was said, the orders, and both logs.
+/// Writes all messages, the orders, and both logs.
 fn keep(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
     let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
     for order in &course.person.orders {

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Lenses from rendered pictures are judged on so many seeds, 25 full-size pictures each.
+/// Number of seeds for lenses from rendered pictures, with 25 full-size pictures each.
 const RENDERED_LENSES: u64 = 8;
-/// Limits in mm hold for so many seeds.
+/// Number of seeds for limits in mm.
 const LIMIT_SEEDS: usize = 20;
 
 fn main() -> ExitCode {

@@ -1,5 +1,6 @@
-//! The flange camera's link: so many seconds of full-size colour pictures of the simulated cell over GigE Vision loopback,
-//! every one compared byte by byte, every one that is missing counted. `cargo bench --bench cameras -- SECONDS`, 600 at first.
+//! The flange camera's link: this number of seconds of full-size colour pictures of the simulated cell over GigE
+//! Vision loopback. Every picture is compared byte by byte, and every missing one is counted. `cargo bench --bench
+//! cameras -- SECONDS`, 600 by default.
 
 use panelprep::devices::gige::{
     ADDRESS, Exposing, Frame, GigeCamera, GigeError, LoopbackCamera, PACKET_BYTES, PixelFormat, Settings,
@@ -11,7 +12,8 @@ use std::time::{Duration, Instant};
 
 const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 const FRAMES_PER_S: f64 = 10.0;
-/// Losses are allowed, since the machine may be busy; more than this share of them says that the link is not good for it.
+/// Losses are allowed, because the machine may be busy. A larger share of losses means that the link is not good
+/// enough.
 const MOST_LOST: f64 = 0.05;
 
 fn main() -> ExitCode {

@@ -1,9 +1,9 @@
-//! Damaged scans, corner pictures and clips of the simulated cell through the stages: no damage turns a broken film to a pass,
-//! and none moves the panel's pose by more than 0.02 mm without being told.
-//! A PNG's checksum tells what happens to the file; what happens to the pixels before, on their way from the camera, is told by
-//! the stages alone: these are the parts `pixels` and `film`. Noise over a corner's edge may move it a little; how far is
-//! printed, and nothing is asked of it: a camera's packets and files have checksums.
-//! `cargo bench --bench damage -- [scans=4000] [pictures=1000] [pixels=2500] [clips=500] [film=2000] [reduction=1] [seed=1]`
+//! Runs damaged scans, corner pictures and clips of the simulated cell through the stages. No damage turns a broken
+//! film into a pass, and none moves the panel's pose by more than 0.02 mm without a report. A PNG's checksum
+//! reveals damage to the file. Damage to the pixels before that, on their way from the camera, is revealed by the
+//! stages alone: these are the parts `pixels` and `film`. Noise over a corner's edge may move the corner a little.
+//! The distance is printed without a limit, because a camera's packets and files have checksums. `cargo bench
+//! --bench damage -- [scans=4000] [pictures=1000] [pixels=2500] [clips=500] [film=2000] [reduction=1] [seed=1]`
 
 #[path = "damage/bytes.rs"]
 mod bytes;
@@ -100,7 +100,7 @@ fn main() -> ExitCode {
     if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// What the stages say of the undamaged files with one of them damaged.
+/// The result of the stages on the undamaged files with one of them damaged.
 type Part = fn(&Held, &Damage, &mut Pcg64) -> Found;
 
 /// What happens to the bytes of a file.

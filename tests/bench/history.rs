@@ -1,6 +1,6 @@
-//! The search over a store of many cycles: how long a query takes, and a trend over two hundred cycles. Exit code 1 where the
-//! slowest kind of query takes longer than its floor, or one finds something else than it must.
-//! `cargo bench --bench history -- [CYCLES]`
+//! The search over a store of many cycles: how long a query takes, and a trend over two hundred cycles. Exit code 1
+//! if the slowest kind of query takes longer than its limit, or if a query finds a wrong result. `cargo bench
+//! --bench history -- [CYCLES]`
 
 use panelprep::history::{End, Known, Quantity, Query, heat_map, trend};
 use panelprep::record::{Check, CycleId, Finding, Kind, Limit, PartNames, SetBy, name};

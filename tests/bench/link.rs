@@ -1,8 +1,7 @@
-//! The robot link: how many commands a second, how soon a lost acknowledgement becomes STOP on the wire, and long paths
-//! without a stop; an abort through hostile clients of the service; 200,000 walks over the
-//! controller's programs. A table, and exit code 1 where a target is missed.
-//! `cargo bench --bench link -- [TRIALS]`, the aborts alone with `-- socket` and `-- page`,
-//! the walks alone with `-- programs [WALKS]`.
+//! The robot link: the number of commands a second, the time from a lost acknowledgement to STOP on the wire, and
+//! long paths without a stop. Also an abort through hostile clients of the service, and 200,000 walks over the
+//! controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench link --
+//! [TRIALS]`, the aborts alone with `-- socket` and `-- page`, the walks alone with `-- programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
 #[allow(dead_code, reason = "the tests use the rest")]
@@ -47,14 +46,14 @@ const BUSY: Duration = Duration::from_millis(50);
 /// From the service's socket to the wire.
 const SOCKET: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
-/// Each takes longer than the disk hangs.
+/// Each trial lasts longer than the disk hangs.
 const HANGING_TRIALS: usize = 20;
 /// People who look on at the page.
 const VIEWERS: usize = 20;
 /// Links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
-/// After so many walks a line tells how far they are.
+/// A progress line is printed after each block of this number of walks.
 const PROGRESS_WALKS: usize = 5_000;
 /// Walks over the controller's programs as they ship.
 const PROGRAM_WALKS: u64 = 200_000;
@@ -181,7 +180,7 @@ fn virtual_rate() -> bool {
         cell.run(12, &mut Blind);
     }
     let elapsed_s = started.elapsed().as_secs_f64();
-    // On a machine that others use, too, a core is what this thread had of it.
+    // If other processes use the machine too, the time of a core is the time that this thread had on it.
     let core_s = processor_s().zip(began_s).map_or(elapsed_s, |(now_s, began_s)| now_s - began_s);
     let rate = COMMANDS as f64 / core_s;
     let reached = rate >= VIRTUAL_COMMANDS_S;
@@ -235,7 +234,8 @@ fn loopback_rate() -> bool {
     reached
 }
 
-/// From a command whose acknowledgement is lost to the abort at the other end, with so many cores kept busy.
+/// Measures the time from a command whose acknowledgement is lost to the abort at the other end, with this number
+/// of cores kept busy.
 fn stop_latency(name: &str, trials: usize, busy: usize, spare: Duration) -> bool {
     let ends = AtomicBool::new(false);
     let mut found: Vec<Duration> = std::thread::scope(|scope| {

@@ -30,7 +30,7 @@ mod teach;
 #[path = "locate/wet.rs"]
 mod wet;
 
-/// Seeds of a part unless the command line says otherwise.
+/// Seeds of a part, unless the command line gives others.
 const GOOD_SEEDS: u64 = 200;
 const BAD_SCENES: u64 = 714;
 const BOW_SEEDS: u64 = 40;
@@ -139,7 +139,7 @@ fn tried(trial: &Trial) -> Tried {
     located(trial, taught(trial))
 }
 
-/// The same with further keys of the recipe's panel; `None`, and why, where it cannot be taught.
+/// The same with further keys of the recipe's panel. If the panel cannot be taught, prints why and returns `None`.
 fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
     let recipe = recipe(trial, keys);
     match TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe) {
@@ -160,7 +160,7 @@ fn range_errors() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
 
-/// The same where this is known of the scans' errors and of the camera's mount.
+/// The same with these known errors of the scans and this known mount of the camera.
 fn located_with(
     trial: &Trial,
     (panel, recipe): (TaughtPanel, Recipe),
@@ -298,7 +298,7 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
             _ => 2,
         };
         table[kind][at] += 1;
-        // What is the taught panel after all, and found where it stands, is not wrong: another kind of panel is.
+        // The taught panel, found at its true place, is not wrong; another kind of panel is.
         let other = !matches!(
             Wrong::ALL[kind],
             Wrong::Hidden
@@ -310,7 +310,8 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
                 | Wrong::Bent
                 | Wrong::Warped
         );
-        // Where a bent panel is right is where it lies nearest; along its normal today's surface follows it.
+        // The right place of a bent panel is the one where it lies nearest. Along its normal, the measured surface
+        // follows it.
         let error_mm = match Wrong::ALL[kind] {
             Wrong::Bent | Wrong::Warped => tried.fit.as_ref().and_then(|fit| trial.aside_mm(&fit.base_from_panel)),
             _ => tried.error.map(|error| error.max_mm),

@@ -1,7 +1,8 @@
-//! Changes of the product's sources, each until a world finds it: see `tests/world/mutations`. In a copy of the repository below
-//! `target/mutations` each change is made, the world is built and run, and the change is undone; the next one is built meanwhile.
-//! `cargo bench --profile dev --bench mutations -- [seeds=N] [limit_s=N] [from=N] [only=TEXT] [tree=FOLDER]`: seeds and seconds for each change, the
-//! number of the first one, what its name contains, and where the copy is; what an earlier run built there is used again.
+//! Applies changes to the product's sources, each until a world finds it: see `tests/world/mutations`. In a copy of
+//! the repository below `target/mutations` each change is made, the world is built and run, and the change is
+//! undone; the next world is built meanwhile. `cargo bench --profile dev --bench mutations -- [seeds=N] [limit_s=N]
+//! [from=N] [only=TEXT] [tree=FOLDER]`: seeds and seconds for each change, the number of the first change, a part
+//! of its name, and the place of the copy. What an earlier run built there is used again.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -17,12 +18,12 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A world that ends so much later than it was told to hangs, s.
+/// A world hangs if it ends more than this after its time limit, s.
 const LATE_S: u64 = 60;
 
 /// What came of a change.
 enum Outcome {
-    /// After so many seeds, and what the judge says.
+    /// The number of seeds until it was found, and the judge's message.
     Found(u64, String),
     NotFound(u64),
     /// In this seed.
@@ -62,7 +63,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Waits for a world and prints what came of it.
+/// Waits for a world and prints its result.
 fn tell(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize; 4]) {
     let Some((Mutation { name, not_found, .. }, outcome)) = running else { return };
     let outcome = outcome.join().unwrap_or_else(|_| panic!("{name}: its world could not be run"));
@@ -114,7 +115,7 @@ fn put(path: &Path, text: &str) {
     std::fs::write(path, text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Where changes are built and run, and for how long.
+/// The place where changes are built and run, and the time limit.
 struct Bench {
     tree: PathBuf,
     target: PathBuf,
@@ -123,7 +124,8 @@ struct Bench {
 }
 
 impl Bench {
-    /// The world with this change, as a file of its own; `None` where the compiler refuses it. The change is undone then.
+    /// Builds the world with this change, as a separate file; `None` if the compiler refuses the change. The change
+    /// is undone afterwards.
     fn built(&self, mutation: &Mutation) -> Option<PathBuf> {
         let shipped: BTreeMap<PathBuf, String> = mutation
             .edits()
@@ -137,7 +139,7 @@ impl Bench {
         let executable = self.build();
         shipped.iter().for_each(|(path, text)| put(path, text));
         let world = self.tree.with_file_name("world");
-        // One that runs still goes on with its file, which only loses its name.
+        // A world that still runs keeps its file, which only loses its name.
         let _ = std::fs::remove_file(&world);
         std::fs::copy(executable?, &world).unwrap_or_else(|error| panic!("{}: {error}", world.display()));
         Some(world)
@@ -145,7 +147,8 @@ impl Bench {
 
     fn build(&self) -> Option<PathBuf> {
         let mut cargo = Command::new("cargo");
-        // What cargo tells this bench of its own package would have build scripts run anew, and all above them built.
+        // Cargo's variables about this bench's own package would make build scripts run again, and everything above
+        // them build again.
         for (name, _) in std::env::vars_os() {
             if ["CARGO_PKG_", "CARGO_MANIFEST_"].iter().any(|own| name.to_string_lossy().starts_with(own)) {
                 cargo.env_remove(name);

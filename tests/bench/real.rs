@@ -1,5 +1,5 @@
-//! Public pictures of real boards and robots through the program's own commands: `make bench-real`. Nothing of them is kept
-//! here; a set that is not there is told as "not run", and then the bench does not pass.
+//! Runs public pictures of real boards and robots through the program's own commands: `make bench-real`. No
+//! pictures are stored here. A missing set is reported as "not run", and then the bench does not pass.
 //!
 //! - `target/opencv-doc`: pictures `left*.jpg` and `right*.jpg` of Debian's opencv-doc
 //! - `REAL=FOLDER`: a copy of ros-industrial/industrial_calibration (Apache-2.0), of which `examples/data` is read
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-/// A set may take so long.
+/// Time limit for a set, s.
 const MOST_S: f64 = 60.0;
 
 fn main() -> ExitCode {
@@ -35,7 +35,7 @@ fn main() -> ExitCode {
     if bad == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The pictures of a folder whose names begin and end so.
+/// Returns the pictures of a folder whose names have this beginning and end.
 fn pictures(folder: &Path, begin: &str, end: &str) -> Vec<PathBuf> {
     let is_one = |file: &PathBuf| {
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -48,7 +48,7 @@ fn pictures(folder: &Path, begin: &str, end: &str) -> Vec<PathBuf> {
     all
 }
 
-/// Runs a command: its object, or what it said.
+/// Runs a command; returns its object, or its error message.
 fn run(arguments: &str, files: &[PathBuf]) -> Result<(Value, f64), String> {
     let started = Instant::now();
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))

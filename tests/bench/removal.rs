@@ -1,6 +1,7 @@
-//! The removal model and its schedule: beside mr-sim, beside a finer reference, and on simulated panels whose coefficient is
-//! known by coupons alone. `cargo bench --bench removal -- [PART…]`, parts `peers`, `finer`, `panels`, `speed`, `published`; without
-//! one, all. `make bench-removal` sets up mr-sim and names its Python in `PANELPREP_PEERS`. Exit code 1 where a target is missed.
+//! The removal model and its schedule, compared with mr-sim, with a finer reference, and on simulated panels whose
+//! coefficient is known only from coupons. `cargo bench --bench removal -- [PART…]`, parts `peers`, `finer`,
+//! `panels`, `speed`, `published`; without one, all. `make bench-removal` sets up mr-sim and names its Python in
+//! `PANELPREP_PEERS`. Exit code 1 if a target is missed.
 
 #[path = "removal/finer.rs"]
 mod finer;
@@ -43,8 +44,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s, 2000 rev/min, P80: 27.5 µm) stand in figures; its text has the one
-/// depth alone, on half of which nothing can be fitted.
+/// The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s, 2000 rev/min, P80: 27.5 µm) are pictures. Its
+/// text contains one depth only, and nothing can be fitted to half of that.
 fn published() -> usize {
     println!(
         "   not run: of the published tables the one depth of the abstract is in text, the others are in pictures"
@@ -52,7 +53,7 @@ fn published() -> usize {
     0
 }
 
-/// Says how a number stands to its target; 1 where it misses it.
+/// Prints a number with its target; returns 1 if it misses the target.
 fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
     let missed = found.is_nan() || found > most;
     println!("   {what}: {found:.3} {unit}, at most {most}{}", if missed { "  MISSED" } else { "" });

@@ -1,6 +1,6 @@
-//! The live demo with arms that are not as they are drawn, with and without the arm's calibration, against the simulator's
-//! truth: a table of what holds and what does not, and exit code 1 where a corrected arm misses a floor.
-//! `cargo bench --bench robots -- [SEEDS] [REDUCTION]`
+//! The live demo with arms that differ from their drawing, with and without the arm's calibration, compared with
+//! the simulator's truth. Prints a table of what holds and what does not; exit code 1 if a corrected arm misses a
+//! target. `cargo bench --bench robots -- [SEEDS] [REDUCTION]`
 
 use serde_json::Value;
 use std::process::{Command, ExitCode};
@@ -31,7 +31,7 @@ fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
     })
 }
 
-/// Prints a row; false where a corrected arm misses a floor.
+/// Prints a row; returns false if a corrected arm misses a target.
 fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value) -> bool {
     let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let abrade = result["abrade"].as_array().cloned().unwrap_or_default();

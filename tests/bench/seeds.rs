@@ -1,5 +1,5 @@
-//! The live demo for ten seeds, against the simulator's truth: a table, and exit code 1 where a floor is missed.
-//! `cargo bench --bench seeds -- [SEEDS] [REDUCTION]`
+//! The live demo for ten seeds, compared with the simulator's truth. Prints a table; exit code 1 if a target is
+//! missed. `cargo bench --bench seeds -- [SEEDS] [REDUCTION]`
 
 use serde_json::Value;
 use std::process::{Command, ExitCode};
@@ -9,7 +9,8 @@ const REFINED_MAX_MM: f64 = 1.5;
 const COVERAGE_MIN: f64 = 0.95;
 const SURFACE_MAX_MM: f64 = 1.0;
 const NORMAL_MAX_DEG: f64 = 1.0;
-/// A demo on two cores takes less, s; told, not held: another's work on the machine would decide.
+/// A demo on two cores takes less than this, s. This is reported but not enforced, because other work on the
+/// machine would decide it.
 const WALL_S: f64 = 90.0;
 
 fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
@@ -46,7 +47,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Prints a seed's row; false where it misses a floor.
+/// Prints a seed's row; returns false if it misses a target.
 fn row(seed: u64, result: &Value) -> bool {
     let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let list = |name: &str| result[name].as_array().cloned().unwrap_or_default();

@@ -1,13 +1,15 @@
-//! A service that runs for hours under everything at once: cycles one after the other, each recorded, an operator who holds, stops and
-//! aborts some, readers of the page and its events, programs that poll the socket, and connections that say nothing or half a
-//! request. Its memory and its descriptors stay as they are, and systemd's watchdog hears from it at least twice as often as it must.
-//! Exit code 1 where one of that is not so, a request was never answered, or the service ended by itself.
-//! `cargo bench --bench soak -- [minutes=120] [report_s=60] [pace=wall|line] [program=FILE]`
+//! A service that runs for hours under all loads at once. Cycles run one after the other, each recorded, and an
+//! operator holds, stops and aborts some. There are readers of the page and its events, programs that poll the
+//! socket, and connections that are silent or send half a request. Its memory and its descriptors do not grow, and
+//! systemd's watchdog hears from it at least twice as often as required. Exit code 1 if one of these fails, a
+//! request was never answered, or the service ended by itself. `cargo bench --bench soak -- [minutes=120]
+//! [report_s=60] [pace=wall|line] [program=FILE]`
 //!
-//! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel is greasy in the
-//! first cycle alone. With `pace=line` a simulated line brings greasy parts in lock step, so that there are many more cycles, each
-//! with an abrasion; those cannot be recorded, and the simulated controller, a part of the service then, keeps the log of all its
-//! motions (0.3 MB a cycle), so that its memory is looked at and not judged. `program` is another build of the program than this bench's own.
+//! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its
+//! panel is greasy only in the first cycle. With `pace=line` a simulated line brings greasy parts in lock step, so
+//! that there are many more cycles, each with an abrasion. These cannot be recorded. The simulated controller is
+//! then a part of the service and keeps the log of all its motions (0.3 MB a cycle), so its memory is reported and
+//! not judged. `program` is another build of the program than this bench's own.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -38,11 +40,11 @@ use std::time::{Duration, Instant};
 
 /// From one sample of the process to the next: free memory is given back at the end of a cycle, and the next one may begin at once.
 const SAMPLE: Duration = Duration::from_millis(100);
-/// What the process holds on to may grow by so much of its size in an hour. A picture of 400 kB that is kept of each of some 180 cycles
-/// is more than thirty times as much; the store's page cache and the allocator's free lists are full after the first half, which is not
-/// looked at.
+/// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. A picture of 400
+/// kB kept from each of some 180 cycles is more than thirty times as much. The store's page cache and the
+/// allocator's free lists are full after the first half, which is not judged.
 const MOST_GROWTH_AN_HOUR: f64 = 0.01;
-/// Slopes below so many of their standard errors are none.
+/// A slope below this number of its standard errors counts as none.
 const SURE: f64 = 3.0;
 
 fn main() -> ExitCode {

@@ -1,7 +1,7 @@
-//! The surface and the paths over it on full-size scans: how exact, how fast, beside geomdl and scipy in one run.
-//! `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`, `patterns`, `attitudes`, `gauntlet`;
-//! without one, all. `make bench-surface` sets up the peers and names their Python in `PANELPREP_PEERS`. Exit code 1 where a
-//! target is missed.
+//! The surface and the paths over it on full-size scans: accuracy and speed, compared with geomdl and scipy in one
+//! run. `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`, `patterns`,
+//! `attitudes`, `gauntlet`; without one, all. `make bench-surface` sets up the peers and names their Python in
+//! `PANELPREP_PEERS`. Exit code 1 if a target is missed.
 
 #[path = "surface/accuracy.rs"]
 mod accuracy;
@@ -57,25 +57,25 @@ fn main() -> ExitCode {
     }
 }
 
-/// Says how a time stands to its target. It is held by what the work takes on the processors; the wall clock's word
-/// depends on whoever else is at work.
+/// Prints a time with its target. The time on the processors must meet the target; the wall clock's time depends on
+/// other work on the machine.
 fn held_time(what: &str, found: &Timed, most_ms: f64) -> usize {
     held(&format!("{what} ({:.1} ms by the wall clock)", found.wall_ms), found.share_ms, most_ms, "ms")
 }
 
-/// Says how a number stands to its target; 1 where it misses it.
+/// Prints a number with its target; returns 1 if it misses the target.
 fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
     let missed = found.is_nan() || found > most;
     println!("   {what}: {found:.4} {unit}, at most {most}{}", if missed { "  MISSED" } else { "" });
     usize::from(missed)
 }
 
-/// How long a piece of work takes, medians, ms.
+/// Duration of a piece of work, medians, ms.
 struct Timed {
     /// By the wall clock: another's work on the machine is in it.
     wall_ms: f64,
-    /// On the processors, all threads together, over their number: what the wall clock says on an idle machine, where
-    /// all threads work all the time.
+    /// On the processors, all threads together, divided by their number. It is the wall clock's time on an idle
+    /// machine on which all threads work all the time.
     share_ms: f64,
 }
 

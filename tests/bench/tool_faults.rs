@@ -1,7 +1,7 @@
-//! Each fault of the simulated tool's link along the whole path, through the program as a user runs it, by the mock controller's
-//! log: from the fault until the sander is off, or the path leaves the panel by itself, and until the disc is lifted.
-//! `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in contact; without a number, every twelfth.
-//! Exit code 1 where a target is missed.
+//! Runs each fault of the simulated tool's link along the whole path, through the program as a user runs it. The
+//! mock controller's log gives the time from the fault until the sander is off, or the path leaves the panel by
+//! itself, and until the disc is lifted. `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in
+//! contact; without a number, every twelfth. Exit code 1 if a target is missed.
 
 use rayon::prelude::*;
 use serde_json::Value;
@@ -9,7 +9,7 @@ use std::process::{Command, ExitCode};
 
 /// From the fault until the tool's output is off, or the path leaves the panel, at most, ms.
 const OFF_MS: u64 = 500;
-/// The faults, and the code by which each is told.
+/// The faults, and the code that reports each.
 const FAULTS: [(&str, &str); 10] = [
     ("link-cut", "tool_link"),
     ("silent", "tool_link"),
@@ -78,9 +78,10 @@ fn main() -> ExitCode {
 
 /// Prints a fault's line; how many runs missed the target.
 fn line(fault: &str, rows: &[Row]) -> usize {
-    // Where the path left the panel by itself before, nothing was sanded any more.
+    // If the path left the panel by itself earlier, nothing was sanded any more.
     let ended_ms = |row: &Row| row.off_ms.or(row.lifted_ms);
-    // A tool that is stuck where it should be shows nothing until the surface leaves it; the log does not say when that is.
+    // A tool that is stuck at its expected position shows nothing until the surface leaves it; the log does not
+    // contain that time.
     let in_time = |row: &Row| fault == "stuck" || ended_ms(row).is_some_and(|ms| ms <= OFF_MS);
     let holds = |row: &&Row| row.code.is_some() && in_time(row);
     let missed: Vec<String> = rows.iter().filter(|row| !holds(row)).map(|row| row.from.to_string()).collect();

@@ -1,8 +1,10 @@
-//! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
-//! `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each nth world only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
-//! mistakes that are put in: `-- sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed
-//! at any moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
-//! shortest script, as `tests/bench/mutations.rs` asks: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`, with a mistake if one is named.
+//! Runs worlds of many seeds: see `tests/world`. Prints a table of the counts; exit code 1 if a judge found
+//! something. `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each
+//! nth world only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`; planted mistakes: `--
+//! sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed at any
+//! moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search
+//! for the shortest script, as `tests/bench/mutations.rs` runs it: `-- until-wrong [seeds=N] [from=N] [step=N]
+//! [limit_s=N]`, with a mistake if one is named.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -103,7 +105,8 @@ fn main() -> ExitCode {
     if wrong == 0 && !grows { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// So many seeds, each a step above the one before, until a judge finds something or the time is over.
+/// Runs this number of seeds, each a step above the previous one, until a judge finds something or the time is
+/// over.
 fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> ExitCode {
     let (begun, sabotage) = (Instant::now(), mistake());
     let is_over = || limit_s.is_some_and(|limit_s| begun.elapsed().as_secs() >= limit_s);
@@ -117,13 +120,14 @@ fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> Ex
     ExitCode::SUCCESS
 }
 
-/// Loops over data run in this thread too, so that a world is one thread, and what it takes can be told.
+/// Makes loops over data run in this thread too, so that a world is one thread and its processor time can be
+/// measured.
 fn alone() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
     pool.build_global().unwrap_or_else(|error| panic!("{error}"));
 }
 
-/// What the process took of the processors so far, s.
+/// Processor time that the process has used so far, s.
 fn cpu_s() -> f64 {
     // Behind the name in brackets: the 12th and 13th field, in hundredths.
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
@@ -167,7 +171,7 @@ fn kills(from: u64, count: u64) -> ExitCode {
     if killed.violations.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Each mistake with the seeds that it took to find it.
+/// Runs each mistake; prints the number of seeds until it was found.
 fn sabotage(from: u64, seeds: u64) -> ExitCode {
     let mut missed = 0;
     for (name, sabotage) in SABOTAGES {

@@ -1,10 +1,11 @@
-//! A cell whose arm is off its drawing, from its calibration to a cycle by it.
+//! A cell whose arm differs from its drawing, from its calibration to a cycle with it.
 
 use serde_json::Value;
 use std::process::Command;
 
-/// A cell whose arm is off its drawing is calibrated, and a whole cycle by it is as good as by an arm without errors. Its
-/// recording replays. Without the correction the mount of the 3D camera is refused: by such an arm the board's squares have another size.
+/// A cell whose arm differs from its drawing is calibrated, and a whole cycle is as good as with an arm without
+/// errors. Its recording replays. Without the correction the mount of the 3D camera is refused: with such an arm
+/// the board's squares have another size.
 #[test]
 fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -48,7 +49,7 @@ fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     assert!(code == Some(0) && text.contains("mm rms"), "{text}");
     assert!(folder.path().join("maps/map_flange_camera.svg").exists(), "{text}");
 
-    // Another tool is selected on the pendant: its tip says nothing of the cell's.
+    // Another tool is selected on the pendant: its tip gives no information about the cell's tip.
     let touch = "calibrate touch --cell arm/cell/cell.toml --target arm/cell/target/scanner.toml \
                  --points arm/cell/target/touched.toml";
     let (code, text) = run(touch);

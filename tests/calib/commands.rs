@@ -145,8 +145,8 @@ fn three_points_from_files() {
     );
 }
 
-/// Where the 3D camera measured the board, its own points give a second mount; intrinsics that are not the camera's show
-/// in the distance between the two.
+/// If the 3D camera measured the board, its own points give a second mount. Intrinsics of another camera show in
+/// the distance between the two mounts.
 #[test]
 fn the_3d_camera_s_own_points_give_a_second_mount() {
     let cell = small_cell();

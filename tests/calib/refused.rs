@@ -1,4 +1,4 @@
-//! Files that give no calibration: told with what is needed, and soon; nothing is written.
+//! Files that give no calibration: the message states what is needed, and comes soon; nothing is written.
 
 use super::files::{panelprep, pose_text, poses_of, save, small_cell, write};
 use crate::boards::GOOD_ROBOT;
@@ -62,7 +62,7 @@ fn bad_input_is_told_and_writes_nothing() {
         assert!(exit == 2 && told.contains(words), "{command}: {exit} {found} {told}");
         assert!(!folder.join("out.toml").exists(), "{command}: nothing is written");
     }
-    // Pictures that are right and do not determine a lens: a verdict, and the next picture to take.
+    // Correct pictures that do not determine a lens: a verdict, and the next picture to take.
     for (command, words) in [
         (format!("{lens} empty.png empty.png empty.png empty.png"), "empty.png shows no board with 5×4"),
         (format!("{lens} {all}").replace("5x4", "9x6"), "found a 5x4 board, asked for 9x6"),
@@ -80,8 +80,8 @@ fn bad_input_is_told_and_writes_nothing() {
     }
 }
 
-/// A lens that was seen in the middle of the picture alone is written with that part, `check` tells it, and a look at a board
-/// outside of it is refused and not kept.
+/// A lens that was seen only in the middle of the picture is written with that part, and `check` reports it. A
+/// verification with a board outside of that part is refused and not kept.
 #[test]
 fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
     let cell = small_cell();
@@ -121,8 +121,9 @@ fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
     assert!(told.contains("known to 0.30 px in 11 % of the picture"), "{told}");
 }
 
-/// Full-size pictures without the board that is asked for: another board, fine texture, a plain ground. None takes more
-/// than two seconds of the processors in this build (one when it is optimised), whatever it shows, and each says that it looks.
+/// Full-size pictures without the requested board: another board, fine texture, a plain ground. Whatever it shows,
+/// no picture takes more than two seconds of processor time in this build (one in an optimised build), and each
+/// search reports that it is running.
 #[test]
 fn a_look_without_its_board_ends_soon() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -163,13 +164,13 @@ fn a_look_without_its_board_ends_soon() {
             .expect("a shell");
         let told = String::from_utf8(output.stdout).expect("UTF-8");
         assert!(told.contains(words) && told.contains("looking for "), "{told}");
-        // The shell's last line is what the program took: "0m0.52s 0m0.08s".
+        // The shell's last line is the program's processor time: "0m0.52s 0m0.08s".
         let taken = told.lines().last().expect("times").split_whitespace().map(|time| {
             let (minutes, seconds) = time.trim_end_matches('s').split_once('m').expect("minutes");
             60.0 * minutes.parse::<f64>().expect("minutes") + seconds.parse::<f64>().expect("seconds")
         });
         let taken_s: f64 = taken.sum();
-        // A search that loses itself took minutes; how fast it is, `cargo bench --bench boards` says.
+        // A search that gets lost took minutes; `cargo bench --bench boards` measures its speed.
         assert!(taken_s < 20.0, "{name}: {taken_s} s");
     }
 }

@@ -3,7 +3,8 @@
 use super::{LOCATE, TEACH, VERIFY, json, keep, panelprep};
 use serde_json::Value;
 
-/// Three clips of 8 s, the last one clean, scored as a set; what one of them says about light and thresholds.
+/// Three clips of 8 s, the last one clean, are scored as a set; one of them gives advice about light and
+/// thresholds.
 #[test]
 fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -22,7 +23,7 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
                 --truth cell/set/0001/truth";
     let (exit, advice) = json(folder, tune);
     assert_eq!((exit, advice["verdict"].as_str()), (0, Some("accept")), "{advice}");
-    // What it says is of the method in use: of the other one's thresholds nothing.
+    // The advice concerns the method in use; it states nothing about the other method's thresholds.
     assert!(
         advice["threshold"].is_null() && advice["hsv_min"].is_null() && advice["best_threshold"].is_null(),
         "{advice}"
@@ -31,7 +32,7 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     assert!(number("detection_limit_mm2") < number("min_break_mm2") && number("min_break_mm2") < 100.0, "{advice}");
     assert!(number("flash_s") < number("persist_s") && number("persist_s") >= 1.2, "{advice}");
     let grids = advice["grids"].as_array().expect("grids");
-    // The film takes about 28 grey levels.
+    // The film makes a difference of about 28 grey levels.
     let contrast =
         |grid: &Value| grid["dry"].as_f64().unwrap_or(f64::NAN) - grid["wet"].as_f64().unwrap_or(f64::NAN);
     assert!(grids.len() == 24 && grids.iter().all(|grid| (15.0..45.0).contains(&contrast(grid))), "{advice}");
@@ -54,9 +55,9 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     assert!(advice["best_threshold"]["iou"].as_f64().is_some() && advice["persist_s"].is_null(), "{advice}");
 }
 
-/// A quarter of the pixels each way shows 16 times coarser breaks. The rendered recipe says so; one that asks for the cell's
-/// 5 mm² is for a person when it is taught, and no test on a clip or in the cycle. Without `--located` the panel is not
-/// judged where it does not stand.
+/// With a quarter of the pixels each way, the smallest visible break is 16 times coarser. The rendered recipe
+/// states this. A recipe that requires the cell's 5 mm² is for a person when it is taught, and gives no valid test
+/// on a clip or in the cycle. Without `--located`, a panel that is not at its nominal place is not judged.
 #[test]
 fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -82,7 +83,7 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let (_, told) = json(folder, &format!("{inspect} --located located.json"));
     assert_ne!(told["verdict"].as_str(), Some("invalid"), "{told}");
     assert!(told["outline_off_px"].as_f64().is_some_and(|off_px| off_px < 0.7), "{told}");
-    // What a person says was abraded since the dry picture is held against its wet look alone.
+    // A grid that a person states as abraded since the dry picture is compared only with its wet look.
     let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3"));
     let references: Vec<&str> =
         told["grids"].as_array().expect("grids").iter().filter_map(|grid| grid["reference"].as_str()).collect();
@@ -98,7 +99,7 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let (exit, told) = json(folder, &plain(cycle));
     assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
     reason(&told, "detection_limit");
-    // The panel stands elsewhere than at its nominal place.
+    // The panel is not at its nominal place.
     let (exit, told) = json(folder, inspect);
     assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
     assert!(reason(&told, "elsewhere").contains("give --located"), "{told}");

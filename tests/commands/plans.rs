@@ -32,7 +32,7 @@ fn every_pattern_is_planned_on_the_rendered_cell() {
     }
 }
 
-/// A plan that is rejected becomes no program, and one that is there is not taken for it.
+/// A rejected plan becomes no program, and an existing program is not used in its place.
 #[test]
 fn a_rejected_plan_becomes_no_program() {
     let folder = rendered("good");

@@ -1,10 +1,10 @@
-//! What commands do not take: wrong files, wrong panels, scans that cannot be taught; all in words.
+//! Inputs that the commands refuse, all in words: wrong files, wrong panels, scans that cannot be taught.
 
 use super::{LOCATE, REFINE, TEACH, VERIFY, fixture, json, keep, rendered};
 use serde_json::Value;
 use std::path::Path;
 
-/// Each bad input with words that its message must hold. Everything that stands before the fault stays.
+/// Each bad input, with words that its message must contain. Everything before the fault stays.
 #[test]
 fn bad_input_is_refused_with_file_and_reason() {
     let folder = rendered("clean");

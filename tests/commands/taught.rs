@@ -1,10 +1,11 @@
-//! The command lines after which a rendered cell may run, and what it has where a line asks for its cycles. Benches take this file in, too.
+//! The command lines after which a rendered cell may run, and its configuration if a line requests its cycles.
+//! Benches include this file, too.
 
 /// Learns the panel of the rendered cell.
 pub const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
                      --corner cell/taught_corner.png --flange cell/taught_flange.json";
 
-/// Looks at the boards that stand still, as every morning: the scanner's and the flange camera's.
+/// Verifies with the boards that stand still, as every morning: the scanner's and the flange camera's.
 pub const VERIFY: [&str; 2] = [
     "calibrate verify --cell cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
      --target cell/target/scanner.toml --image cell/target/scanner.png",

@@ -30,7 +30,7 @@ const PIECES: [&[u8]; 24] = [
     b"\xC3",
     b"\xE2\x80\xA8",
 ];
-/// The longest that a change makes of it.
+/// The largest size that a change produces.
 const MOST_BYTES: usize = 64 << 10;
 
 /// The bytes with some changes; `other` is what they may be crossed with.

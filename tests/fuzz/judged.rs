@@ -1,5 +1,5 @@
-//! Every file of the corpus, every seed, and seeded changes of them, through each target: no panic, no execution of more than
-//! a second of computing. How much memory an execution takes is judged by `make fuzz`.
+//! Runs every file of the corpus, every seed, and seeded changes of them through each target: no panic, no
+//! execution of more than a second of computing. `make fuzz` judges the memory of an execution.
 
 use super::change::changed;
 use super::targets::{TARGETS, Target};
@@ -10,7 +10,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Duration;
 
-/// Changes by target; `FUZZ_CHANGES` in the environment asks for more.
+/// Changes per target; `FUZZ_CHANGES` in the environment sets a higher number.
 const CHANGES: u64 = 3_000;
 /// What an execution may compute for. The thread's own clock: other tests run beside it.
 const LONGEST: Duration = Duration::from_secs(1);
@@ -103,7 +103,7 @@ fn the_search_knows_every_target() {
     assert_eq!(listed.split_whitespace().collect::<Vec<_>>(), names);
 }
 
-/// A source that is asked for no more than a megabyte at a time.
+/// A source that must be read in steps of no more than a megabyte.
 struct Sparing<'b>(&'b [u8]);
 
 impl std::io::Read for Sparing<'_> {
@@ -113,7 +113,7 @@ impl std::io::Read for Sparing<'_> {
     }
 }
 
-/// A recording's record claims 250 MB and is cut: it is refused, and takes no such room.
+/// A recording's record claims 250 MB and is cut: it is refused, and this memory is not allocated.
 #[test]
 fn a_record_that_claims_much_takes_no_room() {
     let mut file = b"\x89MCAP0\r\n\x01".to_vec();

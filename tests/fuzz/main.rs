@@ -1,5 +1,6 @@
-//! Search for bytes over which a reader falls, led by coverage: libFuzzer on stable Rust (`make fuzz`, `make fuzz-krl`).
-//! The target's name is in the environment: `FUZZ_TARGET`. Where `FUZZ_SEEDS` names a folder its seeds are written there.
+//! Searches for bytes that make a reader fail, guided by coverage: libFuzzer on stable Rust (`make fuzz`, `make
+//! fuzz-krl`). The target's name is in the environment: `FUZZ_TARGET`. If `FUZZ_SEEDS` names a folder, the target's
+//! seeds are written there.
 #![no_main]
 
 mod seeds;

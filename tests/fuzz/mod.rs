@@ -1,5 +1,5 @@
-//! What reads bytes from outside, fed with bytes that nobody meant: the corpus in `fixtures/fuzz/`, the seeds, and seeded
-//! changes of both. `make fuzz` searches further, led by coverage (`main.rs`).
+//! The readers of bytes from outside, fed with unintended bytes: the corpus in `fixtures/fuzz/`, the seeds, and
+//! seeded changes of both. `make fuzz` searches further, guided by coverage (`main.rs`).
 
 mod change;
 mod judged;

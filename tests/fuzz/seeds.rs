@@ -1,4 +1,4 @@
-//! Bytes that each reader takes, small ones: files of the repository, and what the program itself writes.
+//! Small inputs that each reader accepts: files of the repository, and the program's own output.
 
 use super::targets::CAMERA;
 use panelprep::devices::zivid::wire;
@@ -158,7 +158,7 @@ pub fn poses() -> Vec<Vec<u8>> {
     [pose, located, flange].iter().map(|value| value.to_string().into_bytes()).collect()
 }
 
-/// A recording without checksums and chunks, so that changes of it are not all told by them.
+/// A recording without checksums and chunks, so that they do not reveal every change.
 pub fn recordings() -> Vec<Vec<u8>> {
     let whole = shipped("fixtures/rejected.mcap");
     let checked = tape::check(&whole[..]).expect("a recording of ours");
@@ -349,7 +349,7 @@ pub fn tools() -> Vec<Vec<u8>> {
     ])
 }
 
-/// Commands to an edge node of MQTT Sparkplug, and what a host says of itself.
+/// Commands to an edge node of MQTT Sparkplug, and a host's reports about itself.
 pub fn node_commands() -> Vec<Vec<u8>> {
     let metric = |name: Option<&str>, alias, value| Metric {
         name: name.map(str::to_owned),

@@ -1,7 +1,8 @@
-//! A session that is driven by bytes: a controller that says anything at any time, and a program that asks for anything.
+//! A session that is driven by bytes: a controller that sends anything at any time, and a program that requests
+//! anything.
 //!
-//! A byte chooses what happens next, those behind it choose its numbers. The controller of this test follows what it is
-//! asked, so that a run gets somewhere, and errs in any number where a byte says so.
+//! A byte chooses the next event, and the bytes after it choose its numbers. The controller of this test follows
+//! its requests, so that a run makes progress, and errs in any number if a byte demands it.
 
 use panelprep::eki::{
     CELLCMD, CELLSTAT, Channel, ChannelFile, Command, CommandId, LinkLimits, LinkLoss, MoveLin, Pace, Report,
@@ -25,7 +26,7 @@ pub fn wire() -> Wire {
     Wire::new(command, state).expect("the shipped files fit")
 }
 
-/// Runs a session as these bytes say, and judges it after each step.
+/// Runs a session as these bytes state, and judges it after each step.
 pub fn run(bytes: &[u8]) {
     let (pace, bytes) = match bytes.split_first() {
         Some((1, rest)) => (Pace::LockStep, rest),
@@ -73,7 +74,7 @@ impl Bytes<'_> {
     }
 }
 
-/// What the controller of this test was asked, and what it says of itself.
+/// The requests to the controller of this test, and its own reported state.
 #[derive(Default)]
 struct Heard {
     request: i64,
@@ -83,16 +84,17 @@ struct Heard {
     done: i64,
 }
 
-/// What must hold whatever is said.
+/// The requirements that hold whatever is sent.
 #[derive(Default)]
 struct Judge {
-    /// The epochs that were asked to be opened, the highest that was told open, and the highest that was ended.
+    /// The last epoch whose opening was requested, the highest that was reported open, and the highest that was
+    /// ended.
     asked: i64,
     opened: i64,
     ended: i64,
     /// The epoch and the number of the last command that was sent.
     sent: (i64, i64),
-    /// The highest number of the open epoch that was told done.
+    /// The highest number of the open epoch that was reported done.
     done: i64,
 }
 
@@ -138,7 +140,7 @@ impl Run<'_> {
             13 => self.session.interrupt(StopCause::GuardOpen),
             14 => {
                 let last = u32::from(self.bytes.or_zero());
-                // Refused where no epoch is open.
+                // Refused if no epoch is open.
                 self.session.permit((last > 0).then_some(CommandId(last))).ok();
             }
             _ => self
@@ -147,7 +149,7 @@ impl Run<'_> {
         }
     }
 
-    /// An epoch is opened only by being asked for, with a number that never was.
+    /// An epoch is opened only on request, with a number that was never used.
     fn open(&mut self) {
         let above = u32::from(self.bytes.or_zero());
         if let Ok(epoch) = self.session.open_epoch_above(panelprep::eki::Epoch(above)) {
@@ -199,7 +201,7 @@ impl Run<'_> {
         assert!(queued.is_err() || may, "queued without an epoch");
     }
 
-    /// What the program and the controller are told.
+    /// Reads the messages to the program and to the controller.
     fn drain(&mut self) {
         // What is done makes room in the window, so it is heard first.
         self.hear();

@@ -1,5 +1,5 @@
-//! Each reader of bytes from outside as one function of bytes. It must come back, without a panic; where what it read can be
-//! written, that must read back alike.
+//! Each reader of bytes from outside as one function of bytes. It must return without a panic. If its result can be
+//! written, the written bytes must read back the same.
 
 use super::{seeds, session};
 use panelprep::cell::{
@@ -24,7 +24,7 @@ pub struct Target {
     pub name: &'static str,
     /// Reads these bytes.
     pub run: fn(&[u8]),
-    /// Bytes that it takes, or nearly.
+    /// Inputs that it accepts, or nearly.
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
@@ -70,8 +70,8 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// What a compliant tool says, from its log-in on, in one piece and cut in two: the same comes of it.
-/// A part, and what a message, a state and a list may be made of.
+/// Reads a part, and the possible contents of a message, a state and a list. (`tool` below reads a compliant tool's
+/// messages, from its log-in on, in one piece and cut in two, with the same result.)
 fn office(bytes: &[u8]) {
     if let Ok(chunk) = Chunk::read(bytes) {
         assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
@@ -270,7 +270,7 @@ fn archive(bytes: &[u8]) {
         std::fs::write(file.path(), &bytes).expect("written");
         let Ok(archive) = backup::Archive::open(file.path()) else { continue };
         let read = archive.each::<backup::BackupError>(|_, content| {
-            // What cannot be unpacked is told by the reader.
+            // The reader reports content that cannot be unpacked.
             drop(std::io::copy(&mut content.take(1 << 20), &mut std::io::sink()));
             Ok(())
         });
@@ -321,8 +321,9 @@ fn born_node() -> EdgeNode {
     node
 }
 
-/// A message of an MQTT broker on each topic of a node that is born, three times within a second: at most one request of each kind
-/// comes of it, and nothing but a birth is published. What is refused has a line of the audit trail, as long as its minute has some left.
+/// A message of an MQTT broker on each topic of a node that is born, three times within a second. It causes at most
+/// one request of each kind, and only a birth is published. A refused message has a line of the audit trail, as
+/// long as its minute allows more lines.
 fn node(bytes: &[u8]) {
     let (mut node, ncmd) = (born_node(), "spBv1.0/G/NCMD/cell");
     let mut acts = Vec::new();

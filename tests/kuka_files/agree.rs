@@ -69,7 +69,8 @@ fn number(data: &BTreeMap<String, String>, name: &str) -> f64 {
     data.get(name).unwrap_or_else(|| panic!("no {name}")).parse().unwrap_or_else(|_| panic!("{name} is no number"))
 }
 
-/// Flags and timers stand where they are declared, in the XML files, in the interrupts and on the page, and there alike.
+/// Flags and timers appear where they are declared, in the XML files, in the interrupts and on the page, and
+/// everywhere with the same values.
 #[test]
 fn flags_and_timers_agree_everywhere() {
     let files = files();
@@ -268,7 +269,7 @@ fn the_checksum_is_of_these_programs() {
     let files = files();
     let mut sum = 0u64;
     for file in files.iter().filter(|file| !["cell_config.dat", "cell_user.src"].contains(&file.name.as_str())) {
-        // A header's revision counts up where KSS saves the file.
+        // The revision in a header increases when KSS saves the file.
         let counts = |line: &&str| !line.contains("CELL_PROGRAM_SUM=") && !line.starts_with('&');
         for line in file.text.lines().filter(counts) {
             sum = line.bytes().fold(sum, |sum, byte| (sum * 31 + u64::from(byte)) % 1_000_003);

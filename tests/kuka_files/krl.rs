@@ -1,9 +1,9 @@
-//! KRL as text, as far as the tests ask: files, routines, statements, words, calls.
+//! KRL as text, as far as the tests need it: files, routines, statements, words, calls.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Where the controller's files are.
+/// The folder of the controller's files.
 pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka")
 }

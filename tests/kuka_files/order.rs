@@ -1,4 +1,4 @@
-//! The order of statements that a stop stands on, and which statements may be where.
+//! The order of statements on which a stop depends, and which statements may be where.
 
 use super::krl::{Routine, files};
 use super::{each, routines};
@@ -30,7 +30,7 @@ fn in_order(routine: &Routine, codes: &[&str]) {
     }
 }
 
-/// The order of two statements is what a stop stands on.
+/// A stop depends on the order of two statements.
 #[test]
 fn the_order_that_a_stop_stands_on_is_kept() {
     let files = files();
@@ -152,9 +152,9 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     );
     has("CELL_ABORT", &["CELL_STOP(FALSE)", "IF CELL_FOLLOWS(NUMBER) THEN", "CELL_BEGIN(NUMBER)"]);
     has("CELL_RESET", &["DECL INT NUMBER", "IF CELL_FOLLOWS(NUMBER) THEN"]);
-    // A stop of a program that is paused, or that must stand at once, resets it.
+    // A stop of a program that is paused, or that must stand still at once, resets it.
     has("CELL_STOP", &["IF AT_ONCE OR ($PRO_STATE1==#P_STOP) THEN", "CELL_RESET_DUE=CELL_READY"]);
-    // Outputs that nobody listed are refused; inputs only where they are mapped.
+    // Outputs that are not listed are refused; inputs only if they are mapped.
     has(
         "CELL_JUDGE_VALUES",
         &["RIGHT=CELL_MAPPED(CMD.N1) AND ((CMD.N2==0) OR (CMD.N2==1)) AND ((CMD.R1==0.0) OR (CMD.R1==1.0))"],
@@ -171,9 +171,10 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
             "TCP=$POS_ACT_MES",
         ],
     );
-    // A state's number goes on from 0.
+    // A state's number continues from 0.
     has("CELL_TELL_STATE", &["IF CELL_SEQ<2147483647 THEN", "CELL_SEQ=CELL_SEQ+1", "ELSE", "CELL_SEQ=0"]);
-    // 3 s without a request, whatever commands come and whoever tries to connect beside a client that is gone.
+    // 3 s without a request, whatever commands arrive and whatever client tries to connect beside a client that is
+    // gone.
     has(
         "CELL_LINKS",
         &[
@@ -187,7 +188,7 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     has("CELL_CYCLE", &["$TIMER[CELL_T_SUBMIT]=-CELL_WATCHDOG_MS"]);
 }
 
-/// Each kind of statement is only where it may be.
+/// Each kind of statement appears only in allowed places.
 #[test]
 fn motion_waits_and_frames_are_where_they_may_be() {
     let allowed = [

@@ -196,7 +196,8 @@ impl Crate {
         declared.map(|ident| [module, &[ident.to_string()]].concat()).collect()
     }
 
-    /// The module in which the item stands that `path` names, seen from `module`; `None` outside of the crate.
+    /// Returns the module that contains the item that `path` names, seen from `module`; `None` outside of the
+    /// crate.
     fn defining(&self, module: &[String], path: &[String], depth: usize) -> Option<ModulePath> {
         if depth > 32 {
             return None;
@@ -260,7 +261,7 @@ impl Crate {
             let named = edges.entry(module.file.clone()).or_default();
             for name in &module.named {
                 let Some(target) = self.defining(path, name, 0) else { continue };
-                // An import of a whole module above is a way to names, and those are seen where they are used.
+                // An import of a whole parent module only leads to names, and those are found at their use.
                 let is_way = path.starts_with(&target) && self.names_module(path, name, &target);
                 let file = &self.modules[&target].file;
                 if *file != module.file && file.first().is_some_and(|first| first == room) && !is_way {

@@ -3,7 +3,7 @@
 //!
 //! Time jumps from one event to the next: a tick of the controller, a deadline of the session, bytes that arrive.
 
-// By its path: benches take this file in by its own.
+// By its path, because benches include this file by its own path.
 #[path = "cell/transport.rs"]
 mod transport;
 
@@ -96,21 +96,22 @@ pub enum Side {
     Robot,
 }
 
-/// What came and went, for whoever judges it.
+/// The traffic of the cell, for the judges.
 pub trait Watch {
     /// A command's epoch and id, as they leave the client.
     fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
-    /// What the session told.
+    /// A report of the session.
     fn told(&mut self, _report: &Report, _cell: &Insides<'_>) {}
     /// After each step.
     fn look(&mut self, _cell: &Insides<'_>) {}
 }
 
-/// What becomes of a message on its way: which way (true: to the controller), which channel (0: commands, 1: states), its bytes.
-/// `None` leaves it as it is; else these pieces travel, each so many ms later than usual.
+/// Decides what becomes of a message on its way: which way (true: to the controller), which channel (0: commands,
+/// 1: states), its bytes. `None` leaves it unchanged; otherwise these pieces travel, each this number of ms later
+/// than usual.
 pub type Tamper = Box<dyn FnMut(bool, usize, &[u8]) -> Option<Vec<(u64, Vec<u8>)>> + Send>;
 
-/// Nobody watches.
+/// Watches nothing.
 pub struct Blind;
 
 impl Watch for Blind {}
@@ -122,7 +123,7 @@ pub struct Insides<'a> {
     pub now_ms: u64,
     /// When bytes of the state channel last reached the client.
     pub heard_ms: u64,
-    /// The client's process stands still.
+    /// The client's process is stalled.
     pub stalled: bool,
 }
 
@@ -136,7 +137,7 @@ pub struct Cell {
     pub fragment: bool,
     /// Until then the client's process does nothing.
     pub client_stalls_until_ms: u64,
-    /// Until then what the client says does not arrive.
+    /// Until this time the client's messages do not arrive.
     pub deaf_until_ms: u64,
     /// Messages that were put on any way.
     pub messages: usize,
@@ -208,7 +209,7 @@ impl Cell {
         self.run(400, &mut Blind);
     }
 
-    /// Lets time pass until this was told; false where it was not.
+    /// Lets time pass until this is reported; returns false if it was not.
     pub fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> bool {
         let end_ms = self.now_ms + patience_ms;
         loop {
@@ -272,8 +273,9 @@ impl Cell {
         watch.look(&insides);
     }
 
-    /// The client's process ends, and another one begins with this session. The system closes its connections, or with a power
-    /// cut nobody does: the controller then hears nothing more, and of the old connections' end when the new ones are made.
+    /// The client's process ends, and another one begins with this session. The system closes its connections, but
+    /// not after a power cut. Then the controller receives nothing more, and notices the end of the old connections
+    /// only when the new ones are made.
     pub fn restart_client(&mut self, session: Session, is_power_cut: bool) {
         self.session = session;
         self.reports.clear();
@@ -292,7 +294,7 @@ impl Cell {
         self.to_robot = Default::default();
     }
 
-    /// Time in which nobody runs on the client's side.
+    /// Lets time pass without a process on the client's side.
     pub fn without_client(&mut self, ms: u64, watch: &mut impl Watch) {
         let end_ms = self.now_ms + ms;
         while self.now_ms < end_ms {

@@ -1,5 +1,5 @@
-//! The hostile corpus: every line of `fixtures/eki/hostile.txt`, written out for every field that it means, gets exactly
-//! the verdict that stands there.
+//! The hostile corpus: every line of `fixtures/eki/hostile.txt`, written out for every field that it means, gets
+//! exactly the verdict that is written there.
 
 use super::cell::wire;
 use panelprep::eki::Framer;
@@ -26,7 +26,7 @@ impl<'a> Field<'a> {
         self.tag.split_once("/@").expect("an attribute")
     }
 
-    /// Where its value stands in the document.
+    /// The range of its value in the document.
     fn place(&self, document: &str) -> std::ops::Range<usize> {
         let (path, name) = self.parts();
         let element = format!("<{} ", path.rsplit('/').next().expect("a name"));
@@ -94,7 +94,7 @@ fn unescape(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// What is said about a stream: the first error, behind the count of good documents before it.
+/// Returns the verdict on a stream: the number of good documents, then the first error.
 fn verdict(stream: &[u8]) -> String {
     let (mut framer, wire, mut good) = (Framer::default(), wire(), 0);
     framer.push(stream);
@@ -122,7 +122,7 @@ fn verdict(stream: &[u8]) -> String {
     }
 }
 
-/// Every message and what must be said about it.
+/// Returns every message and its required verdict.
 fn corpus() -> Vec<(Vec<u8>, String)> {
     let lines = || TABLE.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
     let after = |start: &'static str| lines().filter_map(move |line| line.strip_prefix(start));

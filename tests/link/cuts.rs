@@ -63,7 +63,7 @@ fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     let after = cell.executed().iter().filter(|step| step.time_ms > cut_ms + OFF_MS).count();
     assert_eq!(after, 0, "{cut:?} {at}: executed after the cut");
     assert_ne!(cell.session.epoch(), ended, "{cut:?} {at}: the epoch is still open");
-    // Where the cable is whole the link is back, and it has moved nothing.
+    // If the cable is intact, the link is connected again and has moved nothing.
     let is_back = cell.session.is_connected() && cell.session.epoch().is_none();
     assert!(is_back || matches!(cut, Cut::Silent), "{cut:?} {at}: not connected again");
 }
@@ -99,7 +99,8 @@ fn a_link_cut_at_any_message_never_moves_an_ended_epoch() {
     }
 }
 
-/// Cut between the last point and the news of it: nobody is told that the path is done, and the state says how far it was.
+/// Cut between the last point and its report: the path is not reported as done, and the state contains how far it
+/// was.
 #[test]
 fn an_end_that_was_not_told_is_not_claimed() {
     let (mut cell, _, last) = sanding();

@@ -28,8 +28,8 @@ fn document(epoch: i32, id: i32, (operation, n1, n2, r1, r2, x): (i32, i32, i32,
     )
 }
 
-/// Commands and requests at once, for a controller in this epoch that has received so many commands; `Ok` goes to the
-/// command channel, `Err` to the state channel.
+/// Commands and requests at once, for a controller in this epoch that has received this number of commands; `Ok`
+/// goes to the command channel, `Err` to the state channel.
 pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<String, String>> {
     let next = epoch.saturating_add(1);
     let request = |operation: i32, number: i32| {
@@ -54,7 +54,7 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
                 Ok(document(next, 3, (2, 0, contact, 0.0, 0.0, x))),
             ]
         }
-        // More than the ring holds, behind subroutines that take their time.
+        // More commands than the ring holds, after slow subroutines.
         11 => std::iter::once(request(12, next))
             .chain((1..=104).map(|id| Ok(document(next, id, (8, 0, 0, 0.0, 0.0, 0.0)))))
             .collect(),

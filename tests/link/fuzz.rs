@@ -1,7 +1,7 @@
 //! Byte-level fuzz tests, seeded: good streams with random damage.
 //!
-//! Framer and decoder must neither panic nor depend on how the stream was cut; what is read from a damaged document is
-//! a value in range or an error that names the place; the controller goes on, with its channel closed or not.
+//! Framer and decoder must neither panic nor depend on how the stream was cut. A damaged document gives a value in
+//! range or an error that names the place. The controller continues, with its channel closed or not.
 
 use super::cell::{Blind, Cell, setup, wire};
 use crate::fuzz::documents;
@@ -14,7 +14,7 @@ use rand_pcg::Pcg64;
 
 const STREAMS: u64 = 20_000;
 
-/// What a controller has said in two seconds of a path, by channel.
+/// The controller's messages during two seconds of a path, by channel.
 fn good_streams() -> [Vec<u8>; 2] {
     let mut controller = mock::Controller::new(setup(Clock::Free), Box::new(mock::Unwired)).expect("fits");
     let ends = [mock::Channel::Command, mock::Channel::State];
@@ -112,7 +112,7 @@ fn damaged_streams_are_read_alike_at_any_cut_and_never_panic() {
     assert!(whole > 1_000 && broken > 1_000 && refused > 1_000, "{whole} {broken} {refused}");
 }
 
-/// The session with any damaged stream: it ends its link, or goes on; it never opens an epoch by itself.
+/// The session with any damaged stream ends its link, or continues; it never opens an epoch by itself.
 #[test]
 fn a_session_survives_any_stream() {
     let streams = good_streams();

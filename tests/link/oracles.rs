@@ -24,11 +24,12 @@ const WINDOW_MS: f64 = 1_000.0;
 /// What the end of an epoch switches off, and how long after it, ms.
 const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_OUTPUT, 0)];
 
-/// What the programs may take longer than the model, which stops in one act: cycles of a scheduler that starves them.
+/// Time that the programs may need in addition to the model, which stops in one step: cycles of a scheduler that
+/// starves them.
 const PROGRAMS_MS: u64 = 300;
-/// So much later a starved robot interpreter begins to brake.
+/// Additional delay before a starved robot interpreter begins to brake.
 const STARVED_MS: u64 = 60;
-/// Without its link the arm goes on so long at most, where the programs are executed.
+/// Longest time for which the arm continues without its link, if the programs are executed.
 const UNLINKED_MS: u64 = 400 + BRAKE_MS;
 
 /// The first thing that was wrong.
@@ -39,17 +40,17 @@ pub struct Oracles {
     pub violation: Violation,
     /// Until then the arm is slowed.
     pub slowed_until_ms: u64,
-    /// Somebody else has sent commands, in epochs up to this one.
+    /// Another client has sent commands, in epochs up to this one.
     pub strange_epoch: i32,
     /// Aborts that are taken for heartbeats, which the controller's watchdog believes: until the next one is sent, ms.
     pub unheeded_ms: u64,
     /// The longest way of a byte.
     pub delay_ms: u64,
-    /// Whether the tool is on the panel, where that is another one than these tests have.
+    /// Returns whether the tool is on the panel, if the panel differs from the one of these tests.
     pub is_low: Option<fn(&Controller) -> bool>,
     /// Bits of the state's outputs while one of which is on silence counts as while something is queued.
     pub harmful_outputs: u32,
-    /// One of them was on when the client heard of it last.
+    /// One of them was on at the last report to the client.
     is_harmful: bool,
     points: BTreeMap<(u32, u32), MoveLin>,
     /// How long each point lasts, ms.
@@ -78,7 +79,7 @@ pub struct Oracles {
 }
 
 impl Oracles {
-    /// Nothing seen yet; bytes take at most so long.
+    /// Nothing seen yet; this is the largest delay of bytes.
     pub fn new(delay_ms: u64) -> Self {
         Oracles { delay_ms, ..Oracles::default() }
     }
@@ -97,7 +98,7 @@ impl Oracles {
         self.points.extend(points.iter().zip(first..).map(|(point, id)| ((epoch.0, id), *point)));
     }
 
-    /// The same, where only how long they last is judged.
+    /// The same, if only their duration is judged.
     pub fn lasts(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
         let first = last.0 + 1 - points.len() as u32;
         let mut before = points[0].pose;
@@ -109,7 +110,7 @@ impl Oracles {
         }
     }
 
-    /// The controller's count of epochs begins anew, and the process that is there now may know of none.
+    /// The controller's count of epochs begins anew, and the present process may know none of them.
     pub fn epochs_begin_anew(&mut self) {
         self.begins_anew = true;
     }
@@ -128,7 +129,7 @@ impl Oracles {
         cell.controller.epoch() <= self.strange_epoch
     }
 
-    /// How long a retract that begins then may take.
+    /// The allowed duration of a retract that begins then.
     fn retract_ms(&self, from_ms: u64) -> u64 {
         match self.slowed_until_ms.saturating_sub(from_ms) {
             0 => RETRACT_MS,
@@ -141,7 +142,7 @@ impl Oracles {
         self.violation.get_or_insert_with(|| format!("{now_ms} ms: {what}"));
     }
 
-    /// Executed once, in order, as sent, where it was sent to, and not after its epoch's end.
+    /// Executed once, in order, as sent, to the target that was sent, and not after its epoch's end.
     fn judge_executed(&mut self, step: &Executed, stops: &[Stop]) {
         let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
         let now_ms = step.time_ms;
@@ -181,7 +182,7 @@ impl Oracles {
         let controller = cell.controller;
         let (now_ms, joints) = (cell.now_ms, controller.joints());
         let before = *self.joints.get_or_insert(joints);
-        // Block coincidence, to where the arm stands: $AXIS_ACT_MEAS is rounded to 32 bits.
+        // Block coincidence, to the arm's present place: $AXIS_ACT_MEAS is rounded to 32 bits.
         if before == joints || (is_program(cell) && apart_deg(&before, &joints) < 1e-3) {
             return;
         }
@@ -224,7 +225,7 @@ impl Oracles {
         }
     }
 
-    /// Nobody stands on the panel: not on the way, not after a stop where the drives stay on.
+    /// The tool never stays on the panel: not during a path, and not after a stop with the drives on.
     fn judge_contact(&mut self, cell: &Insides<'_>) {
         let trace = cell.controller.trace();
         let fresh = &trace[self.traced..];
@@ -237,7 +238,7 @@ impl Oracles {
         if (stopped && last_stop.is_some_and(|stop| stop.cause.is_at_once())) || !cell.controller.can_move() {
             self.left_there = true;
         } else if !stopped && !low {
-            // Whoever jogs it off, or the next path: an epoch that is merely opened moves nothing.
+            // A person jogs it off, or the next path does: an epoch that is only opened moves nothing.
             self.left_there = false;
         }
         if self.left_there {
@@ -258,7 +259,7 @@ impl Oracles {
 
     /// What the robot still does on its own is at most a second, or five points.
     fn judge_window(&mut self, cell: &Insides<'_>) {
-        // What an ended epoch has received waits for nobody.
+        // The commands that an ended epoch has received wait for no client.
         if is_program(cell) && (cell.controller.is_stopped() || self.is_strange(cell)) {
             return;
         }
@@ -311,7 +312,8 @@ impl Oracles {
         }
     }
 
-    /// When the controller ended an epoch that the client had ended at that time, and what its program may take.
+    /// Returns when the controller ended an epoch that the client had ended at that time, plus the time that its
+    /// program may need.
     fn late_end_ms(&self, cell: &Insides<'_>, closed_ms: u64) -> u64 {
         let latest_ms = closed_ms + SILENCE_MS + self.delay_ms;
         let stop = cell.controller.stops().last().filter(|stop| stop.time_ms <= latest_ms);

@@ -26,7 +26,7 @@ fn meander(points: usize) -> Vec<MoveLin> {
     points
 }
 
-/// 10,000 points at 20 ms round trip: none starves, and the arm stands nowhere before the end.
+/// 10,000 points at 20 ms round trip: none starves, and the arm never stands still before the end.
 #[test]
 fn ten_thousand_points_run_without_a_stop() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -61,8 +61,8 @@ fn a_slow_robot_is_waited_for() {
     assert!(cell.now_ms > 6_000);
 }
 
-/// At a fiftieth of its speed a point takes a second instead of 20 ms: in contact the epoch is ended and the pad leaves
-/// the panel, in the air that is told and waited for.
+/// At a fiftieth of its speed a point takes a second instead of 20 ms. In contact, the epoch is ended and the pad
+/// leaves the panel. In the air, this is reported and the client waits.
 #[test]
 fn a_robot_that_lingers_in_contact_is_taken_off() {
     for in_contact in [true, false] {
@@ -82,7 +82,7 @@ fn a_robot_that_lingers_in_contact_is_taken_off() {
     }
 }
 
-/// The controller stops by itself where the client is too slow in contact, and away from the panel.
+/// If the client is too slow in contact, the controller stops by itself, away from the panel.
 #[test]
 fn a_client_that_stands_still_in_contact_is_not_waited_for() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.1);
@@ -124,7 +124,7 @@ fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
     }
 }
 
-/// Counts of 32 bits end: a state's number goes on from 0, and a used-up epoch is an error and no wrap.
+/// Counts of 32 bits end: a state's number continues from 0, and a used-up epoch is an error and does not wrap.
 #[test]
 fn a_states_number_goes_on_from_zero() {
     let mut cell = Cell::new(Setup { first_state: i32::MAX - 20, ..setup(Clock::Free) }, LinkLimits::default(), 1);
@@ -135,7 +135,7 @@ fn a_states_number_goes_on_from_zero() {
     assert!(cell.session.epoch().is_some() && cell.controller.stops().is_empty());
 }
 
-/// Pieces of any size and 2 to 25 ms of jitter change nothing but the time it takes.
+/// Pieces of any size and 2 to 25 ms of jitter change only the duration.
 #[test]
 fn pieces_and_jitter_change_nothing() {
     for seed in 0..20 {

@@ -89,7 +89,8 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
     assert_eq!(link.send(speed(0.1)), Err(QueueError::NoEpoch));
 }
 
-/// Whoever holds the link and asks for no news does not look after the robot: it stops, heartbeats or not.
+/// A client that holds the link and reads no reports does not supervise the robot: the robot stops, with or without
+/// heartbeats.
 #[test]
 fn a_link_that_nobody_reads_ends_its_epoch() {
     let (server, mut link) = served("");

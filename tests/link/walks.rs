@@ -3,7 +3,7 @@
 //! A walk has at least 100 commands, 3 faults and 20 s. Healthy steps are far more likely than faults, so that the walk
 //! reaches motion; at its end everything is mended, and the link must come back and execute a path.
 
-// By its path: a bench takes this file in by its own.
+// By its path, because a bench includes this file by its own path.
 #[path = "walks/faults.rs"]
 mod faults;
 
@@ -30,7 +30,7 @@ const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
 const LENGTH_MS: u64 = 20_000;
 
-/// Of a walk over the programs, where faults come twice as often.
+/// Limits of a walk over the programs, in which faults are twice as frequent.
 const PROGRAM_COMMANDS: usize = 60;
 
 const PROGRAM_LENGTH_MS: u64 = 8_000;
@@ -59,14 +59,14 @@ struct Walk {
     home_at_ms: Option<u64>,
     /// The controller executes the programs that ship.
     is_program: bool,
-    /// A line is told something in each round.
+    /// A line receives outputs in each round.
     has_line: bool,
 }
 
 /// Outputs of a line, apart from those that commands switch.
 const LINE_OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 
-/// Some walks have a line: whatever it is told disturbs nothing.
+/// Some walks have a line: its outputs disturb nothing.
 fn has_line(seed: u64) -> bool {
     seed % 32 == 10
 }
@@ -140,7 +140,7 @@ impl Walk {
         Ok(())
     }
 
-    /// Lets time pass until this was told; false where it was not.
+    /// Lets time pass until this is reported; returns false if it was not.
     fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> Result<bool, String> {
         let end_ms = self.cell.now_ms + patience_ms;
         loop {
@@ -222,7 +222,7 @@ impl Walk {
             };
             let patience_ms = self.draw.random_range(500..if self.is_program { 2_500 } else { 4_000 });
             if !self.until(patience_ms, over)? {
-                // The person in front of it has seen enough.
+                // The person at the cell aborts the path.
                 let _ = self.cell.session.abort();
             }
         }
@@ -241,7 +241,7 @@ impl Walk {
     }
 
     fn queue(&mut self, command: Command) {
-        // Refused where something has just gone wrong; the next round begins anew.
+        // Refused if something has just failed; the next round begins anew.
         self.commands += usize::from(self.cell.session.queue(command).is_ok());
     }
 

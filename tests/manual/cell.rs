@@ -1,6 +1,6 @@
-//! A cell whose devices are reached over their real interfaces alone: the controller by EthernetKRL, executing its own programs, the
-//! camera on the flange by GigE Vision over the loopback interface, the scanner by the played Zivid library. What they show is in
-//! `scenery`.
+//! A cell whose devices are reached only over their real interfaces. The controller is reached by EthernetKRL and
+//! executes its own programs. The camera on the flange uses GigE Vision over the loopback interface, the scanner
+//! the played Zivid library. Their pictures come from `scenery`.
 
 use super::scenery::{Flicker, REDUCTION, SEED, Scenery, Stands};
 use panelprep::cell;
@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub const SERIAL: &str = "MANUAL1";
 pub const PORTS: [u16; 2] = [54_604, 54_605];
-/// The controller's terminals: every world hears what is switched, the one in which a panel stands answers.
+/// The controller's terminals: every world receives the switched outputs, and the world with the panel answers.
 struct Wired {
     terminals: Vec<Box<dyn World>>,
     answers: Shared<AtomicUsize>,
@@ -47,7 +47,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The cell's cameras; where this machine has no place for them, why.
+    /// The cell's cameras; if this machine cannot run them, the reason.
     pub fn new(folder: &Path) -> Result<Self, String> {
         let scenery = Shared::new(Scenery::new());
         let camera = scenery.boards.flange_camera();
@@ -119,7 +119,7 @@ impl Cell {
         assert!(self.handle().with(|arm| arm.jog(joints)), "the arm stands");
     }
 
-    /// A person jogs the arm to where a first picture of the calibration board can be taken.
+    /// A person jogs the arm to a pose for the first picture of the calibration board.
     pub fn jog_to_board(&self) {
         let boards = &self.scenery.boards;
         let flanges: Vec<Rigid<Base, Flange>> = match self.scenery.stands() {
@@ -135,7 +135,7 @@ impl Cell {
         self.jog(&self.scenery.nominal.corner_views()[index].base_from_flange);
     }
 
-    /// Where the arm sees the board of the verification.
+    /// The pose from which the arm sees the board of the verification.
     pub fn verify_pose(&self) -> Joints {
         joints_at(&self.scenery.nominal.flange_target().base_from_flange).expect("within reach")
     }
@@ -173,8 +173,8 @@ impl Cell {
         (worlds[0].truth().clone(), trace, worlds[0].greasy().len())
     }
 
-    /// What was done that must not be done. A scanner that is opened takes a first shot whatever light is on; nothing is made of that
-    /// shot.
+    /// Returns the forbidden actions that happened. A scanner that is opened takes a first shot with any light on;
+    /// that shot is not used.
     pub fn violations(&self) -> String {
         let (_, worlds) = self.scenery.arm.get().expect("the controller runs");
         let all = worlds.iter().flat_map(SimulatedWorld::violations);

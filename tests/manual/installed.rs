@@ -1,6 +1,6 @@
-//! A computer on which the package is installed: its files as `Cargo.toml` lists them, in a folder that stands for `/`, and stand-ins
-//! for the programs of the system that the manual names. A stand-in refuses what is not so: a package, unit or group that we do
-//! not have.
+//! A computer on which the package is installed: its files as `Cargo.toml` lists them, in a folder that replaces
+//! `/`, and stand-ins for the system programs that the manual names. A stand-in refuses a package, unit or group
+//! that we do not have.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -123,7 +123,7 @@ fn systemctl(root: &str, starts: &str) -> String {
     )
 }
 
-/// Copies the files of a folder whose names end so.
+/// Copies the files of a folder whose names end with this.
 fn copy_files(from: &Path, to: &Path, ending: &str) {
     fs::create_dir_all(to).expect("a folder");
     for entry in fs::read_dir(from).unwrap_or_else(|error| panic!("{}: {error}", from.display())) {

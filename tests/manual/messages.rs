@@ -44,7 +44,7 @@ fn function<'t>(text: &'t str, begins: &str) -> &'t str {
     rest.split(&format!("\n{}}}", " ".repeat(indent))).next().unwrap_or_default()
 }
 
-/// What the arms of a match give, where that begins with a word.
+/// The results of the arms of a match, if they begin with a word.
 fn arms(text: &str) -> impl Iterator<Item = String> {
     text.split("=>").skip(1).filter_map(|arm| word(arm.trim_start_matches(['{', '(', ' ', '\n'])))
 }
@@ -57,7 +57,7 @@ const TABLES: [(&str, &str); 4] = [
     ("cli/robot.rs", "fn judgement("),
 ];
 
-/// Calls whose first word is a code, in all files or in those that end so.
+/// Calls whose first word is a code, in all files or in those with this ending.
 const CALLS: [(&str, &str); 11] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),
@@ -77,10 +77,10 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let name = path.display().to_string();
     let of = |ending: &&str| name.ends_with(*ending);
-    // A call that stands on several lines is read as on one.
+    // A call over several lines is read as one line.
     let on_one_line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let called = CALLS.iter().filter(|(file, _)| of(file)).flat_map(|(file, call)| {
-        // Where the code is not the first argument it is the first that is a word.
+        // If the code is not the first argument, it is the first argument that is a word.
         let most = match *call {
             ".broken(" => 4,
             _ if *file == ".rs" => 1,

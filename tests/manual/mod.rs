@@ -1,6 +1,6 @@
-//! The manual, followed by a person who has nothing but the package: every command of every page in its order, in one cell whose
-//! cameras and controller are reached over their real interfaces alone. At its end a greasy panel was found, abraded and passed, and
-//! the tool was where it should be.
+//! The manual, followed by a person who has only the package: every command of every page in its order, in one
+//! cell. Its cameras and controller are reached only over their real interfaces. At its end a greasy panel was
+//! found, abraded and passed, and the tool was at its required place.
 
 mod cell;
 mod installed;
@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 
 /// As `make bench-seeds` has it for a cycle: the tool's tip from the true surface, mm.
 const SURFACE_MAX_MM: f64 = 1.0;
-/// What is not good yet, or says so by its exit code.
+/// Commands whose exit code may report a result that is not good yet.
 const MAY_FIND_FAULT: [&str; 8] = [
     "panelprep doctor",
     "panelprep tune",
@@ -36,7 +36,7 @@ const MAY_FIND_FAULT: [&str; 8] = [
     "panelprep calibrate tcp",
     "panelprep shoot",
 ];
-/// What is refused while something settles, and is asked again.
+/// Time for which a refused command is repeated while something settles.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 struct Walk {
@@ -150,7 +150,7 @@ impl Walk {
         }
     }
 
-    /// Runs a command whose questions the person answers.
+    /// Runs a command and lets the person answer its questions.
     fn answered(&self, line: &str) -> Output {
         let mut child = self.computer.shell(line);
         let mut child =
@@ -174,7 +174,7 @@ impl Walk {
             if let (Some(answer), Some(stdin)) =
                 (person::answer(&self.cell, &store, &whole, &mut asked), stdin.as_mut())
             {
-                // Who asked may have gone on.
+                // The program that asked may have continued.
                 let _ = stdin.write_all(answer.as_bytes());
             }
         }
@@ -182,7 +182,7 @@ impl Walk {
         Output { status, stdout: reads.join().expect("read"), stderr }
     }
 
-    /// Somebody else has started a cycle, and it is under way.
+    /// Another person has started a cycle, and it is running.
     fn begin_cycle(&self) {
         self.cell.put(Stands::Panel(1));
         let began = Instant::now();
@@ -200,7 +200,7 @@ impl Walk {
         }
     }
 
-    /// What came of it, held against the truth.
+    /// Compares the result with the truth.
     fn proven(&self) {
         let (truth, trace, greasy) = self.cell.greasy();
         let errors = contact_errors(&trace, &truth).expect("the greasy panel was abraded");

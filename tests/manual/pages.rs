@@ -1,4 +1,4 @@
-//! The manual's pages as steps: commands as they are typed, and what stands in the cell for them.
+//! The manual's pages as steps: commands as they are typed, and the contents of the cell for them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ pub enum Step {
     Command(String),
 }
 
-/// Where the pages lie.
+/// The folder of the pages.
 pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual")
 }
@@ -52,7 +52,7 @@ fn a_page_is_read_as_what_stands_there_and_what_is_typed() {
     assert_eq!(steps(text), [Step::Cell("a board".to_owned()), command("a b"), command("c")]);
 }
 
-/// Every page is in the contents, and every link and picture of a page is there.
+/// Every page is in the contents, and every link and picture of a page exists.
 #[test]
 fn the_pages_are_whole() {
     let names = names();
@@ -76,7 +76,8 @@ fn the_pages_are_whole() {
     }
 }
 
-/// What is wrong with a command line: a command, an option or a value that the program does not have. Placeholders stand for values.
+/// Returns the error of a command line: a command, an option or a value that the program does not have.
+/// Placeholders count as values.
 fn wrong(line: &str, program: &clap::Command) -> Option<String> {
     let mut words = line.split_whitespace().skip(1).peekable();
     let mut command = program;

@@ -1,5 +1,5 @@
-//! The person who follows the manual: answers what the program asks at the terminal, jogs the arm, draws on the page, and edits the
-//! two files that the manual says are to be edited.
+//! The person who follows the manual: answers the program's questions at the terminal, jogs the arm, draws on the
+//! page, and edits the two files that the manual names.
 
 use super::cell::{Cell, PORTS, SERIAL};
 use crate::teach_page;
@@ -8,12 +8,13 @@ use std::fs;
 use std::path::Path;
 use toml_edit::{Array, DocumentMut, Item, Table, value};
 
-/// Where the arm parks, and where its tool's tip may be.
+/// The arm's park pose, and the allowed box of its tool's tip.
 const PARK_DEG: &str = "-120,-75,110,0,55,90";
 const READY_DEG: [f64; 6] = [0.0, -120.0, 145.0, 0.0, -25.0, 90.0];
 const BOX_MM: [&str; 2] = ["100,-450,50", "700,450,900"];
 
-/// What the person answers to a line of the program, if anything; `asked` counts what was answered to this command before.
+/// Returns the person's answer to a line of the program, if there is one; `asked` counts the earlier answers to
+/// this command.
 pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Option<String> {
     let words = |words: &str| Some(format!("{words}\n"));
     let number = *asked;
@@ -61,7 +62,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     said
 }
 
-/// The number of the pose that is asked for.
+/// Returns the number of the requested pose.
 fn numbered(line: &str) -> Option<usize> {
     line.split_once("Press Enter for pose ")?.1.split(' ').next()?.parse().ok()
 }
@@ -94,7 +95,7 @@ fn edited(file: &Path, edit: impl FnOnce(&mut DocumentMut)) {
     fs::write(file, document.to_string()).expect("written");
 }
 
-/// The cell's file with this cell's numbers, as the manual asks for it.
+/// Edits the cell's file with this cell's numbers, as the manual requires.
 pub fn edit_cell(file: &Path, verify: Joints) {
     edited(file, |cell| {
         let pose = |degrees: [f64; 6]| {

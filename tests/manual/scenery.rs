@@ -1,4 +1,4 @@
-//! What stands in the cell of the manual, and what its cameras see of it: rendered from where the arm stands.
+//! The contents of the cell of the manual, and the pictures of its cameras, rendered from the arm's present pose.
 
 use panelprep::devices::cameras::{
     Arm, FlangeCamera as _, Scanner as _, SimulatedFlangeCamera, SimulatedScanner, simulated,
@@ -14,11 +14,11 @@ use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-/// Pictures have so many times fewer pixels each way than those of the real cameras.
+/// Factor by which pictures have fewer pixels each way than those of the real cameras.
 pub const REDUCTION: usize = 2;
 /// The simulated panel, its grease and its places come from this number.
 pub const SEED: u64 = 3;
-/// Error of the robot where the board or the camera is on it.
+/// Error of the robot if the board or the camera is on it.
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 const SCAN_NOISE_MM: f64 = 0.05;
 const LENS_PICTURES: usize = 80;
@@ -37,7 +37,7 @@ pub enum Stands {
 }
 
 impl Stands {
-    /// As the manual says it.
+    /// The contents by the manual's words.
     pub fn named(words: &str) -> Option<Self> {
         Some(match words {
             "a person holds a board before the scanner" => Stands::LensScanner,
@@ -65,7 +65,7 @@ pub struct Scenery {
     lens_flange: Vec<BoardShot<FlangeCamera>>,
     pub targets: BoardCell,
     pub base_from_targets: [Rigid<Base, Board>; 2],
-    /// Once the cell's file is there.
+    /// Set once the cell's file exists.
     pub arm: OnceLock<(MockHandle, [SimulatedWorld; 2])>,
 }
 
@@ -96,7 +96,7 @@ impl Scenery {
         *self.stands.lock().expect("nobody failed")
     }
 
-    /// Where the flange is, unless it moves.
+    /// The flange's place, unless it moves.
     fn flange(&self) -> Option<Rigid<Base, Flange>> {
         let (handle, _) = self.arm.get()?;
         handle.with(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))
@@ -169,7 +169,7 @@ impl Scenery {
         }
     }
 
-    /// One exposure for the played camera; where nothing can be seen the connection ends, and the camera fails.
+    /// Makes one exposure for the played camera. If nothing can be seen, the connection ends and the camera fails.
     pub fn answer(&self, mut asked: UnixStream) {
         let mut wish = [0; 3];
         if asked.read_exact(&mut wish).is_err() {
@@ -192,7 +192,7 @@ impl Scenery {
             _ => self.picture().map(|picture| [size(picture.width, picture.height), colors(&picture.rgb)].concat()),
         };
         if let Some(answer) = answer {
-            // Who asked may be gone.
+            // The requesting process may have ended.
             let _ = asked.write_all(&answer);
         }
     }

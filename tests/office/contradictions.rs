@@ -1,11 +1,13 @@
-//! What contradicts a record: another one in its place, a change in the database, garbage. It is told, and replaces nothing.
+//! Contradictions to a record: another one in its place, a change in the database, garbage. Each is reported, and
+//! replaces nothing.
 
 use super::offices::{Cell, PATIENCE, Plant, publish, runtime, sql};
 use panelprep::cell::CellName;
 use panelprep::office::{Body, Chunk, Message, Position, What, chunks};
 use std::time::{Duration, Instant};
 
-/// Another cell under the same name, a record that somebody changes in the database, and garbage: each is told, none replaces anything.
+/// Another cell under the same name, a record that a person changes in the database, and garbage: each is reported,
+/// none replaces anything.
 #[test]
 fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     let Some(plant) = Plant::start() else { return };
@@ -14,7 +16,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     cell.cycles(3);
     plant.holds("cell-1", &cell.path());
     garbage(&plant);
-    // Whoever speaks under the cell's name, epoch and number without its key.
+    // A sender that uses the cell's name, epoch and number without its key.
     let mut forged = cell.store.outbox_after(&cell.store.outbox_epochs().expect("epochs")[0], 1).expect("none");
     assert!(forged.is_empty());
     let begin = Position { number: 0, ..cell.store.outbox_epochs().expect("epochs")[0].clone() };
@@ -38,7 +40,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     assert!(told.contains("came a second time with the SHA-256"), "{told}");
     assert!(told.contains("\"same\":6"), "the first one stands: {told}");
     assert!(plant.log().contains("refused"), "{}", plant.log());
-    // What somebody changes in the database.
+    // A change by a person in the database.
     sql(
         &plant,
         "DELETE FROM contradictions; UPDATE records SET content = convert_to(replace(convert_from(content, 'UTF8'), 'wing', 'tail'), 'UTF8') WHERE number = 2",
@@ -49,7 +51,8 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     assert!(found.contains("is not what its cell signed"), "{found}");
 }
 
-/// As a sender does whose messages the broker does not know again: after its hour, or one that never told their names.
+/// Publishes as a sender whose messages the broker no longer recognizes: after the broker's hour, or a sender that
+/// never gave their names.
 fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     runtime().block_on(async {
         let client = async_nats::connect(format!("127.0.0.1:{}", plant.broker_port)).await.expect("connected");

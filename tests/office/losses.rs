@@ -35,7 +35,8 @@ fn nothing_is_lost_or_kept_twice_where_everything_is_killed_in_turn() {
     assert_eq!((count(&found, "records"), count(&found, "same"), count(&found, "signatures")), (720, 720, 360));
 }
 
-/// A broker whose disk is lost, and a database that is brought back without its last records: the cell sends again what is missing.
+/// A broker that loses its disk, and a database that is restored without its last records: the cell sends the
+/// missing records again.
 #[test]
 fn what_a_broker_or_a_database_forgets_is_sent_again() {
     let Some(mut plant) = Plant::start() else { return };
@@ -43,7 +44,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     cell.send(plant.office("cell-1"));
     cell.cycles(5);
     plant.holds("cell-1", &cell.path());
-    // What the broker took is lost with its disk before the archive has it.
+    // The broker's messages are lost with its disk before the archive has them.
     plant.kill_archive();
     cell.cycles(5);
     let progress = cell.path().join("office.json");
@@ -62,7 +63,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     );
     plant.start_archive();
     assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 20);
-    // Messages of a broker that keeps its name: some of what it took is gone, and nobody says so.
+    // A broker that keeps its name has lost some of its accepted messages, without a report.
     plant.kill_archive();
     cell.sender = None;
     cell.send(Office { behind_min: 1, ..plant.office("cell-1") });
@@ -77,7 +78,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 30);
 }
 
-/// A record is told to be in the office once all of its files are there too, in whatever order they come.
+/// A record is reported as being in the office only when all of its files are there too, in any order of arrival.
 #[test]
 fn a_record_counts_with_its_files() {
     let Some(plant) = Plant::start() else { return };
@@ -131,7 +132,7 @@ fn wait_until_sent(progress: &Path, number: u64) {
     }
 }
 
-/// A cell that gets another name, and one whose office is another one, send everything there.
+/// A cell with a new name, and a cell with a new office, send everything there.
 #[test]
 fn under_another_name_and_to_another_office_everything_is_sent() {
     let (Some(plant), Some(other)) = (Plant::start(), Plant::start()) else { return };

@@ -44,7 +44,7 @@ fn people_look_at_all_cells_in_a_browser() {
         assert!(since.elapsed() < PATIENCE, "the office's page does not listen");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // A recipe is approved once: each cell is offered it, and none takes it by itself.
+    // A recipe is approved once: it is offered to each cell, and no cell uses it by itself.
     let recipe = fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe");
     let offered = plant.folder.path().join("offered.toml");
     fs::write(&offered, recipe.clone() + "\n# approved in the office\n").expect("written");

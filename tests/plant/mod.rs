@@ -1,5 +1,5 @@
-//! Servers of the office for tests: Debian's nats-server and PostgreSQL, each in a folder and on a port of its own. Where one is
-//! not installed, whoever asks is told so, and says that it did not run.
+//! Servers of the office for tests: Debian's nats-server and PostgreSQL, each in a separate folder and on a
+//! separate port. If one is not installed, the caller learns this and reports that its test did not run.
 
 use std::fs;
 use std::net::{TcpListener, TcpStream};
@@ -8,13 +8,13 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
-/// A database that was killed again and again on a busy machine takes its time.
+/// A database that was killed repeatedly on a busy machine needs time.
 const PATIENCE: Duration = Duration::from_secs(180);
 
 /// Ports below those that the system gives to connections that go out: a server that is killed must get its own one again.
 const PORTS: std::ops::Range<u16> = 20_000..32_000;
 
-/// A port that nobody has at this moment.
+/// Returns a port that is free at this moment.
 pub fn free_port() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     // Other processes of the tests begin elsewhere.
@@ -76,7 +76,7 @@ impl Server {
     }
 }
 
-/// What `nats-server` is called here; `None` where it is not installed.
+/// Returns the name of `nats-server` here; `None` if it is not installed.
 pub fn nats_server() -> Option<&'static str> {
     Command::new("nats-server").arg("--version").output().ok().map(|_| "nats-server")
 }
@@ -95,7 +95,7 @@ pub fn broker(folder: &Path, port: u16) -> Server {
     })
 }
 
-/// The folder of PostgreSQL's programs; `None` where it is not installed.
+/// Returns the folder of PostgreSQL's programs; `None` if it is not installed.
 pub fn postgres_programs() -> Option<PathBuf> {
     let versions = fs::read_dir("/usr/lib/postgresql").ok()?;
     let mut folders: Vec<PathBuf> = versions.filter_map(|entry| Some(entry.ok()?.path().join("bin"))).collect();
@@ -113,7 +113,7 @@ fn as_user(program: &Path) -> Command {
     command
 }
 
-/// What a server says, for whoever looks why it does not answer.
+/// A server's output, for a person who looks for the reason why it does not answer.
 fn appended(log: &Path) -> fs::File {
     fs::OpenOptions::new().create(true).append(true).open(log).expect("a log")
 }

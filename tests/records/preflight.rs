@@ -1,5 +1,5 @@
-//! The record's PDF before an independent validator, Apache PDFBox Preflight, as Debian has it. It knows PDF/A-1b; what part 3 allows beyond
-//! part 1 is all that it may find.
+//! Checks the record's PDF with an independent validator, Apache PDFBox Preflight, as Debian provides it. It knows
+//! PDF/A-1b; it may find only what part 3 allows beyond part 1.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ const LIBRARIES: [&str; 8] =
 /// version 4, and the number of the part.
 const PART_3: [&str; 4] = ["1.2.9", "1.4.7", "2.1.6", "7.11.2"];
 
-/// The codes of what it finds, each once; none where Preflight or Java is not there.
+/// Returns the codes of its findings, each once; `None` if Preflight or Java is not installed.
 fn found(pdf: &Path) -> Option<Vec<String>> {
     let libraries = LIBRARIES.map(|name| format!("/usr/share/java/{name}.jar"));
     let is_there = libraries.iter().all(|file| Path::new(file).exists());

@@ -6,7 +6,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A database of yesterday beside the head of today: the service rests in Aborted and says why, until a person clears it.
+/// A database of yesterday beside the head of today: the service rests in Aborted and states why, until a person
+/// clears it.
 #[test]
 fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     let folder = taught("clean");
@@ -39,8 +40,8 @@ fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     assert!(exit == 0 && told["ok"] == true && known.contains("rolled back"), "it stays on record: {told}");
 }
 
-/// Some other program fills the store's disk in the middle of a cycle: the cell is held, says what to delete, and a restart
-/// on the full disk does too. With room again it goes on.
+/// Another program fills the store's disk in the middle of a cycle. The cell is held and states what to delete, and
+/// so does a restart on the full disk. When there is room again, it continues.
 #[test]
 fn a_full_disk_holds_the_cell_and_a_start_on_it_says_what_to_delete() {
     let folder = rendered("good");
@@ -93,7 +94,7 @@ impl Drop for Mounted {
     }
 }
 
-/// Takes all that is left of a disk.
+/// Fills the rest of a disk.
 fn fill(disk: &Path) {
     let file = disk.join("ballast");
     let mut ballast = std::fs::OpenOptions::new().create(true).append(true).open(file).expect("made");

@@ -1,4 +1,5 @@
-//! A service that is killed: the next one finds a whole store, rests, and moves nothing until it is told to.
+//! A service that is killed: the next one finds a complete store, rests, and moves nothing until it receives a
+//! request.
 
 use super::super::commands::json;
 use super::{START, Service, journal, taught};
@@ -9,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long a whole cycle takes here, from its start.
+/// Returns the duration of a whole cycle here, from its start.
 fn whole_cycle(folder: &Path) -> Duration {
     let service = Service::start(folder);
     service.reset();
@@ -21,7 +22,8 @@ fn whole_cycle(folder: &Path) -> Duration {
     took
 }
 
-/// Kills a service after this much of its cycle, and holds the next one to its promise; says whether a motion was open.
+/// Kills a service after this time of its cycle, and checks that the next one keeps its promise; returns whether a
+/// motion was open.
 fn survives(folder: &Path, after: Duration) -> bool {
     let service = Service::start(folder);
     service.reset();
@@ -73,7 +75,8 @@ fn kills(moments: u32, seed: u64) {
     eprintln!("{open} of {moments} kills left a motion open; a cycle takes {whole:?}");
 }
 
-/// A process may end anywhere; the store opens, the next one rests and moves nothing until told.
+/// A process may end anywhere. The store opens, and the next process rests and moves nothing until it receives a
+/// request.
 #[test]
 fn a_killed_service_leaves_a_cell_at_rest() {
     kills(3, 1);

@@ -27,8 +27,8 @@ pub fn replays(service: &Service, folder: &Path, verdict: &str) -> String {
     file
 }
 
-/// One cycle that a person holds and one whose result a person accepts, each recorded while the service goes on; both run
-/// again without a difference. Pages and `ctl state` name the files.
+/// One cycle that a person holds and one whose result a person accepts, each recorded while the service continues;
+/// both replay without a difference. Pages and `ctl state` name the files.
 #[test]
 fn cycles_of_the_service_are_recorded_and_replay() {
     let folder = taught("good");
@@ -77,7 +77,7 @@ fn cycles_of_the_service_are_recorded_and_replay() {
     service.done("abort");
 }
 
-/// A service that is killed leaves a recording up to its last whole chunk, and a replay says that it was cut.
+/// A service that is killed leaves a recording up to its last whole chunk, and a replay reports that it was cut.
 #[test]
 fn a_killed_service_leaves_a_recording_that_is_cut() {
     let folder = taught("good");

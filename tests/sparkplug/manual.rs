@@ -1,4 +1,4 @@
-//! The manual's tables of MQTT Sparkplug say what the program does and what its tests look at.
+//! The manual's tables of MQTT Sparkplug state what the program does and what its tests check.
 
 use panelprep::sparkplug::{METRICS, NodeCommand};
 use std::collections::BTreeSet;
@@ -33,7 +33,7 @@ fn the_manual_lists_every_metric() {
     assert_eq!(listed, known.collect::<Vec<_>>());
 }
 
-/// The table of assertions has each one once, a test that is named is there, and its summary counts right.
+/// The table of assertions contains each one once, each named test exists, and its summary counts correctly.
 #[test]
 fn the_assertions_name_tests_that_are_there() {
     let page = "sparkplug-assertions.md";

@@ -11,11 +11,11 @@ use std::time::{Duration, Instant};
 
 /// Long enough for a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Whom the broker knows.
+/// The user that the broker knows.
 pub const USER: &str = "cell";
 pub const PASSWORD: &str = "a long password";
 
-/// Whether these programs and environments are there; else it says that the test was not run.
+/// Returns whether these programs and environments are installed; otherwise prints that the test was not run.
 pub fn are_there(environments: &[&str]) -> bool {
     let answers = |program: &str, argument: &str| {
         Command::new(program).arg(argument).stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
@@ -130,7 +130,7 @@ pub struct Host {
     child: Child,
     stdin: ChildStdin,
     lines: Receiver<String>,
-    /// Everything that it told.
+    /// All its messages.
     pub heard: Vec<Value>,
 }
 
@@ -166,7 +166,7 @@ impl Host {
         self.stdin.write_all(format!("{what}\n").as_bytes()).expect("it reads");
     }
 
-    /// What it told up to now.
+    /// Its messages up to now.
     pub fn so_far(&mut self) -> &[Value] {
         while let Ok(line) = self.lines.try_recv() {
             self.keep(&line);

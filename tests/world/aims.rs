@@ -1,5 +1,5 @@
-//! Where the lines of a path should end: the base and the tool that were sent in their epoch, and the point. Whatever base and tool
-//! the controller has, and whatever it says of them, the arm ends there.
+//! The required ends of a path's lines: the base and the tool that were sent in their epoch, and the point.
+//! Whatever base and tool the controller has, and whatever it reports about them, the arm ends there.
 
 use panelprep::devices::mock::Executed;
 use panelprep::eki::{CommandId, Epoch, MoveLin};
@@ -41,7 +41,7 @@ impl Aims {
         [self.off(fresh), self.holes(fresh)]
     }
 
-    /// A path with a hole is worse than a stop: the arm cuts a corner that nobody planned.
+    /// A path with a hole is worse than a stop: the arm cuts an unplanned corner.
     fn holes(&mut self, fresh: &[Executed]) -> Option<String> {
         let mut found = None;
         for step in fresh {

@@ -1,6 +1,7 @@
-//! The cameras of a world. Pictures are rendered once for each thing that can be seen and kept for all worlds of the process:
-//! a scan by what stands there, a picture of the film by what is greasy and its time in steps, a corner by the
-//! flange's pose. Rendering them is the larger part of a cycle's cost, and two equal sights give equal pictures anyhow.
+//! The cameras of a world. Pictures are rendered once for each possible view and kept for all worlds of the
+//! process. A scan is kept by the contents of the cell, a picture of the film by the greasy places and its time in
+//! steps, a corner by the flange's pose. Rendering them is the larger part of a cycle's cost, and two equal views
+//! give equal pictures anyway.
 
 use super::fixture::{Fixture, Stands};
 use super::inside::{Inside, Shared};
@@ -17,9 +18,10 @@ use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 /// Of this share of its area covered, a spot of grease is gone.
 const HEALED_FROM: f64 = 0.9;
-/// Pictures of the film are rendered for every so many seconds.
+/// Interval between rendered pictures of the film, s.
 const STEP_S: f64 = 2.0;
-/// Films of this cell break so many times as fast as the renderer's, so that five seconds show what a minute shows.
+/// Factor by which films of this cell break faster than the renderer's, so that five seconds show as much as a
+/// minute.
 const HASTE: f64 = 8.0;
 /// Pictures that are kept at most, of each kind.
 const MOST: usize = 4_000;
@@ -249,7 +251,7 @@ fn corner_picture(stands: Stands, base_from_flange: &Rigid<Base, Flange>) -> Arc
         return picture.clone();
     }
     let place = Fixture::get().truth().base_from_panel;
-    // From where the key says, so that it does not matter who came first.
+    // Rendered from the key's rounded pose, so that the picture does not depend on the first caller.
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
     let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
     let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(&from, &place));
@@ -266,7 +268,8 @@ fn rounded(base_from_flange: &Rigid<Base, Flange>) -> [i64; 6] {
     numbers.map(|number| (number * 1e3).round() as i64)
 }
 
-/// What the cameras of this world would show, as a number, for results that were computed before. None where one of them is harmed.
+/// Returns a number for the pictures that this world's cameras would show, to find results that were computed
+/// before. `None` if one of the cameras is disturbed.
 pub fn seen(world: &Shared, act: Act) -> Option<u64> {
     let mut world = world.lock();
     let now_ms = world.now_ms();

@@ -1,8 +1,11 @@
-//! Between the people of a world and its loop: the service's own queue and request handler, with several users who ask at once.
+//! Between the people of a world and its loop: the service's own queue and request handler, with several users who
+//! send requests at once.
 //!
-//! What can be asked by the socket goes through its line of text and back. Beside what people want, the state is asked for, as a page
-//! does: in every round of the loop while the cell rests, so that the handler never waits, else in every fourth. A mirror of the queue says what must find a place, what
-//! must not, and what is taken next; each request that found one is answered, in as many rounds as there are requests before it.
+//! A request that the socket accepts is converted to its line of text and back. In addition, the state is
+//! requested, as a page does. This happens in every round of the loop while the cell rests, so that the handler
+//! never waits, otherwise in every fourth round. A mirror of the queue states which requests must find a place,
+//! which must not, and which is next. Each request that found a place is answered, in at most as many rounds as
+//! there are requests before it.
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
@@ -16,13 +19,13 @@ use std::sync::mpsc::channel;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
-/// Whoever runs the cycles, people who press whatever they like, and a page that asks for the state.
+/// The user who runs the cycles, people who press anything, and a page that requests the state.
 pub const OPERATOR: u32 = 1_000;
 pub const SOMEBODY: u32 = 1_001;
 const PAGE: u32 = 33;
 /// A person at a second screen.
 const SECOND: u32 = 1_002;
-/// A page asks for the state once in so many rounds of a loop that is busy.
+/// Rounds of a busy loop between two requests of a page for the state.
 const PAGE_ROUNDS: u64 = 4;
 
 /// Requests of one user, and of all, that may wait.
@@ -31,7 +34,7 @@ const MOST: usize = 32;
 /// Rounds of the loop until the answer to a request that was taken.
 const ANSWERED_IN: u32 = 2;
 
-/// What a screen shows: the table's step, and where it is.
+/// The contents of a screen: the table's step, and its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shown {
     step: u64,
@@ -68,7 +71,7 @@ pub struct Desk {
     sender: RequestSender,
     waiting: Vec<Waiting>,
     rounds: u64,
-    /// Somebody wants the process to end: what else waits may be dropped.
+    /// A person wants the process to end: other waiting requests may be dropped.
     leaves: bool,
     /// What was wrong.
     pub wrong: Option<String>,
@@ -83,7 +86,7 @@ impl Desk {
         let parts = ServiceParts {
             recording: RecordingSwitch::new(store, false),
             supervisor: Supervisor::default(),
-            // Nobody writes pages here; the store is looked at for them at the end.
+            // No pages are written here; at the end they are made from the store.
             pages: channel().0,
             written: WrittenPage::default(),
             cameras: None,
@@ -103,7 +106,7 @@ impl Desk {
         self.asks(SECOND, what, Some(shown));
     }
 
-    /// This user asks for it.
+    /// This user sends the request.
     pub fn ask(&mut self, uid: u32, what: What) {
         self.asks(uid, what, None);
     }
@@ -146,7 +149,7 @@ impl Desk {
         }
     }
 
-    /// What can be asked by the socket is the same behind it.
+    /// A request that the socket accepts is the same after it.
     fn through_the_socket(&mut self, what: What) -> What {
         let Ok(line) = request_line(&what) else { return what };
         match read_request(line.as_bytes()) {
@@ -158,7 +161,7 @@ impl Desk {
         }
     }
 
-    /// What the loop takes now.
+    /// The request that the loop takes now.
     pub fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.rounds += 1;
         let is_due = state.at.rests() || self.rounds.is_multiple_of(PAGE_ROUNDS);
@@ -246,7 +249,7 @@ impl Desk {
         }
     }
 
-    /// The loop tells something.
+    /// The loop reports something.
     pub fn hear(&mut self, news: News) {
         self.handler.hear(news);
         self.answers();

@@ -1,12 +1,15 @@
-//! The disk of a world: every writing to its folder is seen, may fail, and may be the last one; and what a power cut leaves.
+//! The disk of a world: every write to its folder is observed, may fail, and may be the last one; and the result of
+//! a power cut.
 //!
-//! The system's own functions stand before the C library's here (`open`, `write`, `pwrite`, `fsync`, `fdatasync`, `ftruncate`,
-//! `rename`, `unlink`): SQLite is linked into this program and calls them by name, as the standard library does. So the product needs no
-//! layer of its own between store and disk, and what is tested is what ships. A SQLite VFS would see the database alone, and
-//! neither head nor blobs. `mmap` of the database's `-shm` is not a matter of durability: it is made anew from the log.
+//! Here the system's own functions take the place of the C library's (`open`, `write`, `pwrite`, `fsync`,
+//! `fdatasync`, `ftruncate`, `rename`, `unlink`). SQLite is linked into this program and calls them by name, as the
+//! standard library does. So the product needs no layer of its own between store and disk, and the tested code is
+//! the shipped code. A SQLite VFS would see only the database, and neither head nor blobs. `mmap` of the database's
+//! `-shm` does not matter for durability: it is made again from the log.
 //!
-//! What is flushed (`fsync` of the file; of its folder for names) is kept by a power cut. Of what is not, any part may be: each
-//! writing whole, in some of its sectors, or not at all, in any order; names in their order, up to some point.
+//! A power cut keeps everything that was flushed (`fsync` of the file; of its folder for names). Of the rest, any
+//! part may be kept: each write whole, in some of its sectors, or not at all, in any order; names in their order,
+//! up to some point.
 
 use super::libc_calls::{self, Call};
 use super::sabotage::Sabotage;
@@ -17,9 +20,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const SECTOR: usize = 512;
-/// The file that says how far the chain goes.
+/// The file that states how far the chain goes.
 const HEAD: &str = "panelprep.head";
-/// The file that takes room and says nothing.
+/// The file that takes room and contains nothing.
 const RESERVE: &str = "panelprep.reserve";
 
 /// What is to happen at one of the next writings.
@@ -27,9 +30,9 @@ const RESERVE: &str = "panelprep.reserve";
 pub enum Event {
     /// Nothing is written from there on.
     End,
-    /// So many writings find no room, until the reserve is given up.
+    /// This number of writes find no room, until the reserve is given up.
     Full(u32),
-    /// So many writings fail.
+    /// This number of writes fail.
     Io(u32),
 }
 
@@ -68,7 +71,8 @@ struct Watched {
     had_io_error: bool,
     was_full: bool,
     sabotage: Option<Sabotage>,
-    /// One writing in so many is imagined to be the last one before a power cut; what that would leave is put beside the folder.
+    /// One in this number of writes is imagined to be the last one before a power cut. What that would leave is put
+    /// beside the folder.
     imagined: Option<(u32, Pcg64)>,
     imagines: bool,
     left: Vec<PathBuf>,
@@ -109,7 +113,8 @@ pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
     libc_calls::listen(true);
 }
 
-/// One in so many of the writings between [`imagine`] and [`imagined`] is imagined to be the last one before a power cut.
+/// One in this number of the writes between [`imagine`] and [`imagined`] is imagined to be the last one before a
+/// power cut.
 pub fn imagine_one_in(count: u32, seed: u64) {
     with(|watched| watched.imagined = Some((count, Pcg64::seed_from_u64(seed))));
 }
@@ -203,7 +208,7 @@ fn with<T>(act: impl FnOnce(&mut Watched) -> T) -> Option<T> {
     done
 }
 
-/// A call of this thread; an error number where it is to fail without being done.
+/// A call of this thread; returns an error number if it must fail without being done.
 pub fn before(call: &Call<'_>) -> Option<i32> {
     WATCHED.with_borrow_mut(|slot| slot.as_mut().and_then(|watched| watched.before(call)))
 }
@@ -269,7 +274,7 @@ impl Watched {
                 Some(libc::EIO)
             }
             Event::Full(_) if gives_up => {
-                // The room that the reserve took is far more than what is written until the cell rests.
+                // The room of the reserve is far more than the cell writes until it rests.
                 self.events.retain(|(_, event)| !matches!(event, Event::Full(_)));
                 None
             }

@@ -7,8 +7,8 @@ use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// The share of worlds with one of these, and of those with a disk that have a restore: packing and verifying a store takes as long as a
-/// few cycles.
+/// The share of worlds with one of these, and the share with a restore among those with a disk: packing and
+/// verifying a store takes as long as a few cycles.
 const SHARE: f64 = 0.5;
 const RESTORES: f64 = 0.08;
 
@@ -65,7 +65,8 @@ fn overridden(draw: &mut Pcg64) -> Entry {
     in_contact_or(draw, &["plan", "verify", "retract", "wet", "refine", "held"], fault)
 }
 
-/// The pose is measured beside where the arm is: less than what is left at once, or more.
+/// The measured pose is off from the arm's place: by less than the limit at which the path is left at once, or by
+/// more.
 fn measured(draw: &mut Pcg64) -> Entry {
     let off_mm = [3, 20, 60, 120][draw.random_range(0..4)];
     let fault = Fault::Controller(format!("measured={off_mm}/{}ms", lasts_ms(draw)));

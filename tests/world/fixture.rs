@@ -17,11 +17,12 @@ const REDUCTION: usize = 8;
 /// The simulated cell of this seed.
 const CELL_SEED: u64 = 3;
 
-/// What is so much nearer than the empty cell is the panel, mm; so many pixels around it are kept.
+/// A point that differs from the empty cell by more than this belongs to the panel, mm; this number of pixels
+/// around it are kept.
 const DIFFERENT_MM: f64 = 2.0;
 const AROUND_PX: usize = 4;
 
-/// The file that takes room and says nothing.
+/// The file that takes room and contains nothing.
 const RESERVE: &str = "panelprep.reserve";
 const RESERVE_BYTES: u64 = 32 << 20;
 
@@ -39,14 +40,14 @@ pub struct Fixture {
     pub setup: Arc<CellSetup>,
     /// A cycle's share.
     pub cycle: CycleSetup,
-    /// What is true of the cell, by the scene that stands in it.
+    /// The truth of the cell, by the scene in it.
     scenes: [sim::Cell; 3],
     truth: Truth,
     /// A new store as the program leaves it: its files, from its folder on.
     store: Vec<(PathBuf, Vec<u8>)>,
 }
 
-/// What stands in the cell.
+/// The contents of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Stands {
     /// The taught panel, greasy in places.
@@ -55,7 +56,7 @@ pub enum Stands {
     Clean,
     /// No panel.
     Nothing,
-    /// The taught panel, with grease that no disc takes off.
+    /// The taught panel, with grease that no disc removes.
     Stubborn,
 }
 
@@ -95,7 +96,7 @@ impl Fixture {
         Fixture { cell, setup, cycle, scenes, truth, store }
     }
 
-    /// The simulated cell with what stands in it.
+    /// The simulated cell with its contents.
     pub fn scene(&self, stands: Stands) -> &sim::Cell {
         &self.scenes[stands.looks() as usize]
     }
@@ -151,14 +152,14 @@ fn files(root: &Path, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// A folder in memory where the system has one, for this process.
+/// A folder for this process, in memory if the system has one.
 pub fn folder(name: &str) -> PathBuf {
     let memory = Path::new("/dev/shm");
     let parent = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     parent.join(format!("panelprep-world-{}", std::process::id())).join(name)
 }
 
-/// Short times and wide tolerances, within what a recipe may say.
+/// Short times and wide tolerances, within the limits of a recipe.
 fn recipe(sim: &sim::Cell) -> Recipe {
     let region = sim.region();
     let text = format!(
@@ -195,8 +196,9 @@ fn taught(sim: &sim::Cell, empty: &sim::Cell, recipe: &Recipe) -> (TaughtPanel, 
     (panel, corners)
 }
 
-/// The scan without what lies far from a panel: the arm keeps clear of everything that was scanned, and looking at each point of the
-/// fixture takes longer than all else in a world. The panel is where `with` differs from the empty cell.
+/// Returns the scan without points far from a panel. The arm keeps clear of everything that was scanned, and
+/// checking each point of the fixture takes longer than everything else in a world. The panel is at the points at
+/// which `with` differs from the empty cell.
 fn cropped(
     scan: &OrganizedCloud<Camera>,
     with: &OrganizedCloud<Camera>,

@@ -1,5 +1,6 @@
-//! What the table must do in time, judged by what the robot, the controller and the disk are: no work with a robot that is not ready, no
-//! answer that is waited for without end, no cycle that outlives a controller's start, none that goes on with a full disk.
+//! The actions that the table must do in time, judged by the true state of robot, controller and disk. There is no
+//! work with a robot that is not ready and no endless wait for an answer. No cycle outlives a controller's start or
+//! continues with a full disk.
 
 use super::disk;
 use super::inside::Inside;
@@ -8,7 +9,7 @@ use panelprep::cycle::{Act, At, Id, Robot, State};
 /// Longest time for an answer that needs a state of the controller alone, and for one that is computed, ms.
 const ANSWER_MS: u64 = 5_000 + 500;
 const COMPUTED_MS: u64 = 60_000 + 500;
-/// A robot that cannot move is known so soon, and the loop has looked so often, ms.
+/// Time after which a robot that cannot move is known, ms, and number of looks of the loop by then.
 const UNABLE_MS: u64 = 1_000;
 const UNABLE_LOOKS: u32 = 20;
 /// So soon the cell is held for a full disk, ms.
@@ -71,7 +72,7 @@ impl InTime {
             world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
         }
         let now_ms = world.now_ms();
-        // A link that stands still hears nothing of it.
+        // A stalled link receives nothing of it.
         let hears = now_ms > world.cell.client_stalls_until_ms;
         if world.cell.controller.can_move() || !works(state.at) || world.is_strange() || !hears {
             self.unable = None;
@@ -85,7 +86,7 @@ impl InTime {
         }
     }
 
-    /// A controller that was started again knows nothing of the cell that is held.
+    /// A controller that was started again knows nothing about the held cell.
     fn starts(&mut self, world: &mut Inside, state: &State) {
         if !matches!(state.at, At::Held(_)) {
             self.held = None;
@@ -95,7 +96,7 @@ impl InTime {
         let (before, was_gone) = self.held.get_or_insert((reboots, false));
         let is_ready = state.facts.robot == Robot::Ready;
         *was_gone |= *before < reboots && !is_ready;
-        // A number of its start that is not so may have been told.
+        // The controller may have reported a false number of its start.
         if *was_gone && is_ready && world.oracles.strange_epoch == 0 {
             world.wrong("a controller's start", format!("{:?} outlives a start of the controller", state.at));
         }

@@ -1,7 +1,8 @@
-//! What is inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
+//! The inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
 //!
-//! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else. `counts`: what is found · `striking`: the
-//! faults · `places`: where the arm may be, and at which override · `truth`: what the controller does, independent of what it and the client report.
+//! The loop's ports share it. Time passes while the loop waits for the robot, and at no other moment. `counts`: the
+//! findings · `striking`: the faults · `places`: where the arm may be, and at which override · `truth`: what the
+//! controller does, independent of what it and the client report.
 
 mod counts;
 mod places;
@@ -31,20 +32,20 @@ use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Where the arm stands before the first cycle: `[poses] ready`.
+/// The arm's pose before the first cycle: `[poses] ready`.
 const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
-/// The tool is on the panel where its tip is so near to the surface, mm.
+/// The tool is on the panel if its tip is this near to the surface, mm.
 const LOW_MM: f64 = 1.0;
-/// The controller's watchdog, a message that was on its way, and what its program takes, ms.
+/// The controller's watchdog, a message on its way, and the time of its program, ms.
 const UNHEARD_MS: u64 = 400 + 300;
 
 /// What the record permits of a contact path.
 #[derive(Debug, Clone, Copy)]
 pub enum Permit {
-    /// It begins, with so many waypoints.
+    /// It begins, with this number of waypoints.
     Begins(u32),
-    /// So many of it.
+    /// It continues to this number of waypoints.
     GoesOn(u32),
     /// It is over.
     Ends,
@@ -64,33 +65,34 @@ pub struct Inside {
     tampering: Arc<Mutex<Tampering>>,
     pub stands: Stands,
     script: Vec<Pending>,
-    /// Since when the controller has ended an epoch that the session takes for open, ms.
+    /// Time since which the controller has ended an epoch that the session still considers open, ms.
     pub ended_since_ms: Option<u64>,
-    /// Since when the tool or the extraction is told to stand still while the pad is on its path.
+    /// Time since which the tool or the extraction is reported as stopped while the pad is on its path.
     pub dead_since_ms: Option<u64>,
     /// Until when what struck lasts, ms.
     pub lasts_until_ms: u64,
     /// The same without feedbacks that do not follow.
     pub others_last_until_ms: u64,
-    /// Something struck whose effect may wait: half a message in a buffer, a base that will be wrong when it is set next.
+    /// A fault whose effect may come later has struck: half a message in a buffer, a base that will be wrong at its
+    /// next setting.
     pub lingers: bool,
-    /// Where the arm is may have been told falsely.
+    /// The reported place of the arm may be false.
     pub places_lie: bool,
     place: &'static str,
     visits: BTreeMap<&'static str, u32>,
-    /// What people ask and nobody has taken up yet.
+    /// Requests of people that are not yet taken up.
     pub pressed: VecDeque<Press>,
     /// What is wrong with the scanner and the flange camera, and until when.
     pub cameras: [Option<(CameraHarm, u64)>; 2],
     home_at_ms: Option<u64>,
-    /// How much longer each writing takes, and until when, ms.
+    /// The additional time of each write, and until when, ms.
     slow_disk: Option<(u64, u64)>,
     /// How long slow writings have held up the loop so far, ms.
     pub written_ms: u64,
-    /// For so long after the last fault nobody ends what is going on, ms, and when it struck.
+    /// Time after the last fault in which no person ends the current work, ms, and the time of that fault.
     pub aftermath_ms: u64,
     pub struck_ms: u64,
-    /// Until then those who run the cell ask for nothing, ms.
+    /// Until this time the people who run the cell request nothing, ms.
     pub away_until_ms: u64,
     pub truth: Truth,
     pub places: Places,
@@ -106,11 +108,12 @@ pub struct Inside {
     pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
-    /// Motions that were executed before the contact path at hand, and how many of it the record permits.
+    /// Motions that were executed before the present contact path, and the number of its motions that the record
+    /// permits.
     permitted: Option<(usize, u32)>,
     /// The epoch and the first command of that path.
     contact: Option<(Epoch, CommandId)>,
-    /// Where lines should end.
+    /// The required ends of lines.
     pub aims: Aims,
     /// Since when nothing of the client arrives, ms.
     deaf_since_ms: u64,
@@ -238,7 +241,7 @@ impl Inside {
         self.cell.now_ms
     }
 
-    /// The first thing that was wrong is told.
+    /// Keeps the first violation.
     pub fn wrong(&mut self, judge: &'static str, what: String) {
         let now_ms = self.now_ms();
         self.violation.get_or_insert_with(|| Violation { judge, what: format!("{now_ms} ms: {what}") });
@@ -262,7 +265,7 @@ impl Inside {
         }
     }
 
-    /// Whether something is still to strike whose moment has come, or lasts.
+    /// Returns whether a fault still has to strike at a moment that has come, or lasts.
     pub fn is_troubled(&self) -> bool {
         self.script.iter().any(|pending| pending.due_ms.is_some())
             || self.now_ms() < self.lasts_until_ms
@@ -271,7 +274,8 @@ impl Inside {
             || disk::is_armed()
     }
 
-    /// Whether nothing strikes or lasts but a feedback that does not follow, and what is said arrives as it was said.
+    /// Returns whether no fault strikes or lasts except a feedback that does not follow, and messages arrive as
+    /// they were sent.
     pub fn is_calm_but_for_feedback(&self) -> bool {
         let tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         self.cell.all_heard()
@@ -332,7 +336,7 @@ impl Inside {
         }
     }
 
-    /// The client takes a path to send: these points, the last with this id.
+    /// The client accepts a path to send: these points, the last with this id.
     pub fn queued(&mut self, points: &[MoveLin], last: CommandId, speed_m_s: f64) {
         let Some(epoch) = self.open_epoch() else { return };
         self.oracles.lasts(epoch, last, points, speed_m_s);
@@ -343,7 +347,7 @@ impl Inside {
         }
     }
 
-    /// The disk takes its time; link and controller go on.
+    /// The disk needs its time; link and controller continue.
     pub fn writes(&mut self) {
         let Some((late_ms, until_ms)) = self.slow_disk else { return };
         if self.now_ms() >= until_ms {
@@ -359,7 +363,7 @@ impl Inside {
         self.others_last_until_ms = self.others_last_until_ms.max(end_ms);
     }
 
-    /// The arm is never farther along a contact path than the record says that it may be.
+    /// The arm is never farther along a contact path than the record permits.
     fn judge_permits(&mut self) {
         let Some((before, permitted)) = self.permitted.filter(|_| !self.is_strange()) else { return };
         self.counts.judged("permits");
@@ -380,7 +384,8 @@ impl Inside {
         }
     }
 
-    /// Motions that were executed since the contact path at hand was opened; none where somebody else has said something.
+    /// Motions that were executed since the present contact path was opened; `None` if another client has sent
+    /// something.
     pub fn executed_on_path(&self) -> Option<usize> {
         let (before, _) = self.permitted.filter(|_| !self.is_strange())?;
         Some(self.cell.controller.executed().len().saturating_sub(before))
@@ -445,7 +450,7 @@ impl Inside {
         !around.is_lit(self.now_ms()) || around.is_lens_shut(self.now_ms())
     }
 
-    /// Where the tool was, up to that moment.
+    /// The places of the tool, up to that moment.
     pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
         self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
@@ -460,7 +465,7 @@ impl Inside {
         height_mm(&self.cell.controller)
     }
 
-    /// Whether somebody else than this client has said something in the epoch at hand.
+    /// Returns whether another client has sent something in the present epoch.
     pub fn is_strange(&self) -> bool {
         self.cell.controller.epoch() <= self.oracles.strange_epoch
     }

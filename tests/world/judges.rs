@@ -1,5 +1,5 @@
-//! What must hold at every moment of a world, beside what the link's own oracles say of client and arm. Judged by what the
-//! controller's outputs and axes are, not by what the program believes.
+//! The requirements at every moment of a world, in addition to the link's own oracles for client and arm. They are
+//! judged by the controller's outputs and axes, not by the program's belief.
 
 use super::fixture::Stands;
 use super::inside::Inside;
@@ -9,7 +9,8 @@ use panelprep::verdict::Verdict;
 /// A stop ends within `[limits] stop_deadline_s`, and an abort that follows within the watchdog and a retract, ms.
 const STOP_MS: u64 = 10_000 + ABORT_MS;
 const ABORT_MS: u64 = 3_000;
-/// A fact may be so much older than the controller's outputs: a state on its way, and the controller's own program, ms.
+/// A fact may be this much older than the controller's outputs: a state on its way, and the controller's own
+/// program, ms.
 const LATE_MS: u64 = 300;
 /// Half a second of contrary feedback is waited for; the rest is on its way, ms.
 const DEAD_MS: u64 = 500 + 2 * LATE_MS;
@@ -33,7 +34,7 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     let Some((request, since_ms)) = *stopping else { return };
     let is_over = state.at.rests();
     let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { ABORT_MS };
-    // What blocks link and controller is added to what a stop may take.
+    // A block of link and controller is added to the allowed time of a stop.
     let bound_ms = bound_ms + world.lasts_until_ms.saturating_sub(since_ms).min(20_000);
     world.counts.judged("stop");
     if is_over {
@@ -44,7 +45,7 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     }
 }
 
-/// What the table never does, whatever the cell says.
+/// Actions that the table never does, whatever the cell reports.
 fn keeps_rules(world: &mut Inside, state: &State) {
     let (pass, most) = (state.job.pass, state.job.max_passes);
     if pass > most && state.job.running {
@@ -55,7 +56,7 @@ fn keeps_rules(world: &mut Inside, state: &State) {
     }
 }
 
-/// R21: contact ends where the tool or the extraction does not run.
+/// R21: contact ends if the tool or the extraction does not run.
 fn leaves_the_panel(world: &mut Inside, state: &State) {
     let in_contact = matches!(state.at, At::Execute(_))
         && state.intent.is_some_and(|intent| intent.motion.path == Path::Contact)
@@ -72,7 +73,7 @@ fn leaves_the_panel(world: &mut Inside, state: &State) {
     }
 }
 
-/// What the loop takes for facts is so at the controller.
+/// The loop's facts agree with the controller.
 fn agrees(world: &mut Inside, state: &State) {
     let facts = &state.facts;
     let is_calm = world.cell.all_heard()
@@ -149,7 +150,7 @@ pub fn concluded(world: &mut Inside, verdict: Verdict) {
     }
 }
 
-/// A cycle has its verdict in which nothing went wrong, and which nobody stopped before it was held again and again.
+/// Judges the verdict of a cycle in which nothing went wrong, and that a person stops only after repeated holds.
 pub fn ends_by_itself(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("a cycle without trouble");
     if verdict == Verdict::Aborted {

@@ -1,10 +1,11 @@
-//! Processes of the system that are killed at any moment: the loop of a world runs in a process of its own, which is killed (SIGKILL)
-//! somewhere in its work, also within a call of the system. What the store acknowledged to it comes through a pipe. Then the
-//! store is started on, and must hold it; the next process goes on with the same store, until one of them comes to its end.
+//! Processes of the system that are killed at any moment. The loop of a world runs in a separate process, which is
+//! killed (SIGKILL) somewhere in its work, also within a system call. The acknowledgements that it received from
+//! the store come through a pipe. Then the store is started on, and must hold them; the next process continues with
+//! the same store, until one of them reaches its end.
 //!
-//! The disk is the system's own and not `disk`'s, so no power is lost here, and a world's own kills and faults of the disk are left out.
-//! A process is a copy of this one (`fork`), so that pictures and results that are kept for all worlds need not be made again. This
-//! process must have one thread.
+//! The disk is the system's own and not `disk`'s, so no power is lost here, and a world's own kills and disk faults
+//! are left out. A process is a copy of this one (`fork`), so that pictures and results that are kept for all
+//! worlds need not be made again. This process must have one thread.
 #![allow(unsafe_code, reason = "a copy of the process is made by the system's own call")]
 
 use super::fixture::{self, Fixture};
@@ -22,11 +23,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A process is killed within so long; most worlds take less.
+/// Latest time at which a process is killed; most worlds take less.
 const LONGEST: Duration = Duration::from_millis(45);
 /// Processes on one store, at most.
 const MOST_PROCESSES: u64 = 12;
-/// Before what a process says of itself.
+/// Precedes a process's report about itself.
 const WRONG: &str = "wrong ";
 const END: &str = "end";
 
@@ -45,7 +46,7 @@ pub struct Killed {
     pub violations: Vec<(u64, Violation)>,
 }
 
-/// Kills processes of these seeds' worlds, until so many are killed; with a mistake in them, where one is given.
+/// Kills processes of these seeds' worlds, until this number is killed; with a mistake in them, if one is given.
 pub fn kills(from: u64, count: u64, sabotage: Option<Sabotage>) -> Killed {
     let mut killed = Killed::default();
     let mut seed = from;
@@ -103,13 +104,13 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
     closed
 }
 
-/// What a process tells until it is killed, or until its end where nobody kills it.
+/// Returns the output of a process until it is killed, or until its end if it is not killed.
 fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<Duration>) -> String {
     assert_eq!(std::fs::read_dir("/proc/self/task").map_or(1, Iterator::count), 1, "a copy has one thread only");
     let mut ends: [RawFd; 2] = [0; 2];
     // SAFETY: the call writes two descriptors there.
     assert_eq!(unsafe { libc::pipe(ends.as_mut_ptr()) }, 0, "a pipe");
-    // SAFETY: both are new and nobody else's. The pipe takes all that a world tells.
+    // SAFETY: both are new and have no other owner. The pipe has room for all output of a world.
     let (mut reads, writes) = unsafe {
         libc::fcntl(ends[1], libc::F_SETPIPE_SZ, 1 << 20);
         (File::from_raw_fd(ends[0]), File::from_raw_fd(ends[1]))

@@ -37,7 +37,7 @@ pub struct Ledger {
     last: Option<CycleId>,
     /// What the arm touched.
     pub touched: Touched,
-    /// Where each acknowledgement is told as well, for whoever outlives this process.
+    /// The file that also receives each acknowledgement, for a reader that outlives this process.
     pub told_to: Option<Arc<File>>,
 }
 
@@ -58,7 +58,7 @@ pub enum Told {
     Nothing,
 }
 
-/// No record has a verdict that is better than its worst finding: what a pass needs, said once more.
+/// No record has a verdict that is better than its worst finding: the conditions of a pass, checked once more.
 fn earned(record: &CycleRecord) -> Result<(), String> {
     if let Some(words) = record.unearned().first() {
         return Err(words.clone());
@@ -130,7 +130,7 @@ impl Ledger {
     /// The same as a line of `told_to`.
     ///
     /// # Errors
-    /// Where it is none.
+    /// If it is not such a line.
     pub fn take_line(&mut self, line: &str) -> Result<(), String> {
         let (told, begun) = serde_json::from_str(line).map_err(|error| format!("{line}: {error}"))?;
         self.take(told, begun);
@@ -186,7 +186,7 @@ impl Ledger {
         self.last.replace(cycle).is_none_or(|last| last < cycle)
     }
 
-    /// After this the store is an earlier one; numbers go on above those of the one that it replaces.
+    /// After this the store is an earlier one; numbers continue above those of the store that it replaces.
     pub fn replaces(self, later: &mut Ledger) -> Self {
         Ledger { told_to: later.told_to.take(), last: later.last, ..self }
     }
@@ -198,7 +198,7 @@ impl Ledger {
         hasher.finish()
     }
 
-    /// After a start: whether the store holds all of it, and how it rests.
+    /// After a start: checks whether the store holds everything, and how it rests.
     ///
     /// # Errors
     /// In words, what it does not hold.
@@ -239,7 +239,7 @@ impl Ledger {
             return Err(format!("cycles {open:?} have no end, running {}", left.job.running));
         }
         self.cycles(store)?;
-        // A verdict that was decided and not yet told is a start's to keep; a result by a film ends the part's count.
+        // A start keeps a verdict that was decided but not yet reported; a result by a film ends the part's count.
         if let Some(last) = self.decided.keys().next_back() {
             let record = store.cycle(*last).map_err(|error| words(&error))?;
             let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
@@ -261,7 +261,7 @@ impl Ledger {
         })
     }
 
-    /// Whether the record of a cycle holds what was acknowledged of it.
+    /// Returns whether the record of a cycle holds everything that was acknowledged for it.
     fn cycle_holds(&self, cycle: CycleId, record: &CycleRecord) -> Result<(), String> {
         let kept = record.judgement.as_ref().map(|judgement| judgement.verdict);
         if let Some(verdict) = self.verdicts.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
@@ -291,8 +291,8 @@ impl Ledger {
         }
     }
 
-    /// At the end of a world: every verdict has its record and its page, and both say the same; the store is what was written. No cycle
-    /// is without an end.
+    /// At the end of a world: every verdict has its record and its page with the same content, the store is as it
+    /// was written, and every cycle has an end.
     ///
     /// # Errors
     /// In words.
@@ -321,7 +321,7 @@ impl Ledger {
                 return Err(format!("cycle {cycle} ended without a verdict"));
             };
             let word = judgement.verdict.word();
-            // A cycle that somebody stopped is told so.
+            // The page of a cycle that a person stopped states this.
             let is_stopped = judgement.verdict == Verdict::Aborted && page.contains("<b>stopped on request</b>");
             if !is_stopped && !page.contains(&format!("<b>{word}</b>")) {
                 return Err(format!("the page of cycle {cycle} does not say {word}"));

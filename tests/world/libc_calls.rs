@@ -1,7 +1,7 @@
 //! The C library's calls that write to a disk, before they reach the system: see `disk`.
 //!
-//! Each function does what the library's does, by the system call itself. Where this thread listens, `disk` is asked before, and told
-//! after. Other threads of the program, as those of other tests, notice nothing.
+//! Each function does the same as the library's, by the system call itself. If this thread listens, `disk` is asked
+//! before and informed after. Other threads of the program, such as those of other tests, notice nothing.
 #![allow(unsafe_code, reason = "these functions stand in for the C library's, whose interface is pointers")]
 #![allow(clippy::missing_safety_doc, reason = "the manual pages of the C library say what its callers owe")]
 
@@ -34,7 +34,7 @@ pub fn listen(on: bool) -> bool {
     LISTENS.try_with(|listens| listens.replace(on)).unwrap_or(false)
 }
 
-/// Does it, with `disk` asked before and told after.
+/// Does the call; `disk` is asked before and informed after.
 fn done(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
     if !listen(false) {
         return act();
@@ -47,7 +47,7 @@ fn done(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
         }
         None => {
             let result = act();
-            // SAFETY: as above; telling must not change what the caller reads.
+            // SAFETY: as above; informing `disk` must not change the number that the caller reads.
             let error = unsafe { *libc::__errno_location() };
             disk::after(call, result);
             // SAFETY: as above.
@@ -74,7 +74,7 @@ fn opened(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
     done(&call, || unsafe { libc::syscall(libc::SYS_openat, libc::AT_FDCWD, text, flags, mode) }) as c_int
 }
 
-/// As the C library's; the mode is read only where a file may be made.
+/// Like the C library's; the mode is read only if a file may be made.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn open(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
     opened(text, flags, mode)
@@ -101,9 +101,9 @@ fn written(fd: c_int, from: *const c_void, count: size_t, at: Option<off_t>) -> 
     if !LISTENS.try_with(Cell::get).unwrap_or(false) {
         return act() as ssize_t;
     }
-    // SAFETY: asks only where the file stands.
+    // SAFETY: only reads the file's position.
     let at = at.unwrap_or_else(|| unsafe { libc::syscall(libc::SYS_lseek, fd, 0, libc::SEEK_CUR) });
-    // SAFETY: the caller gives so many bytes, which live as long as the call.
+    // SAFETY: the caller gives this number of bytes, which live as long as the call.
     let bytes = unsafe { std::slice::from_raw_parts(from.cast::<u8>(), count) };
     done(&Call::Write { fd, at, bytes }, act) as ssize_t
 }
@@ -167,12 +167,13 @@ pub unsafe extern "C" fn unlink(text: *const c_char) -> c_int {
 
 type ClockGetTime = unsafe extern "C" fn(clockid_t, *mut timespec) -> c_int;
 
-/// The library's own function, which needs no call into the system and is asked for the time tens of thousands of times in a cycle.
+/// The library's own function. It needs no system call, and the time is requested tens of thousands of times in a
+/// cycle.
 fn library_clock() -> Option<ClockGetTime> {
     static FOUND: AtomicPtr<c_void> = AtomicPtr::new(std::ptr::null_mut());
     let mut found = FOUND.load(Ordering::Relaxed);
     if found.is_null() {
-        // SAFETY: the name ends with a zero; whoever comes first finds the same as everybody.
+        // SAFETY: the name ends with a zero; every thread that comes first finds the same function.
         found = unsafe { libc::dlsym(libc::RTLD_NEXT, c"clock_gettime".as_ptr()) };
         FOUND.store(found, Ordering::Relaxed);
     }

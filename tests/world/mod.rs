@@ -73,19 +73,19 @@ use script::{Odds, Power};
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-/// After so much virtual time no more faults strike, ms.
+/// Virtual time after which no more faults strike, ms.
 const LONGEST_MS: u64 = 120_000;
 /// From the end of a process to the begin of the next, ms.
 const AWAY_MS: u64 = 2_000;
 /// The same after a power cut in one world of two: longer than a controller waits for a client that is gone without a word, ms.
 const LONG_AWAY_MS: u64 = 5_000;
-/// Worlds whose controller executes its programs: seeds with this remainder.
+/// Worlds whose controller executes its programs: divisor of the seed, and remainder.
 const INTERPRETED: (u64, u64) = (8, 5);
-/// A power cut is imagined at one in so many writings.
+/// A power cut is imagined at one in this number of writes.
 const IMAGINES_ONE_IN: u32 = 300;
-/// So long what struck may have its effect in one world of four, while the cycle goes on, ms.
+/// In one world of four, time for the effect of a fault while the cycle continues, ms.
 const LONG_AFTERMATH_MS: u64 = 40_000;
-/// In one of so many worlds with grease whose last cycle is whole the disc does not take it off.
+/// In one of this number of worlds with grease and a whole last cycle, the disc does not remove the grease.
 const STUBBORN_ONE_IN: u32 = 3;
 /// Processes that a world sees at most.
 const MOST_LIVES: u64 = 60;
@@ -96,13 +96,13 @@ static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 /// A world before it begins.
 #[derive(Debug, Clone)]
 pub struct World {
-    /// Its seed, which says what stands in the cell and how long bytes take.
+    /// Its seed, which determines the contents of the cell and the delay of bytes.
     pub seed: u64,
     /// What goes wrong.
     pub script: Vec<Entry>,
     /// The mistake that is put in, to see that it is found.
     pub sabotage: Option<Sabotage>,
-    /// Power cuts are imagined, which changes nothing of the world and takes a third of its time.
+    /// Power cuts are imagined, which changes nothing in the world and uses a third of its time.
     pub imagines: bool,
 }
 
@@ -160,7 +160,7 @@ impl World {
         Some(programs)
     }
 
-    /// The world before its first process, whose store is or will be in this folder.
+    /// The world before its first process. Its store is or will be in this folder.
     fn begin(&self, folder: PathBuf, ledger: Ledger) -> Running {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
         let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
@@ -220,7 +220,7 @@ struct Running {
     seed: u64,
     sabotage: Option<Sabotage>,
     imagines: bool,
-    /// Where its stores are, and which one is in use: a power cut leaves another folder.
+    /// The folder of its stores, and the number of the store in use: a power cut leaves another folder.
     folder: PathBuf,
     stores: u32,
     ledger: Ledger,
@@ -277,7 +277,7 @@ impl Running {
         }
         // A folder in memory is memory.
         let _ = std::fs::remove_dir_all(&self.folder);
-        // The last world of the process takes the folder of all of them along; of others it is not empty.
+        // The last world of the process also removes the folder of all worlds; for others it is not empty.
         let _ = self.folder.parent().map(std::fs::remove_dir);
     }
 

@@ -54,7 +54,7 @@ fn entry(place: &str, after_ms: u64, fault: Fault) -> Entry {
     Entry { place: place.to_owned(), visit: 1, after_ms, fault }
 }
 
-/// In one of these places, after so many ms at most.
+/// In one of these places, after this number of ms at most.
 fn within(draw: &mut Pcg64, places: &[&str], most_ms: u64, fault: Fault) -> Entry {
     entry(places.choose(draw).copied().unwrap_or("wet"), draw.random_range(0..most_ms), fault)
 }
@@ -67,7 +67,7 @@ fn lost() -> Fault {
     Fault::Bytes { to_robot: true, channel: 0, harm: Harm::Lose }
 }
 
-/// The link ends the epoch by itself where the cell is reset or cleared.
+/// The link ends the epoch by itself while the cell is reset or cleared.
 fn ends_early(draw: &mut Pcg64) -> Vec<Entry> {
     let fault = [Fault::Controller("refuse=8".to_owned()), lost(), Fault::Foreign { operation: 11, number: 0 }];
     let fault = fault[draw.random_range(0..3)].clone();
@@ -80,21 +80,21 @@ fn held_in_light(draw: &mut Pcg64) -> Vec<Entry> {
     vec![hold, entry("held", draw.random_range(0..200), Fault::Press(Press::UnholdDried))]
 }
 
-/// The robot is not ready for longer than the program needs to learn of it.
+/// The robot is not ready for longer than the program needs to notice it.
 fn not_ready(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["mode=T1", "mode=T2", "guard", "drives", "e-stop"][draw.random_range(0..5)];
     let fault = controller(text, draw.random_range(1_500..4_000));
     vec![within(draw, &COMPUTES, 800, fault)]
 }
 
-/// A feedback says what is not so, for longer than an answer may take.
+/// A feedback is false for longer than an answer may take.
 fn stuck(draw: &mut Pcg64) -> Vec<Entry> {
     let (input, on) = (draw.random_range(1..6), draw.random_bool(0.5));
     let fault = Fault::Feedback { input, on, for_ms: draw.random_range(7_000..12_000) };
     vec![within(draw, &["starting", "locate", "dry", "wet", "verify", "abrade", "rinse"], 1_500, fault)]
 }
 
-/// The tool or the extraction stands still while the pad is on its way, for a moment or for good.
+/// The tool or the extraction stops while the pad is on its path, for a moment or permanently.
 fn dead_in_contact(draw: &mut Pcg64) -> Entry {
     let for_ms = if draw.random_bool(0.2) { draw.random_range(100..400) } else { draw.random_range(2_000..12_000) };
     let fault = Fault::Feedback { input: draw.random_range(3..5), on: false, for_ms };
@@ -108,7 +108,8 @@ fn started_while_held(draw: &mut Pcg64) -> Vec<Entry> {
     vec![hold, entry("held", draw.random_range(0..150), controller("reboot", draw.random_range(300..3_000)))]
 }
 
-/// The safety controller stops the arm so shortly, while the client stands still, that the client does not hear of it.
+/// The safety controller stops the arm for a short time while the client is stalled, so that the client does not
+/// receive it.
 fn short_stop(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
     let fault = controller(text, draw.random_range(60..250));
@@ -117,8 +118,8 @@ fn short_stop(draw: &mut Pcg64) -> Vec<Entry> {
     vec![stall, stop]
 }
 
-/// Somebody else's abort, with numbers that may follow and numbers that may not; a client that hears its answer aborts itself, unless it
-/// stands still.
+/// Another client's abort, with numbers that may follow and numbers that may not. A client that receives its answer
+/// aborts too, unless it is stalled.
 fn foreign_abort(draw: &mut Pcg64) -> Vec<Entry> {
     let number = [i32::MIN, -1, 0, 1, 2_000_000, i32::MAX][draw.random_range(0..6)];
     let abort = within(draw, &MOVES, 2_500, Fault::Foreign { operation: 11, number });
@@ -126,7 +127,7 @@ fn foreign_abort(draw: &mut Pcg64) -> Vec<Entry> {
     vec![stall, abort]
 }
 
-/// The work is left, and nobody comes for a while: what may stay on goes off by itself.
+/// The work is left, and no person comes for a while: outputs that may stay on go off by themselves.
 fn nobody_there(draw: &mut Pcg64) -> Vec<Entry> {
     let press = [Press::Stop, Press::Abort, Press::Hold][draw.random_range(0..3)];
     let place =
@@ -168,8 +169,8 @@ fn unseen_stop(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["wet", "inspect", "rinse", "locate", "idle"], 2_500, fault)]
 }
 
-/// Somebody else's request takes the count of epochs far up, and then a start of the controller takes it back to nothing, while the
-/// process that knows of it may end too.
+/// Another client's request raises the count of epochs to a high number, and then a start of the controller resets
+/// it to zero. The process that knows the number may end meanwhile.
 fn far_epochs(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
     let number = draw.random_range(10_000..=1_000_000);
     let foreign = Fault::Foreign { operation: draw.random_range(11..13), number };
@@ -188,14 +189,15 @@ fn slow_permit(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["abrade"], 4_000, fault)]
 }
 
-/// The disk is full where pictures are kept, and where events are.
+/// The disk is full when pictures are written, and when events are.
 fn full_disk(draw: &mut Pcg64) -> Vec<Entry> {
     let harm = super::script::DiskHarm::Full;
     let fault = Fault::Disk { writing: draw.random_range(0..40), harm, times: [1, 2, 10][draw.random_range(0..3)] };
     vec![within(draw, &["locate", "dry", "wet", "inspect", "inspect", "inspect", "plan"], 2_000, fault)]
 }
 
-/// Both are started again, one while the other is away: the one has forgotten all epochs, the other only its store knows.
+/// Controller and process are started again, one while the other is away. The controller has forgotten all epochs,
+/// and the process knows them only from its store.
 fn new_controller_and_process(draw: &mut Pcg64) -> Vec<Entry> {
     let power =
         if draw.random_bool(0.5) { Power::Kill } else { Power::Cut { seed: draw.random_range(0..1 << 32) } };

@@ -1,6 +1,7 @@
-//! Who asks: somebody who runs cycles as the manual has it, and people who press whatever they like in between.
+//! The people who send requests: one who runs cycles as the manual describes, and others who press anything in
+//! between.
 //!
-//! This is also where a world looks at the table: each time the loop asks for a request it shows its state.
+//! A world also checks the table here: it shows its state each time the loop requests the next request.
 
 use super::desk::{Desk, OPERATOR, SOMEBODY, Shown};
 use super::disk;
@@ -17,9 +18,9 @@ use panelprep::supervision::{Failure, ThreadFault};
 use std::collections::VecDeque;
 use std::path::Path;
 
-/// Somebody looks at the cell so often, ms.
+/// Interval at which a person looks at the cell, ms.
 const LOOKS_MS: u64 = 200;
-/// Computing takes so long, and a film's next picture is looked for so often, ms.
+/// Duration of a computation, and interval of the checks for a film's next picture, ms.
 const COMPUTES_MS: u64 = 120;
 const WATCHES_MS: u64 = 60;
 /// From the end of all trouble the cell must come to a new cycle within so long, ms.
@@ -27,19 +28,19 @@ const RECOVERY_MS: u64 = 60_000;
 /// With its tip farther than this from the panel, the arm may go to its park pose from anywhere, mm: the gate's 40 mm and the reach of the
 /// tool's body beside its tip.
 const CLEAR_MM: f64 = 160.0;
-/// What was told falsely is forgotten after so long, ms.
+/// Time after which a false report is forgotten, ms.
 const CALM_MS: u64 = 1_000;
 /// So long what struck last may have its effect before all is mended, however many cycles have ended, ms.
 pub const AFTERMATH_MS: u64 = 5_000;
-/// So many steps a second screen may be behind.
+/// Number of steps by which a second screen may be behind.
 const MOST_SHOWN: usize = 64;
-/// A held cycle is tried again so often.
+/// Number of attempts to continue a held cycle.
 const TRIES: u32 = 3;
 
 /// What is to become of the process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aim {
-    /// Cycles, while faults strike; so many are enough.
+    /// Cycles, while faults strike; this number is enough.
     Cycles(u64),
     /// Nothing goes wrong any more: one more cycle, as far as its `whole` end or its first phase.
     Recover { whole: bool },
@@ -47,7 +48,7 @@ pub enum Aim {
     Leave,
 }
 
-/// Whoever asks, over all processes of a world.
+/// All people who send requests, over all processes of a world.
 pub struct People {
     world: Shared,
     /// What is wanted now.
@@ -66,7 +67,7 @@ pub struct People {
     begun_before: u64,
     /// The queue and the handler of the process at hand.
     desk: Option<Desk>,
-    /// Somebody has asked this process to leave.
+    /// A person has told this process to leave.
     has_left: bool,
     working: Option<(Id, u64)>,
     /// The cycle at hand began when nothing went wrong any more.
@@ -75,7 +76,7 @@ pub struct People {
     in_time: InTime,
     /// They dry a held panel before they try anything else.
     pub dries: bool,
-    /// When somebody asked for an end: which, and when the table took it.
+    /// A person's request for an end: the request, and the time at which the table accepted it.
     pub stopping: Option<(cycle::Request, u64)>,
     /// How often the arm was taken away from the panel since all was mended.
     taken_away: u32,
@@ -108,7 +109,7 @@ impl People {
         }
     }
 
-    /// A new process knows nothing of what was asked.
+    /// A new process knows nothing about earlier requests.
     pub fn forget(&mut self) {
         (self.desk, self.has_left) = (None, false);
         (self.working, self.stopping) = (None, None);
@@ -213,7 +214,7 @@ impl People {
         }
     }
 
-    /// What somebody asks who follows the manual.
+    /// Returns the request of a person who follows the manual.
     fn usual(&mut self, state: &State, is_another_part: bool) -> Option<What> {
         let is_ready = state.facts.robot == Robot::Ready;
         let table = |request| Some(What::Table(request));
@@ -235,7 +236,7 @@ impl People {
             (_, At::Stopped | At::Complete { .. }) if is_ready => table(cycle::Request::Reset),
             (_, At::Idle) if is_ready => Some(begin(is_another_part)),
             (_, At::Aborted { cause }) if is_ready => {
-                // The arm is left somewhere near the panel: the message says to jog it away.
+                // The arm is left somewhere near the panel: the message tells the person to jog it away.
                 if cause == Cause::Trouble(Trouble::Gate) {
                     self.world.lock().jogs_to_park();
                     self.taken_away += u32::from(matches!(self.aim, Aim::Recover { .. }));
@@ -280,7 +281,7 @@ impl People {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
                 world.is_another_part = false;
-                // From a place near the panel where no path left it a person must take the arm away.
+                // If the arm is near the panel at a place where no path left it, a person must take it away.
                 let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS
                     && !world.is_troubled()
                     && !world.lingers
@@ -332,8 +333,8 @@ impl People {
 impl Port<RequestCommand> for People {
     fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
         match command {
-            // A process without its disk is dead, also where the loop has not noticed yet; and once a judge has seen something the
-            // world is over.
+            // A process without its disk is dead, even if the loop has not noticed it yet; and the world ends when
+            // a judge has found something.
             RequestCommand::Next(_) if disk::is_over() || self.world.lock().violation.is_some() => {
                 let thread = "the process".to_owned();
                 RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))

@@ -1,5 +1,5 @@
-//! The record of a world: the product's own, on the real store. Pictures are kept as small ones, since packing them would take most
-//! of a world's time; each is still a file of its own content that a row names.
+//! The record of a world: the product's own, on the real store. Pictures are reduced before they are kept, because
+//! packing them would take most of a world's time; each is still a file with its own content that a row names.
 
 use super::disk;
 use super::inside::{Permit, Shared};
@@ -30,7 +30,7 @@ pub struct Record<'s> {
     world: Shared,
     sabotage: Option<Sabotage>,
     wear: Wear,
-    /// The epoch of the last motion, where it went along the panel to its end.
+    /// The epoch of the last motion, if it went along the panel to its end.
     contact_epoch: Option<u32>,
     /// The cycle at hand has what a film showed.
     has_film: bool,
@@ -70,7 +70,8 @@ impl Record<'_> {
 }
 
 impl Record<'_> {
-    /// A motion that is told as done has ended; and after one in contact the arm goes off the panel before it goes anywhere else.
+    /// A motion that is reported as done has ended. After a motion in contact, the arm leaves the panel before it
+    /// goes anywhere else.
     fn judge_standing(&mut self, command: &RecordCommand) {
         let mut world = self.world.lock();
         match command {
@@ -233,7 +234,7 @@ impl Port<RecordCommand> for Record<'_> {
     }
 }
 
-/// A copy of a command that says something of contact.
+/// Returns a copy of a command that concerns contact.
 fn of_contact(command: &RecordCommand) -> Option<RecordCommand> {
     use panelprep::cycle::{Event, Report};
     Some(match command {
@@ -261,7 +262,7 @@ pub fn shrunk(note: Note) -> Note {
     }
 }
 
-/// Every so many pixels one, so that other pictures give other files.
+/// Keeps single pixels at regular intervals, so that different pictures give different files.
 fn small(picture: &ColorPicture) -> ColorPicture {
     let (width, height) = (picture.width.clamp(1, SMALL_PX), picture.height.clamp(1, SMALL_PX));
     let mut small = ColorPicture::filled(width, height, [0; 3]);

@@ -9,7 +9,7 @@ use panelprep::backup::{self, Permission, Plan, Wanted};
 use panelprep::cycle::{At, Cause, State};
 use std::path::{Path, PathBuf};
 
-/// Stands in a restored store that was not opened since.
+/// Exists in a restored store that has not been opened since.
 const RESTORED: &str = "panelprep.restored";
 
 /// A store as it was at some moment.
@@ -20,7 +20,7 @@ pub struct Backup {
     ledger: Ledger,
 }
 
-/// Backs up the store in this folder, which holds what the ledger says; the process continues.
+/// Backs up the store in this folder, whose content is in the ledger; the process continues.
 pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
     if !std::mem::take(&mut world.backs_up) || disk::is_over() || disk::had_io_error() {
         return;
@@ -38,7 +38,7 @@ pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
 }
 
 impl Running {
-    /// The store that was backed up last replaces the present one, if a person asks for that.
+    /// Replaces the present store by the last backup, if a person requests that.
     pub(super) fn restores(&mut self) {
         let Some(backup) = self.world.lock().restorable() else { return };
         disk::leave();
@@ -60,10 +60,10 @@ impl Running {
             Err(error) => world.wrong("restore", error.to_string()),
         }
         if world.truth.reboots > 0 {
-            // Epochs that neither the store knows any more nor the controller that was started again.
+            // Neither the store nor the restarted controller knows these epochs any more.
             world.oracles.epochs_begin_anew();
         }
-        // A part that may have been treated since the backup is taken out, as the message says.
+        // A part that may have been treated since the backup is taken out, as the message requires.
         world.is_another_part = true;
         drop(world);
         if self.sabotage == Some(Sabotage::UnmarkedRestore) {

@@ -8,13 +8,13 @@ use std::mem::discriminant;
 
 /// How long the loop waits for a report before it looks elsewhere, ms.
 const PATIENCE_MS: u64 = 20;
-/// So many reports in one moment are a loop that does not let time go on.
+/// This number of reports in one moment means that the loop does not let time pass.
 const MOST_AT_ONCE: u32 = 10_000;
 
 /// The robot's port.
 pub struct Robot {
     world: Shared,
-    /// The trouble that was told, until a controller answers: as the link's own thread has it.
+    /// The fault that was reported, until a controller answers, as in the link's own thread.
     told_loss: Option<LinkLoss>,
     /// Of the paths that follow, m/s.
     speed_m_s: f64,

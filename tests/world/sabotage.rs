@@ -1,6 +1,6 @@
-//! Mistakes that are put in while a world runs, to see that the world finds them: rules that the controller does not keep, limits of
-//! the link, writings that are not flushed or not made, and commands that do not reach the robot. Each stands for a change of
-//! the product's source that would do the same.
+//! Mistakes that are planted while a world runs, to check that the world finds them. They are rules that the
+//! controller does not keep, limits of the link, writes that are not flushed or not made, and commands that do not
+//! reach the robot. Each represents a change of the product's source that would do the same.
 
 use panelprep::cycle::Report;
 use panelprep::daemon::{Note, RecordCommand, RobotCommand};
@@ -14,7 +14,7 @@ use std::time::Duration;
 pub enum Sabotage {
     /// The controller does not keep this rule.
     Controller(Rule),
-    /// The client's watchdog is so many times as patient.
+    /// The client's watchdog waits this number of times longer.
     Patience(u32),
     /// The client sends far more ahead than it may.
     Window,
@@ -32,13 +32,13 @@ pub enum Sabotage {
     LensStaysOpen,
     /// A new epoch may have a number that an earlier program used.
     OldEpoch,
-    /// The controller moves at another override, and neither says so nor minds.
+    /// The controller moves at another override, and neither reports it nor reacts to it.
     HidesOverride,
     /// After a jog the axes are reported as they were before.
     HidesJogs,
-    /// A contact path is kept without where it touches.
+    /// A contact path is saved without the places that it touches.
     NoGrids,
-    /// A restored store does not say that it is one.
+    /// A restored store does not state that it is restored.
     UnmarkedRestore,
     /// A second screen's decision does not carry the step that it shows.
     NoStep,
@@ -67,7 +67,7 @@ pub enum Row {
     Close,
 }
 
-/// Each of them with what it stands for.
+/// Each mistake with its meaning.
 pub const ALL: [(&str, Sabotage); 36] = [
     ("the controller takes commands of ended epochs", Sabotage::Controller(Rule::EpochCheck)),
     ("the controller has no watchdog", Sabotage::Controller(Rule::Watchdog)),
@@ -147,7 +147,7 @@ impl Sabotage {
         }
     }
 
-    /// What becomes of a command for the robot; `None` where it is left out.
+    /// Returns the changed command for the robot; `None` if it is left out.
     pub fn command(self, command: RobotCommand) -> Option<RobotCommand> {
         let switched = |number, on| RobotCommand::Send(Command::SetDigout(Signal { number, on }));
         match (self, command) {

@@ -1,7 +1,8 @@
-//! What goes wrong in a world, and when: an explicit list, drawn from a seed, that can be printed, shortened and run again.
+//! The faults of a world and their times: an explicit list, drawn from a seed, that can be printed, shortened and
+//! run again.
 //!
-//! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every place, however long
-//! the places before took. An entry that is taken out leaves the others as they were.
+//! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every
+//! place, however long the earlier places took. An entry that is removed leaves the others unchanged.
 
 use super::{elsewhere, pairs};
 use panelprep::cycle::{self, At};
@@ -16,9 +17,9 @@ use serde::{Deserialize, Serialize};
 pub struct Entry {
     /// The place of the table, see [`PLACES`].
     pub place: String,
-    /// At which visit of it, from 1.
+    /// The visit of this place, from 1.
     pub visit: u32,
-    /// So many ms after it began.
+    /// Time after its beginning, ms.
     pub after_ms: u64,
     /// What.
     pub fault: Fault,
@@ -33,7 +34,7 @@ pub enum Harm {
     Twice,
     /// It arrives after the one behind it.
     Swap,
-    /// A bit of it is turned.
+    /// One of its bits is inverted.
     Damage { byte: u32, bit: u8 },
     /// Its end is missing.
     Half,
@@ -52,13 +53,13 @@ pub enum CameraHarm {
     WrongSize,
     /// Its pictures are black.
     Dark,
-    /// It says that it is too hot.
+    /// It reports that it is too hot.
     Hot,
-    /// It takes so much longer, ms.
+    /// It takes this much longer, ms.
     Late(u64),
 }
 
-/// What a person asks.
+/// A request of a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Press {
     Reset,
@@ -88,7 +89,7 @@ pub enum Power {
 /// What is wrong with the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DiskHarm {
-    /// It takes nothing more for a while.
+    /// It accepts no more data for a while.
     Full,
     /// It fails.
     Io,
@@ -101,37 +102,37 @@ pub enum Fault {
     Bytes { to_robot: bool, channel: usize, harm: Harm },
     /// A connection is closed, by the robot or the client; with what is under way.
     Cut { channel: usize, by_robot: bool, loses: bool },
-    /// Nothing that the client says arrives for so long.
+    /// No message of the client arrives for this time.
     Deaf(u64),
-    /// The link's thread stands still for so long.
+    /// The link's thread is stalled for this time.
     Stall(u64),
-    /// What `panelprep mock-robot --fault` takes, without its time.
+    /// The value of `panelprep mock-robot --fault`, without its time.
     Controller(String),
-    /// For so many messages the controller says this instead of that: attribute and value.
+    /// In this number of messages the controller sends a false value: attribute and value.
     Lie { channel: usize, name: String, value: String, times: u32 },
     /// Another client's request reaches the controller.
     Foreign { operation: i32, number: i32 },
-    /// Somebody works with another program on the controller for so long.
+    /// A person works with another program on the controller for this time.
     ForeignProgram(u64),
     /// An input stays as it is for so long.
     Feedback { input: u16, on: bool, for_ms: u64 },
-    /// A person asks.
+    /// A person sends a request.
     Press(Press),
     /// A camera's next pictures: the one on the flange or the other, for so long.
     Camera { flange: bool, harm: CameraHarm, for_ms: u64 },
-    /// The wall clock jumps by so many seconds.
+    /// The wall clock jumps by this number of seconds.
     Clock(i64),
     /// At the nth writing to the disk from now on.
     Power { writing: u32, power: Power },
-    /// From the nth writing to the disk from now on, so many of them.
+    /// From the nth write to the disk from now on, this number of writes.
     Disk { writing: u32, harm: DiskHarm, times: u32 },
-    /// Each writing takes so much longer, for so long; the link goes on meanwhile.
+    /// Each write takes this much longer, for this time; the link continues meanwhile.
     SlowDisk { late_ms: u64, for_ms: u64 },
-    /// So many messages with commands of an ended epoch come once more.
+    /// This number of messages with commands of an ended epoch arrive once more.
     Replay(u32),
-    /// So many aborts of the client are answered, and the controller goes on.
+    /// This number of the client's aborts are answered, and the controller continues.
     Unheeded(u32),
-    /// Those who run the cell ask for nothing for so long.
+    /// The people who run the cell request nothing for this time.
     Away(u64),
     /// A person brings the arm elsewhere by hand once it is at rest, in T1 for so long: to this share of the way from this height above
     /// the panel to the park pose.
@@ -140,7 +141,7 @@ pub enum Fault {
     Stale { press: Press, back: u32 },
     /// The store is backed up.
     Backup,
-    /// The process ends, and the store that was backed up last takes the place of the one that is there.
+    /// The process ends, and the last backup of the store replaces the present store.
     Restore,
 }
 
@@ -184,7 +185,7 @@ impl Fault {
         }
     }
 
-    /// How long it lasts, ms, where it does.
+    /// Duration of the fault, ms, if it has one.
     pub fn lasts_ms(&self) -> u64 {
         match self {
             Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) | Fault::Away(ms) => *ms,
@@ -242,7 +243,7 @@ pub fn place(at: At) -> &'static str {
 pub struct Odds {
     /// Entries at most.
     pub most: usize,
-    /// One entry of so many concerns the disk.
+    /// Some entries concern the disk.
     pub disk: bool,
 }
 
@@ -398,7 +399,7 @@ fn controller(draw: &mut Pcg64) -> Fault {
 const ACKS: [&str; 6] = ["Rx", "Done", "Ep", "Err", "ErrId", "Free"];
 const STATES: [&str; 14] =
     ["T", "Seq", "Re", "Boot", "Sum", "Ep", "Done", "Under", "Mode", "Flags", "In", "Out", "X", "A1"];
-/// What they may say instead.
+/// The false values that they may have.
 const VALUES: [&str; 14] = [
     "0",
     "1",
@@ -458,7 +459,7 @@ fn camera(draw: &mut Pcg64) -> CameraHarm {
 /// The controller's fault of this text.
 ///
 /// # Errors
-/// Where it is none.
+/// If it is not a fault.
 pub fn controller_fault(text: &str) -> Result<mock::Fault, String> {
     let spec: mock::FaultSpec = format!("{text}@0ms").parse().map_err(|error| format!("{error}"))?;
     spec.planned.first().map(|planned| planned.fault).ok_or_else(|| format!("{text} is no fault"))
@@ -497,10 +498,10 @@ pub fn print(script: &[Entry]) -> String {
     serde_json::to_string(script).expect("plain data")
 }
 
-/// The same back.
+/// Reads a printed script.
 ///
 /// # Errors
-/// Where it is no script.
+/// If it is not a script.
 pub fn parse(text: &str) -> Result<Vec<Entry>, String> {
     serde_json::from_str(text).map_err(|error| format!("this is no script: {error}"))
 }

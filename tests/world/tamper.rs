@@ -1,4 +1,5 @@
-//! Bytes on their way: lost, doubled, late, out of order, damaged; and messages that say what no good controller says.
+//! Bytes on their way: lost, doubled, late, out of order, damaged; and messages with a content that no good
+//! controller sends.
 
 use super::link_cell::Tamper;
 use super::script::Harm;
@@ -7,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Messages that are kept, to come once more.
 const MOST_SENT: usize = 60;
-/// What a request asks for, as its message has it.
+/// The operation of a request, as it is written in its message.
 const ABORT: &str = " Op=\"11\"";
 const HEARTBEAT: &str = " Op=\"10\"";
 
@@ -16,13 +17,13 @@ const HEARTBEAT: &str = " Op=\"10\"";
 pub struct Tampering {
     /// To the controller or from it, the channel, and what becomes of the next message there.
     pub harms: Vec<(bool, usize, Harm)>,
-    /// From the controller: the channel, an attribute, what it says instead, and how often.
+    /// From the controller: the channel, an attribute, its false value, and the number of times.
     pub lies: Vec<(usize, String, String, u32)>,
     /// How many messages were changed.
     pub applied: u64,
-    /// So many messages with commands of an ended epoch are to come once more.
+    /// This number of messages with commands of an ended epoch must arrive once more.
     pub replays: u32,
-    /// So many aborts are answered as heartbeats are, and nothing is stopped.
+    /// This number of aborts are answered like heartbeats, and nothing is stopped.
     pub unheeded: u32,
     /// The last messages with commands, with their epochs.
     sent: VecDeque<(u32, Vec<u8>)>,
@@ -51,7 +52,7 @@ impl Tampering {
         Some(replayed.into_iter().map(|bytes| (0, bytes)).chain(pieces).collect())
     }
 
-    /// An abort that is taken for a heartbeat, where one is to be.
+    /// Returns a heartbeat in place of an abort, if one must be replaced.
     fn unheard(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<u8>> {
         if !to_robot || channel == 0 || self.unheeded == 0 {
             return None;
@@ -61,7 +62,8 @@ impl Tampering {
         Some(text.replace(ABORT, HEARTBEAT).into_bytes())
     }
 
-    /// What was said before in another epoch than this message's, where it is to come once more. Nothing of it may have an effect.
+    /// Returns earlier messages of another epoch than this message's, if they must arrive once more. None of them
+    /// may have an effect.
     fn replayed(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let Some(epoch) = epoch_of(bytes) else { return vec![] };
         self.sent.push_back((epoch, bytes.to_vec()));
@@ -111,7 +113,7 @@ impl Tampering {
         Some(pieces)
     }
 
-    /// The message with an attribute that says something else, where one is to.
+    /// Returns the message with a false attribute value, if a lie is due.
     fn lie(&mut self, channel: usize, bytes: &[u8]) -> Option<Vec<u8>> {
         let index = self.lies.iter().position(|(of, ..)| *of == channel)?;
         let (_, name, value, times) = &mut self.lies[index];

@@ -27,7 +27,7 @@ pub struct Around {
 }
 
 impl Around {
-    /// Whether this output has been on, or off, for so long that its feedback says so.
+    /// Returns whether this output has been on, or off, long enough for its feedback to report it.
     fn runs(&self, output: u16, now_ms: u64) -> bool {
         let (on, since_ms) = self.outputs.get(&output).copied().unwrap_or((false, 0));
         let followed = now_ms >= since_ms + ANSWERS_MS || since_ms == 0;
@@ -44,7 +44,7 @@ impl Around {
         self.runs(LENS, now_ms)
     }
 
-    /// Whether there is light, which takes half a second.
+    /// Returns whether there is light, which takes half a second.
     pub fn is_lit(&self, now_ms: u64) -> bool {
         self.outputs.get(&LIGHT).is_some_and(|(on, since_ms)| *on && now_ms >= since_ms + 500)
     }
@@ -102,7 +102,7 @@ impl Around {
     }
 }
 
-/// The controller's side of it.
+/// The controller's side of the terminals.
 pub struct Terminals(pub Arc<Mutex<Around>>);
 
 impl mock::World for Terminals {

@@ -10,7 +10,7 @@ type Place = (CycleId, u8, String);
 /// What was touched.
 #[derive(Debug, Clone, Default)]
 pub struct Touched {
-    /// In every cycle that the store knows.
+    /// In all cycles of the store.
     all: BTreeSet<Place>,
     /// Of the part that lies there, in cycles before the one at hand.
     part: BTreeSet<Place>,

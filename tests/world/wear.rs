@@ -1,28 +1,29 @@
-//! What the record says of contact, against what this process told it and what the arm did: the disc's wear, counted before a path
-//! begins and put right at its end, and the waypoints that were executed.
+//! Compares the record of contact with this process's messages to it and with the arm's motions. This concerns the
+//! disc's wear, counted before a path begins and corrected at its end, and the waypoints that were executed.
 
 use panelprep::cycle::{Event, Outcome, Path, Report};
 use panelprep::daemon::{RecordAnswer, RecordCommand};
 
-/// A path that is cut short, or whose ends are turned, may sweep so much more than was planned.
+/// A path that is cut short, or whose ends are turned, may sweep this factor more than was planned.
 const MORE: f64 = 1.2;
 const EXACT_MM2: f64 = 0.01;
 
-/// What this process told the record.
+/// The messages of this process to the record.
 #[derive(Debug, Default)]
 pub struct Wear {
-    /// What the disc has swept, mm², once the record has said so.
+    /// The area that the disc has swept, mm², once the record has stated it.
     worn_mm2: Option<f64>,
     /// The same before the contact path at hand, and what the path was counted as.
     before_mm2: Option<f64>,
     path_mm2: f64,
-    /// Waypoints of the contact path at hand that were told as executed.
+    /// Waypoints of the present contact path that were reported as executed.
     told: u32,
 }
 
 impl Wear {
-    /// The record has acknowledged it; what is wrong with it, where the arm has executed so many motions since the path was opened. Where
-    /// the controller's places may have been lied about, a path may be counted as more than it was, and never as less.
+    /// The record has acknowledged it. Returns the error in it, if the arm has executed this number of motions
+    /// since the path was opened. If the controller's places may have been false, a path may be counted as more
+    /// than it was, and never as less.
     pub fn acknowledged(
         &mut self,
         command: &RecordCommand,

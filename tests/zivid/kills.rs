@@ -1,4 +1,4 @@
-//! A worker that is killed at any moment, while its camera is asked without a pause.
+//! A worker that is killed at any moment, while its camera receives requests without a pause.
 
 use panelprep::devices::zivid::{ZividFault, ZividScanner, ZividShot};
 use rand::RngExt;
@@ -11,16 +11,16 @@ use std::time::{Duration, Instant};
 /// Longer than any start on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// What came of it.
+/// The result of the kills.
 #[derive(Debug, Default)]
 pub struct Killed {
-    /// How often each row of the fault model was told of a kill, with what was going on.
+    /// The number of kills that each row of the fault model reported, with the activity at that time.
     pub named: BTreeMap<String, usize>,
     /// Whole shots and pictures meanwhile.
     pub delivered: usize,
 }
 
-/// Kills the worker so many times, each at a random moment of a capture, a transfer, a rest or a start.
+/// Kills the worker this number of times, each at a random moment of a capture, a transfer, a rest or a start.
 pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt) -> Killed {
     scanner.ready(PATIENCE).expect("ready");
     let (is_over, status) = (AtomicBool::new(false), scanner.watch());

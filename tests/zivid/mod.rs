@@ -71,7 +71,7 @@ fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (S
     (Setup { source: Source::Only, ..setup }, launcher("/usr/bin/env".into(), arguments.into()))
 }
 
-/// A camera that is there and does not open is not "is its cable in?".
+/// A camera that is connected and does not open is not reported with "is its cable in?".
 #[test]
 fn a_camera_that_is_there_and_does_not_open_says_why() {
     let cases = [
@@ -147,7 +147,8 @@ fn lens() -> PinholeCamera {
     PinholeCamera { width_px, height_px, fx_px: 150.0, fy_px: 150.0, cx_px: 80.5, cy_px: 49.5, k1, k2, p1, p2, k3 }
 }
 
-/// A crash at each first shot: three restarts, then it stays down and says so, to a person's reset as well.
+/// A crash at each first shot: after three restarts the camera stays down and reports this, also at a person's
+/// reset.
 #[test]
 fn a_camera_that_crashes_its_process_each_time_is_left_alone() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -183,7 +184,7 @@ fn five_kills_are_five_named_faults() {
     assert!(killed.delivered >= 1, "{killed:?}");
 }
 
-/// Nobody starts it by hand: its standard input is no socket.
+/// The worker cannot be started by hand: its standard input is then not a socket.
 #[test]
 fn the_role_is_the_programs_own() {
     let ran = std::process::Command::new(env!("CARGO_BIN_EXE_panelprep"))

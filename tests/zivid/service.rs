@@ -1,4 +1,4 @@
-//! The service of a cell whose 3D camera is killed under it, again and again.
+//! The service of a cell whose 3D camera is killed again and again.
 
 use super::stub;
 use crate::commands::{json, rendered};
@@ -32,8 +32,9 @@ fn with_zivid(folder: &Path) {
     std::fs::write(folder.join("cell/camera.zfc"), "width 486\nheight 300\n").expect("written");
 }
 
-/// Three kills are mended, each told in the log; the fourth stays down, and the reset says so. The service goes on and ends
-/// as it should. That an upgrade replaces the program's file meanwhile changes nothing.
+/// Three kills are repaired, each with a line in the log. After the fourth the camera stays down, and the reset
+/// reports this. The service continues and ends correctly. An upgrade that replaces the program's file meanwhile
+/// changes nothing.
 #[test]
 fn the_service_outlives_its_camera() {
     let folder = rendered("good");
@@ -76,8 +77,8 @@ fn the_service_outlives_its_camera() {
     assert!(service.ended().success());
 }
 
-/// What doctor says of a Zivid besides whether it delivers: how the light flickers, that its warmth is not known yet, and which
-/// graphics processor there is. A film by the projector's light is refused with file, line and key.
+/// The reports of doctor about a Zivid, besides whether it delivers: the flicker of the light, that its warmth is
+/// not known yet, and the graphics processor. A film by the projector's light is refused with file, line and key.
 #[test]
 fn doctor_looks_at_light_warmth_and_settings() {
     let folder = rendered("good");

@@ -1,4 +1,4 @@
-//! Accounts of the office's page: whoever has one may read, and no one may change anything.
+//! Accounts of the office's page: a person with an account may read, and no one may change anything.
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;
@@ -15,10 +15,10 @@ pub struct OfficeAccount {
 }
 
 impl Reader {
-    /// The account with this name.
+    /// Returns the account with this name.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn account(&self, name: &str) -> Result<Option<OfficeAccount>, ArchiveError> {
         let sql = "SELECT name, printed_name, password_hash FROM accounts WHERE name = $1";
         let rows = self.rows(sql, &[&name]).await?;
@@ -33,7 +33,7 @@ impl Reader {
     /// Keeps an account; one of the same name is replaced.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn keep_account(&self, account: &OfficeAccount) -> Result<(), ArchiveError> {
         let sql = "INSERT INTO accounts (name, printed_name, password_hash) VALUES ($1, $2, $3)
             ON CONFLICT (name) DO UPDATE SET printed_name = EXCLUDED.printed_name, password_hash = EXCLUDED.password_hash";

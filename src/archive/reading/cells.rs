@@ -1,20 +1,20 @@
-//! All cells as they stand.
+//! The current state of all cells.
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;
 use crate::office::CellState;
 use std::collections::BTreeMap;
 
-/// A cell as the office knows it.
+/// A cell as the office sees it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellNow {
     /// Its name.
     pub cell: String,
-    /// When it last told its state, ms since 1970 by the database's clock; `None` where it never did.
+    /// The time of its last report, ms since 1970 by the database's clock; `None` if it never reported.
     pub heard_unix_ms: Option<i64>,
-    /// What it told.
+    /// The state that it reported.
     pub state: Option<CellState>,
-    /// Its records that the archive does not have, by what it told last; `None` where it told nothing.
+    /// The number of its records that the archive lacks, by its last report; `None` if it reported nothing.
     pub behind: Option<u64>,
     /// The newest cycle: number, verdict and when it began, s since 1970.
     pub last: Option<(i64, String, i64)>,
@@ -32,10 +32,10 @@ pub struct Counted {
 }
 
 impl Reader {
-    /// All cells, by name, and the database's clock, ms since 1970.
+    /// Returns all cells, by name, and the database's clock, ms since 1970.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn cells(&self) -> Result<(Vec<CellNow>, i64), ArchiveError> {
         let known =
             "SELECT known.cell, cells.heard_unix_ms, cells.state, last.cycle, last.verdict, last.started_unix_s

@@ -21,7 +21,7 @@ pub struct CycleQuery {
     pub until_unix_s: Option<i64>,
     /// Older than this cycle of an earlier page: its begin, cell and number.
     pub before: Option<(i64, String, i64)>,
-    /// At most so many.
+    /// The maximum number of cycles.
     pub limit: i64,
 }
 
@@ -67,14 +67,14 @@ pub struct SignedBy {
     pub person: Option<(String, String)>,
 }
 
-/// A cycle with what was signed of it.
+/// A cycle with its signed statements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
     /// The cycle.
     pub row: CycleRow,
     /// Signatures, in order.
     pub signed: Vec<SignedBy>,
-    /// What the cell's own statement says; `None` where it has not come.
+    /// The content of the cell's own statement; `None` if it has not arrived.
     pub statement: Option<SignedCycle>,
 }
 
@@ -98,10 +98,10 @@ fn of(row: &tokio_postgres::Row) -> CycleRow {
 }
 
 impl Reader {
-    /// Cycles that match, the newest first.
+    /// Returns the cycles that match, the newest first.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn cycles(&self, query: &CycleQuery) -> Result<Vec<CycleRow>, ArchiveError> {
         let CycleQuery { cell, panel, serial, verdict, from_unix_s, until_unix_s, before, limit } = query;
         let serial = serial.to_lowercase();
@@ -109,7 +109,7 @@ impl Reader {
         let (from_s, until_s) = (from_unix_s.unwrap_or(i64::MIN), until_unix_s.unwrap_or(i64::MAX));
         let mut values: Vec<&(dyn tokio_postgres::types::ToSql + Sync)> =
             vec![&before_s, &before_cell, &before_cycle, &from_s, &until_s, limit];
-        // Only what is asked for stands in the query, so that the server chooses the index by it.
+        // The query contains only the conditions that were requested, so that the server chooses the index by them.
         let mut conditions = String::new();
         for (column, value) in [("cell", cell), ("panel", panel), ("lower(serial)", &serial), ("verdict", verdict)]
         {
@@ -126,10 +126,10 @@ impl Reader {
         Ok(self.rows(&sql, &values).await?.iter().map(of).collect())
     }
 
-    /// A cycle of a cell with what was signed of it; of several under one number, the newest.
+    /// Returns a cycle of a cell with its signed statements; if several have one number, the newest.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn record(&self, cell: &str, cycle: i64) -> Result<Option<Record>, ArchiveError> {
         let sql = format!(
             "SELECT {COLUMNS} FROM cycles WHERE cell = $1 AND cycle = $2 ORDER BY started_unix_s DESC LIMIT 1"
@@ -161,10 +161,10 @@ impl Reader {
         Ok(Some(Record { row, signed, statement }))
     }
 
-    /// The names of panels that cycles were about lately, and of all cells.
+    /// Returns the names of panels that cycles were about, and of all cells.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn names(&self) -> Result<(Vec<String>, Vec<String>), ArchiveError> {
         // Each next name by the index: a table of a million cycles is not read for ten names.
         let panels = "WITH RECURSIVE name AS (SELECT min(panel) AS panel FROM cycles

@@ -28,10 +28,11 @@ fn point(at_unix_s: i64, value: f64, limit: Limit) -> TrendPoint {
 }
 
 impl Reader {
-    /// The newest values of a quantity of a panel over all cells, at most so many; by cell, the oldest first.
+    /// Returns the newest values of a quantity of a panel over all cells, with a maximum count; by cell, the oldest
+    /// first.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn numbers(&self, panel: &str, quantity: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
         let sql = "SELECT cell, started_unix_s, value, allowed FROM quantities WHERE panel = $1 AND quantity = $2
             ORDER BY started_unix_s DESC LIMIT $3";
@@ -43,10 +44,11 @@ impl Reader {
         Ok(by_cell(rows.iter().rev().map(value)))
     }
 
-    /// The newest verifications of a subject over all cells, at most so many of each; by cell, the oldest first.
+    /// Returns the newest verifications of a subject over all cells, with a maximum count for each; by cell, the
+    /// oldest first.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn verifications(&self, subject: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
         let sql = "SELECT epochs.cell, seen.at_unix_s, seen.error, seen.allowed
             FROM (SELECT DISTINCT cell FROM epochs) AS epochs

@@ -13,7 +13,7 @@ use tokio_postgres::types::ToSql;
 /// A page waits so long for the database.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(15);
 
-/// A reader of the archive; clones share one connection, which is made anew where it was lost.
+/// A reader of the archive. Clones share one connection, which is made anew if it was lost.
 #[derive(Clone)]
 pub struct Reader {
     settings: Arc<ArchiveSettings>,
@@ -30,7 +30,7 @@ impl Reader {
         Reader { settings: Arc::new(settings.clone()), client: Arc::default(), files }
     }
 
-    /// The bytes of a file that a record names; `None` where it is not there or not whole.
+    /// Returns the bytes of a file that a record names; `None` if it is missing or not whole.
     pub fn file(&self, hash: &str) -> Option<Vec<u8>> {
         self.files.get(hash)
     }
@@ -64,7 +64,7 @@ impl Reader {
         self.in_time(async { client.execute(sql, values).await.map_err(failed) }).await
     }
 
-    /// A database that says nothing is left, so that the next page connects anew.
+    /// Drops the connection to a database that does not answer, so that the next page connects anew.
     async fn in_time<T>(&self, asking: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
         let answered = database::within(ANSWERS_WITHIN, asking).await;
         if let Err(ArchiveError::Silent { .. }) = answered {

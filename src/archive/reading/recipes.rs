@@ -1,4 +1,4 @@
-//! Recipes by their content: where each version ran, and since when.
+//! Recipes by their content: the cells in which each version ran, and since when.
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;
@@ -24,19 +24,19 @@ pub struct RecipeUse {
 }
 
 impl Reader {
-    /// What the office offers for this panel; `None` where it offers nothing.
+    /// Returns the office's offer for this panel; `None` if there is none.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, ArchiveError> {
         let rows = self.rows("SELECT offer FROM offers WHERE panel = $1", &[&panel]).await?;
         Ok(rows.first().and_then(|row| RecipeOffer::read(&row.get::<_, Vec<u8>>(0)).ok()))
     }
 
-    /// Every version of a panel's recipe in every cell, the one that was used last first.
+    /// Returns every version of a panel's recipe in every cell, the most recently used first.
     ///
     /// # Errors
-    /// Where the database does not answer.
+    /// If the database does not answer.
     pub async fn recipes(&self, panel: &str) -> Result<Vec<RecipeUse>, ArchiveError> {
         let sql =
             "SELECT recipe_hash, cell, first_unix_s, last_unix_s, cycles, passed FROM recipe_uses WHERE panel = $1

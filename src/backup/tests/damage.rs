@@ -1,4 +1,4 @@
-//! Flipped bits, cut ends, files that are gone, a disk that is full: all is told, and nothing is changed.
+//! Flipped bits, cut ends, missing files, a full disk: all is reported, and nothing is changed.
 
 use super::*;
 use crate::files::content_hash;
@@ -50,7 +50,7 @@ fn a_damaged_or_missing_file_of_the_store_is_named() {
     }
 }
 
-/// The disk is full at once, or in the midst of it: what was there stays, what was begun goes.
+/// The disk is full at once, or during the work: existing files stay, files that were begun are removed.
 #[test]
 fn a_full_disk_leaves_all_as_it_was() {
     let Some(disk) = SmallDisk::of(4) else { return };

@@ -1,4 +1,5 @@
-//! Archives by somebody who knows the format: sealed as they should be, with names, links and rows that should not be.
+//! Archives by a person who knows the format: sealed as they should be, with names, links and rows that should not
+//! be.
 
 use super::super::entry::Entry;
 use super::super::manifest::{FORMAT, Listed, Manifest, NAME};
@@ -19,7 +20,7 @@ fn forged(name: &str, content: &[u8]) -> Forged {
     Forged { listed, header_name: name.to_owned(), kind: tar::EntryType::Regular, content: content.to_vec() }
 }
 
-/// An archive as somebody may make it who knows the format: sealed, with any names.
+/// Writes an archive as a person who knows the format may make it: sealed, with any names.
 fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
     let sealing = Sealing::new(fs::File::create(archive).expect("made"));
     let mut tar = tar::Builder::new(zstd::Encoder::new(sealing, 1).expect("an encoder"));
@@ -44,7 +45,8 @@ fn manifest(entries: &[Forged]) -> Manifest {
     Manifest { format: FORMAT, program: "0".to_owned(), made_unix_s: 0, links: None, entries }
 }
 
-/// Sealed by one who knows how: names that lead elsewhere, links, other contents, more or less than the manifest says.
+/// Sealed by a person who knows how: names that lead elsewhere, links, other contents, more or less than the
+/// manifest states.
 #[test]
 fn a_forged_archive_is_refused_and_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -89,7 +91,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
             fs::read_dir(folder.path()).expect("listed").map(|e| e.expect("one").file_name()).collect();
         assert_eq!(names, ["forged"], "{words}");
     }
-    // More, and less, than the manifest says; a newer format.
+    // More, and less, than the manifest states; a newer format.
     let entries = named("configuration/recipes/wing.toml");
     let wanted = Wanted { store: false, configuration: true };
     for (manifest, words) in [
@@ -120,7 +122,7 @@ impl ConcatAll for [&[Forged]; 2] {
     }
 }
 
-/// A store whose rows were changed, sealed anew: the chain tells, and nothing is left of it.
+/// A store with changed rows, sealed anew: the chain shows the change, and nothing of the store is left.
 #[test]
 fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
     let cell = SmallCell::new();

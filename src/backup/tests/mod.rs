@@ -1,4 +1,5 @@
-//! Backups of a small cell: whole, in use, outside of its folder; `damage` spoils them, `forgery` is by somebody who knows the format.
+//! Backups of a small cell: whole, in use, outside of its folder. `damage` damages them, `forgery` is by a person
+//! who knows the format.
 
 mod damage;
 mod forgery;
@@ -158,7 +159,7 @@ fn a_store_in_use_is_not_replaced() {
         let error = told().expect_err("a service");
         assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
     }
-    // A socket that nobody listens on any more keeps nobody.
+    // A socket on which nothing listens any more is no obstacle.
     let store = Store::create(&cell.at("store")).expect("opens");
     let error = told().expect_err("a writer");
     assert!(error.contains("is writing to the store"), "{error}");

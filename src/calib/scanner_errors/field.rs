@@ -1,9 +1,10 @@
-//! What is the same in each scan: a smooth field of depth errors, with the board's own bow beside it.
+//! The error that is the same in each scan: a smooth field of depth errors, with the board's own bow beside it.
 //!
-//! In mm along the ray, a block of scan i reads −z²·q = −z²(a_i + b_i x + c_i y) + (z/z₀)² B(x, y)·c + z·|m_i|·h(u, v), with q = 1/z, a plane
-//! of its own for each scan, the field's coefficients c (`geometry::DepthField`) and the board's height h = k₁u² + k₂uv + k₃v², where m_i =
-//! (b_i, c_i, a_i) is the plane's normal over its distance. Planes are projected out scan by scan, so that a scan adds a small
-//! symmetric matrix; second differences of c are weighed by λ, and the bow by how flat boards are.
+//! In mm along the ray, a block of scan i reads −z²·q = −z²(a_i + b_i x + c_i y) + (z/z₀)² B(x, y)·c + z·|m_i|·h(u,
+//! v). Here q = 1/z, each scan has a plane of its own, c are the field's coefficients (`geometry::DepthField`), and
+//! h = k₁u² + k₂uv + k₃v² is the board's height. m_i = (b_i, c_i, a_i) is the plane's normal over its distance.
+//! Planes are projected out scan by scan, so that a scan adds a small symmetric matrix. Second differences of c are
+//! weighted by λ, and the bow by how flat boards are.
 
 use super::plane::{self, Projection};
 use super::plane_view::PlaneView;
@@ -44,7 +45,7 @@ pub(super) struct LeftOut {
 }
 
 impl Fit {
-    /// `None` where the blocks hold no plane.
+    /// Returns `None` if the blocks determine no plane.
     pub fn of(view: &PlaneView, over: &FieldRectangle) -> Option<Fit> {
         let count = view.blocks.len();
         let own = plane::fit(view.blocks.iter().map(|block| (block.direction, block.per_depth)))?;

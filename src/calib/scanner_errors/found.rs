@@ -8,7 +8,7 @@ use crate::geometry::DepthField;
 pub struct ScannerErrors {
     /// White noise of a pixel at the reference depth, standard deviation, mm.
     pub white_mm: f64,
-    /// The smooth error of one scan, after the correction where there is one: standard deviation, mm.
+    /// The smooth error of one scan, after the correction if there is one: standard deviation, mm.
     pub smooth_mm: f64,
     /// Over squares of this side it is alike, mm.
     pub correlation_mm: f64,
@@ -18,11 +18,11 @@ pub struct ScannerErrors {
     pub board_mm: f64,
     /// What scans that were left out are off the plane, rms, mm, without a correction.
     pub left_out_plain_mm: f64,
-    /// The same with the correction that the others say, where that is better.
+    /// The same with the correction by the other scans, if that is better.
     pub left_out_corrected_mm: Option<f64>,
-    /// The correction; none where nothing is the same in each scan.
+    /// The correction; `None` if no error is the same in each scan.
     pub field: Option<DepthField>,
-    /// Its largest amount at the reference depth where boards were, mm.
+    /// Its largest amount at the reference depth at the places of boards, mm.
     pub field_most_mm: f64,
     /// Bow of the board over half of its diagonal, mm.
     pub bow_mm: f64,

@@ -5,7 +5,7 @@ use super::plane_view::PlaneView;
 use crate::verdict::{Check, SetBy};
 use crate::words::apart;
 
-/// Fewer places tell nothing of a working volume.
+/// Fewer places give no information on a working volume.
 pub const MIN_PLACES: usize = 8;
 /// A board that is bowed by more is no calibration board, mm.
 const MOST_BOW_MM: f64 = 0.5;
@@ -13,13 +13,13 @@ const MOST_BOW_MM: f64 = 0.5;
 const COVERED: f64 = 0.6;
 /// Farthest depth over nearest.
 const DEPTHS: f64 = 1.15;
-/// The board is turned in its plane by so much, or its bow is taken for the camera's, degrees.
+/// The board must be rotated in its plane by this much, or its bow is mistaken for the camera's, degrees.
 const TURNED_DEG: f64 = 40.0;
 /// A smooth error beyond the first is to be looked at, beyond the second the camera is not used, mm.
 const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
 /// Distances that are longer or shorter by more than this are to be looked at, percent.
 const SCALE_PERCENT: f64 = 0.3;
-/// A board shows lengths up to this share of its diagonal: a plane through it takes longer ones away.
+/// A board shows lengths up to this share of its diagonal: a plane through it absorbs longer ones.
 const SHOWN: f64 = 0.8;
 
 /// Every number that is judged.

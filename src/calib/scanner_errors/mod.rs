@@ -1,14 +1,16 @@
 //! The 3D camera's own errors, measured with a flat board in many places of the working volume.
 //!
-//! A plane before the camera is linear in the directions (x, y) = (X/Z, Y/Z): 1/z = a + b x + c y. What a scan of a flat board leaves
-//! of that is the camera's error, in five parts:
+//! A plane before the camera is linear in the directions (x, y) = (X/Z, Y/Z): 1/z = a + b x + c y. The remainder of
+//! a scan of a flat board is the camera's error, in five parts:
 //! - white noise, from pixel to pixel, which grows with z²;
-//! - what is the same in each scan (`field`): a correction, kept only where scans that were left out are foretold by it;
-//! - what is smooth and differs from scan to scan (`spread`): its size and over what length it is alike, by means over
-//!   parts of the board, since a plane through it takes a part away;
-//! - the board's own bow, which turns with the board and so is told apart;
-//! - scale: distances between corners, as measured and as printed; from scan to scan what the smooth error does not explain. Where
-//!   distances are longer on one side of the picture, planes are turned into other planes (`tilt`), which is corrected, too.
+//! - the error that is the same in each scan (`field`): a correction, kept only if it predicts scans that were left
+//!   out;
+//! - the smooth error that differs from scan to scan (`spread`): its size and the length over which it is alike, by
+//!   means over parts of the board, since a plane through the board absorbs a part;
+//! - the board's own bow, which rotates with the board and can therefore be distinguished;
+//! - scale: distances between corners, as measured and as printed; from scan to scan the part that the smooth error
+//!   does not explain. If distances are longer on one side of the picture, planes are turned into other planes
+//!   (`tilt`), which is corrected, too.
 //!
 //! Not measured: lenses (`intrinsics`).
 
@@ -35,7 +37,7 @@ use super::error::CalibError;
 use crate::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};
 use field::Fit;
 
-/// The directions of a camera's whole picture; `None` where its corners have no ray.
+/// Returns the directions of a camera's whole picture; `None` if its corners have no ray.
 pub fn rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
     let [right, low] = [camera.width_px, camera.height_px].map(|count| count as f64 - 1.0);
     let corners = [[0.0, 0.0], [right, 0.0], [0.0, low], [right, low]];
@@ -51,13 +53,13 @@ pub fn rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
     Some(over)
 }
 
-/// A part of what is the same in each scan, at least so much of it, makes a correction: the left-out rms falls to this share.
+/// The error that is the same in each scan is corrected only if the left-out rms falls to this share.
 const WORTH_IT: f64 = 0.9;
 
 /// Measures the camera's errors.
 ///
 /// # Errors
-/// Where fewer scans than [`MIN_PLACES`] show the board, or boards fill no part of the picture.
+/// If fewer scans than [`MIN_PLACES`] show the board, or boards fill no part of the picture.
 pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerErrors, CalibError> {
     if views.len() < MIN_PLACES {
         let message = format!(

@@ -5,7 +5,7 @@ use crate::geometry::FieldRectangle;
 
 /// Parts of the picture, across and down.
 const PARTS: [usize; 2] = [8, 6];
-/// Fewer scans in a part tell nothing of it.
+/// Fewer scans in a part give no information on it.
 pub const MIN_SCANS: usize = 2;
 
 /// One part.
@@ -15,7 +15,8 @@ pub struct PicturePart {
     pub direction: [f64; 2],
     /// Scans that have the board there.
     pub scans: usize,
-    /// What scans that were left out are off a plane there, rms, mm, after the correction where there is one; NaN without scans.
+    /// Deviation of left-out scans from a plane there, rms, mm, after the correction if there is one; NaN without
+    /// scans.
     pub left_mm: f64,
 }
 

@@ -3,7 +3,7 @@
 use super::block::Block;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// The coefficients of 1, x and y through these values; `None` where the directions hold none.
+/// Returns the coefficients of 1, x and y through these values; `None` if the directions determine none.
 pub(super) fn fit(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Option<Vector3<f64>> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for ([x, y], value) in values {
@@ -27,11 +27,11 @@ pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
     })
 }
 
-/// Takes out whatever is a sum of a few columns.
+/// Removes every linear combination of a few columns.
 pub(super) struct Projection(DMatrix<f64>);
 
 impl Projection {
-    /// Takes out these columns.
+    /// Makes the projection that removes these columns.
     pub fn out_of(columns: DMatrix<f64>) -> Self {
         Projection(columns.qr().q())
     }

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 /// Blocks along each side of the board.
 const BLOCKS: usize = 16;
-/// So much of the outer squares counts as board, too.
+/// This share of the outer squares counts as board, too.
 const OUTER: f64 = 0.8;
 /// Points farther from the board's pose than this share of the depth are of something else.
 const NEAR: f64 = 0.02;
@@ -25,7 +25,7 @@ const NEAR: f64 = 0.02;
 const SQUARE_SHARE: f64 = 0.01;
 /// A block needs this share of the points of the usual one.
 const FILLED: f64 = 0.3;
-/// The board needs so many filled blocks.
+/// The number of filled blocks that the board needs.
 const MIN_BLOCKS: usize = 40;
 
 /// A scan that shows the board.
@@ -65,10 +65,10 @@ struct Sample {
 }
 
 impl PlaneView {
-    /// The blocks of a scan.
+    /// Returns the blocks of a scan.
     ///
     /// # Errors
-    /// Where the corners give no pose, or the board has too few points.
+    /// If the corners give no pose, or the board has too few points.
     pub fn of(scan: &BoardScan<'_>) -> Result<Self, CalibError> {
         let pose = board_pose::<Camera>(scan.camera, &BoardObservation::Pixels(scan.corners.clone()))?;
         let middle = scan.board.middle();
@@ -186,9 +186,11 @@ impl PlaneView {
         100.0_f64.powi(2) * (by_depth + self.scale_variance_by_corners().unwrap_or(0.0))
     }
 
-    /// The variance of the scale by errors of corners that are independent: what an affine map from the printed corners leaves of the
-    /// measured ones in their plane, as variance of each coordinate, over Σ |r|². The corners are not corrected, so that a bend counts here, too:
-    /// what a correction misses of it differs from place to place, and would be taken for a scale that differs from scan to scan.
+    /// Returns the variance of the scale by independent errors of corners. An affine map from the printed corners
+    /// to the measured ones leaves a remainder in their plane. The result is the variance of each of its
+    /// coordinates over Σ |r|². The corners are not corrected, so that a bend counts here, too: the part that a
+    /// correction misses differs from place to place, and would be mistaken for a scale that differs from scan to
+    /// scan.
     fn scale_variance_by_corners(&self) -> Option<f64> {
         let (about, _) = self.corners_about_mean(None);
         let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {

@@ -1,11 +1,14 @@
-//! How large the smooth error of a scan is, and over what length it is alike, by its mean squares in blocks and in parts of the board.
+//! How large the smooth error of a scan is, and over what length it is alike, by its mean squares in blocks and in
+//! parts of the board.
 //!
-//! Residuals r = M e are what a plane leaves of the errors e. For errors with the covariance σ² K, K = exp(−h² π / L²) over the distances h on the
-//! board, the mean squares of blocks and of means over k × k parts (A) are expected to be
+//! Residuals r = M e are the remainder of the errors e after a plane. For errors with the covariance σ² K, K =
+//! exp(−h² π / L²) over the distances h on the board, the mean squares of blocks and of means over k × k parts (A)
+//! are expected to be
 //!     E |r|² = σ² tr(M K),   E |r̄|² = σ² tr(M' A K Aᵀ),                                                    (1)
-//! each with its own plane taken out. The ratio of the two rises with L: where it is as observed is L, and then σ follows. A mean over an area
-//! much larger than L² has the variance σ² L² / area, as if each square of the side L had one error of its own. A likelihood was tried in place
-//! of (1): it looks at the finest detail, where a form of K that is not the camera's made L a factor of three wrong.
+//! each with its own plane removed. The ratio of the two rises with L. The L with the observed ratio is the result,
+//! and then σ follows. A mean over an area much larger than L² has the variance σ² L² / area, as if each square of
+//! the side L had one error of its own. A likelihood was tried in place of (1). It depends on the finest detail,
+//! and there a form of K that is not the camera's made L a factor of three wrong.
 
 use super::block::Block;
 use super::plane::{self, Projection};
@@ -39,7 +42,7 @@ struct Cut {
     observed: [f64; 2],
 }
 
-/// L and σ of (1); `None` where too little of the boards has points.
+/// Estimates L and σ of (1); `None` if too little of the boards has points.
 pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option<Spread> {
     let cuts: Vec<Cut> =
         views.iter().zip(residuals_mm).filter_map(|(view, mm)| Cut::of(&view.blocks, mm)).collect();
@@ -64,7 +67,8 @@ pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option
     deviation_mm.is_finite().then_some(spread)
 }
 
-/// L at which this ratio is expected, and what is then expected of the blocks; the first or last L where it is beyond all.
+/// Returns the L at which this ratio is expected, and the expected value of the blocks there; the first or last L
+/// if the ratio is beyond all.
 fn where_expected(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
     let of = |[blocks, parts]: [f64; 2]| parts / blocks;
     let above = tried.iter().position(|one| of(one.1) >= ratio).unwrap_or(tried.len());

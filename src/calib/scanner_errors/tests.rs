@@ -1,4 +1,4 @@
-//! Scans of a rendered board by a camera whose errors are known.
+//! Scans of a rendered board by a camera with known errors.
 
 use super::*;
 use crate::calib::Board;
@@ -17,7 +17,7 @@ fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneV
     views_at_scale(seed, count, distortion, |_| 0.0)
 }
 
-/// The same by a camera whose distances are too long by this share in each scan.
+/// Returns the same by a camera with distances that are too long by this share in each scan.
 fn views_at_scale(
     seed: u64,
     count: usize,
@@ -51,7 +51,8 @@ fn views_by(
     (views, camera)
 }
 
-/// What is left of the true error where boards were, beside what turns planes into planes: rms, mm.
+/// Returns the remainder of the true error at the places of boards, without the part that turns planes into planes:
+/// rms, mm.
 fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[PlaneView]) -> [f64; 2] {
     let of = |value: &dyn Fn([f64; 2]) -> f64| {
         let blocks = views.iter().flat_map(|view| &view.blocks);
@@ -104,8 +105,8 @@ fn what_turns_planes_into_planes_is_found_by_distances() {
     assert!((slope_mm[0] - 1.0).abs() < 0.2 && slope_mm[1].abs() < 0.2, "{slope_mm:?}");
 }
 
-/// By hand: shares of 0.15 % and 0.05 % in turn are 0.1 % in the mean, and 0.05 % apart from it, of which the fit's two terms take a part. What the
-/// smooth error alone does to distances does not count.
+/// By hand: alternating shares of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it by 0.05 %. The
+/// fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
 #[test]
 fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
     let none = ScannerDistortion::of(5, 0.0);

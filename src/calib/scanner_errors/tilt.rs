@@ -1,27 +1,29 @@
-//! What turns planes into other planes, by the distances between printed corners.
+//! The error that turns planes into other planes, by the distances between printed corners.
 //!
-//! A depth error that is linear over the directions, c = a + b x + c y, leaves flat boards flat, and makes distances on them longer where it is
-//! larger. With the scale sᵢ of each scan's distances, and how much it would change by each part,
+//! A depth error that is linear over the directions, c = a + b x + c y, leaves flat boards flat, and makes
+//! distances on them longer where it is larger. With the scale sᵢ of each scan's distances, and its change by each
+//! part, the linear fit is
 //!     sᵢ = s + a ∂s/∂a + b ∂s/∂b + c ∂s/∂c,                                                                    (1)
-//! a linear fit. Only b and c are a correction: s and a are told apart by the boards' depths alone, and act as a scale.
+//! Only b and c are a correction: only the boards' depths distinguish s and a, which act as a scale.
 
 use super::field::rms;
 use super::plane_view::PlaneView;
 use crate::geometry::DepthField;
 use nalgebra::{DMatrix, DVector};
 
-/// Scales of scans that were left out are foretold so much better by a slope that is one, rms.
+/// A slope is accepted if the rms of the predicted scales of left-out scans falls to this share.
 const WORTH_IT: f64 = 0.8;
 /// Terms of (1).
 const TERMS: usize = 4;
 
-/// What the scales of all scans say.
+/// The result from the scales of all scans.
 pub(super) struct Tilt {
-    /// b and c of (1), mm at the reference depth; none where scans that were left out are not foretold by them.
+    /// b and c of (1), mm at the reference depth; `None` if they do not predict left-out scans.
     pub slope_mm: Option<[f64; 2]>,
-    /// What (1), or where there is no slope its first two terms, leave of the scales, one standard deviation, percent.
+    /// The remainder of the scales after (1), or after its first two terms if there is no slope; one standard
+    /// deviation, percent.
     pub left_percent: f64,
-    /// By so many scans more than terms.
+    /// The number of scans beyond that of the terms.
     pub free: usize,
 }
 
@@ -29,8 +31,8 @@ pub(super) struct Tilt {
 const BELOW_95_PERCENT: f64 = 1.645;
 
 impl Tilt {
-    /// What is left of the scales beyond this variance, squared percent, that is known to be in them; one standard deviation, percent. Nothing where
-    /// chance alone may leave as much.
+    /// Returns the remainder of the scales beyond this known variance, squared percent; one standard deviation,
+    /// percent. Zero if chance alone may leave as much.
     pub fn beyond_percent(&self, known: f64) -> f64 {
         let left = self.left_percent.powi(2);
         let by_chance = known * (1.0 + BELOW_95_PERCENT * (2.0 / self.free as f64).sqrt());

@@ -114,8 +114,9 @@ fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
     }
 }
 
-/// The 5×4 board in a picture of full size: asked for one that it is not, by more squares or by fewer, and told which it is;
-/// a part of it is never taken for the whole. Its corners in the other order are the same.
+/// The 5×4 board in a picture of full size. If the search is for a board with more squares or with fewer, the error
+/// names the board that is there. A part of a board is never mistaken for the whole. Its corners in the other order
+/// are the same.
 #[test]
 fn another_board_is_named_and_a_part_is_not_the_whole() {
     let board = |text: &str| Board::parse(text, 40.0).expect("a board");
@@ -164,7 +165,7 @@ fn a_lens_comes_back_and_a_bad_picture_is_set_aside() {
     assert!(few.to_string().contains("4 are needed"));
 }
 
-/// Without tilt the lens is not determined, and the verdict says so.
+/// Without tilt the lens is not determined, and the verdict states this.
 #[test]
 fn pictures_without_tilt_are_for_a_person_to_judge() {
     let board = Board::parse("9x6", 25.0).expect("a board");

@@ -96,8 +96,8 @@ fn a_bad_robot_is_told_by_the_uncertainty() {
     }
 }
 
-/// An arm comes back to a pose to ±0.03 mm: a pose that is 0.02 mm off does not stand out among poses that happen to be exact, one that
-/// is 0.2 mm off does.
+/// An arm returns to a pose to ±0.03 mm. A pose that is 0.02 mm off is not noticed among poses that happen to be
+/// exact, one that is 0.2 mm off is.
 #[test]
 fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     let cell = cell(5, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
@@ -129,7 +129,8 @@ fn the_stated_region_holds_the_truth() {
     assert!((34..=40).contains(&held), "{held} of 40");
 }
 
-/// By differences: a lens whose principal point is 0.2 px off moves the mount by what a covariance of this one error says.
+/// By differences: a lens with a principal point that is 0.2 px off moves the mount by as much as a covariance of
+/// this one error predicts.
 #[test]
 fn a_lens_that_is_off_moves_the_mount_as_foretold() {
     let cell = cell(4, GOOD_ROBOT);

@@ -24,7 +24,8 @@ const LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Pictures of a board of 12×9 corners whose middle stays within this share of the picture around its middle.
+/// Makes pictures of a board of 12×9 corners. The board's middle stays within this share of the picture around the
+/// picture's middle.
 fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm: f64) -> Vec<View> {
     let board = Board::parse("12x9", 30.0).expect("a board");
     let middle = board.middle().mm.coords;
@@ -56,8 +57,9 @@ fn size(lens: &PinholeCamera) -> (usize, usize) {
     (lens.width_px, lens.height_px)
 }
 
-/// A board that stays in the middle tells nothing of the rim. Every model, also the fullest one, has a ray for each pixel; the
-/// chosen one keeps to what the middle tells, and the part that is known is around it.
+/// A board that stays in the middle carries no information on the rim. Every model, also the fullest one, has a ray
+/// for each pixel. The chosen model keeps to the information from the middle, and the known part is around the
+/// middle.
 #[test]
 fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     let lens = PinholeCamera { k1: -0.12, k2: 0.1, ..LENS };

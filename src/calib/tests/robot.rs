@@ -100,7 +100,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
         }
     });
     let views: Vec<ArmView> = views.collect();
-    // Each touch: an arm pose near one that is known, moved until the true tip stands at the spot.
+    // Each touch: an arm pose near a known one, moved until the true tip is at the spot.
     let spots = [Vector3::new(450.0, -100.0, 250.0), Vector3::new(560.0, 90.0, 300.0)];
     let mut touches = Vec::new();
     for index in 0..10 {
@@ -116,7 +116,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     Simulated { data: RobotData { geometry, rigs: started.collect(), views, touches }, errors, tip }
 }
 
-/// Axis angles, near a start, at which the true tip stands at a spot: Newton with the first three axes.
+/// Finds axis angles, near a start, at which the true tip is at a spot: Newton with the first three axes.
 fn reached(
     geometry: &crate::cell::ArmGeometry,
     errors: &[f64; ARM_NUMBERS],
@@ -146,7 +146,8 @@ fn reached(
     None
 }
 
-/// Where the corrected tip goes, held against where the scanner's camera sees the spot: over a panel of 360 × 260 mm.
+/// Compares where the corrected tip goes with where the scanner's camera sees the spot: over a panel of 360 × 260
+/// mm.
 fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &simulated.data.geometry;
     let truth = Isometry3::from_parts(
@@ -162,7 +163,7 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
             reached(geometry, &simulated.errors, simulated.tip, spot, start, &mut random).expect("in reach");
         let nominal = base_from_flange(geometry, &joints, &[0.0; ARM_NUMBERS]);
         let pose = ArmPose { joints: Some(joints), base_from_flange: nominal };
-        // The camera sees the true spot, and says where it is by the mount that was found.
+        // The camera sees the true spot, and gives its place by the mount that was found.
         let seen = (found.rigs[0].mount * truth.inverse() * nalgebra::Point3::from(spot)).coords;
         let flange = if corrected { found.correction.base_from_flange(&pose).expect("axes") } else { nominal };
         let tip = found.tip_mm.expect("touched");
@@ -184,7 +185,8 @@ fn the_chain_is_the_controller_s() {
     );
 }
 
-/// The correction takes most of an arm's error away over the whole panel, and the data without axes some of it.
+/// The correction removes most of an arm's error over the whole panel; with data without axes it removes some of
+/// the error.
 #[test]
 fn an_arm_s_own_errors_are_found() {
     for seed in 1..=3 {
@@ -222,8 +224,8 @@ fn an_arm_s_own_errors_are_found() {
     }
 }
 
-/// Nearly good, and a correction takes a tenth of nothing away: the arm goes without one. Worse, and it takes nothing away: the
-/// data hold no correction.
+/// If the arm is nearly good and a correction removes less than a tenth of the error, the arm needs no correction.
+/// If the arm is worse and a correction removes as little, the data hold no correction.
 #[test]
 fn an_arm_of_which_a_correction_takes_nothing_away_goes_without_one() {
     let found = calibrate(&simulated(1, 40).data).expect("an arm");

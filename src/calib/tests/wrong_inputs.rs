@@ -9,7 +9,8 @@ use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid
 use crate::verdict::{Judgement, Verdict};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// What the gate says of these stations, with the rough mount that a person measured; an error is its words alone.
+/// Returns the gate's judgement of these stations, with the rough mount that a person measured; an error is only
+/// its words.
 fn judged<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[Station<A::From>],
@@ -169,7 +170,7 @@ fn squares_of_another_size_are_measured_and_rejected() {
         let cell = cell(seed, GOOD_ROBOT);
         let rough = (Some(cell.base_from_camera()), Some(cell.flange_from_camera()));
         for stated_mm in [24.9, 25.1, 24.5] {
-            // The corners of a board that is said to have these squares.
+            // The corners of a board that is stated to have these squares.
             let share = stated_mm / 25.0;
             let fixed: Vec<_> = fixed(&cell, 15).iter().map(|station| square::scaled(station, share)).collect();
             let on_flange: Vec<_> =
@@ -196,7 +197,8 @@ fn squares_of_another_size_are_measured_and_rejected() {
     }
 }
 
-/// A lens file of another camera, 1 % longer: motions towards the camera say so, and the right lens raises no doubt.
+/// A lens file of another camera, 1 % longer: motions towards the camera show this, and the right lens raises no
+/// doubt.
 #[test]
 fn a_lens_of_another_focal_length_is_rejected() {
     for seed in [1, 2, 3] {

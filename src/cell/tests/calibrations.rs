@@ -29,7 +29,7 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
     );
     assert_eq!(wrong("k2 = 0.12", "k2 = nan"), ["9: camera.k2: found nan, allowed is a number from -1000 to 1000"]);
     assert_eq!(wrong("p1 = 0.0006\n", ""), ["1: camera.p1: is missing; this key has no default"]);
-    // By hand: k1 = −10 folds where 1 − 30 r² = 0, r = 0.18, and the corner stands at 0.64.
+    // By hand: k1 = −10 folds where 1 − 30 r² = 0, r = 0.18, and the corner lies at 0.64.
     assert_eq!(
         wrong("k1 = -0.1", "k1 = -10.0"),
         ["8: camera.k1: k1, k2, p1, p2, k3 give pixel (0, 0) no ray; are they this camera's?"]

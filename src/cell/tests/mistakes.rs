@@ -1,4 +1,4 @@
-//! What is said to a cell's file that is wrong: each mistake with its line, its key and what is allowed.
+//! The messages for a cell's file that is wrong: each mistake with its line, its key and what is allowed.
 
 use super::says;
 

@@ -1,5 +1,5 @@
-//! Cells as a user writes them, and what is read from them; `mistakes` is what is said to the wrong ones, `calibrations` the files
-//! that a cell names.
+//! Cells as a user writes them, and what is read from them; `mistakes` tests the messages for wrong ones,
+//! `calibrations` the files that a cell names.
 
 mod calibrations;
 mod mistakes;
@@ -98,7 +98,7 @@ fn what_goes_off_by_itself_has_its_time() {
     assert_eq!(cell.io().harmful_bits(), 0b11010);
 }
 
-/// Pages and records stay for ever; of clips and scans the file says how long.
+/// Pages and records stay for ever; the file states how long clips and scans stay.
 #[test]
 fn the_store_s_table_says_what_is_kept() {
     let check = |text: &str| Cell::check("a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));

@@ -18,7 +18,7 @@ const INTERNAL: &str = "<ENVIRONMENT>Submit</ENVIRONMENT><BUFFERING Limit=\"512\
                         <IP>172.31.1.147</IP><PORT>54600</PORT>";
 const RECEIVE: &str = "<XML><ELEMENT Tag=\"A/@B\" Type=\"INT\"/><ELEMENT Tag=\"A\" Set_Flag=\"2\"/></XML>";
 
-/// What stands in a list, as `line key: message`, cut where the test does not look further.
+/// Returns the entries of a list as `line key: message`; the tests compare their beginnings.
 fn lines(list: &[Problem]) -> Vec<String> {
     list.iter().map(|problem| format!("{} {}: {}", problem.line, problem.key, problem.message)).collect()
 }
@@ -208,7 +208,7 @@ fn what_is_no_channel_file_is_said() {
     expect(&deep, &["1 : not XML: more than 32 elements inside each other"], &[]);
 }
 
-/// Invented elements, another case, comments as in a data list: read, and told.
+/// Invented elements, another case, comments as in a data list: read, and reported.
 #[test]
 fn unknown_names_get_the_nearest_right_one() {
     let internal =
@@ -265,7 +265,8 @@ fn elements_are_looked_at_one_by_one() {
     assert!(report.says.contains(&rises), "{:?}", report.says);
 }
 
-/// Two nodes below one that carries the flag: it rises when both have arrived. Beside it, a datum that it does not tell of.
+/// Two nodes below one that carries the flag: the flag rises when both have arrived. Then a datum beside them that
+/// the flag does not cover.
 #[test]
 fn a_flag_above_all_data_is_as_good_as_the_roots() {
     let receive = "<XML><ELEMENT Tag=\"A/C/@N\" Type=\"INT\"/><ELEMENT Tag=\"A/C/P\" Type=\"FRAME\"/>\
@@ -339,7 +340,7 @@ fn files_of_one_controller_are_held_against_each_other() {
     assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml is a channel ONE too"], COMMANDS);
 }
 
-/// What a project's file of flags has: 2,688 is no number of the manual's range, and that is the one thing to say.
+/// As in a project's file of flags: 2,688 is no number of the manual's range, and that is the only message.
 #[test]
 fn a_flag_that_is_none_is_told_once() {
     let flags = |number: &str| {

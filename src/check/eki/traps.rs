@@ -167,7 +167,7 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
     root_flags(channel, found);
 }
 
-/// A root's flag says that a message is whole; a leaf's says only that the leaf was there.
+/// A root's flag shows that a message is whole; a leaf's flag shows only that the leaf was there.
 fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {
@@ -191,7 +191,8 @@ fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Whether all data below this root lie inside of the element of this tag, so that its flag tells that all have arrived.
+/// Returns whether all data below this root lie inside of the element of this tag, so that its flag shows that all
+/// have arrived.
 fn is_above_all(channel: &StatedChannel, root: &str, tag: &str) -> bool {
     let inside = format!("{tag}/");
     let mut data = channel.received.iter().filter(|element| element.root() == root && element.kind.is_some());

@@ -15,8 +15,8 @@ pub struct Archive {
 /// What may be done with an archive.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ArchiveTask {
-    /// Take what cells send from the broker, keep it in PostgreSQL and a folder, and tell the cells what the archive has, until a signal
-    /// ends it. Whatever fails (broker, database, disk) is tried again.
+    /// Receive what cells send from the broker, keep it in PostgreSQL and a folder, and report to the cells what
+    /// the archive has, until a signal ends it. Any failure (broker, database, disk) is tried again.
     #[command(
         after_help = "The settings are those of config/archive.toml. On a machine with nats-server -js and PostgreSQL:\n  \
         panelprep archive run --settings /etc/panelprep/archive.toml"
@@ -34,8 +34,8 @@ pub enum ArchiveTask {
         after_help = "Example:\n  panelprep archive account anna --printed-name 'Anna Office' --settings /etc/panelprep/archive.toml"
     )]
     Account(ArchiveAccount),
-    /// Offer a recipe that was approved in the office to all cells. In each cell its page of the set-up then shows the difference, and a
-    /// person there takes it; no cell changes by itself.
+    /// Offer a recipe that was approved in the office to all cells. Each cell's set-up page then shows the
+    /// difference, and a person there accepts it; no cell changes automatically.
     #[command(
         after_help = "Example:\n  panelprep archive offer door.toml --by 'Anna Office' --why 'finer film' --settings /etc/panelprep/archive.toml"
     )]

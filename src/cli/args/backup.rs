@@ -30,8 +30,8 @@ pub struct Restore {
     /// This part alone.
     #[arg(long, value_enum)]
     pub only: Option<BackupPart>,
-    /// Replace this part where it is there already; what is replaced is kept beside it as NAME.before-restore-1. May be given
-    /// for each.
+    /// Replace this part if it exists already; the replaced part is kept next to it as NAME.before-restore-1. May
+    /// be given for each.
     #[arg(long, value_enum, value_name = "PART")]
     pub replace: Vec<BackupPart>,
     /// Also write files that the cell's file names outside of its folder.

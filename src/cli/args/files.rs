@@ -24,8 +24,8 @@ pub struct Check {
     /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7: what it lacks is an error.
     #[arg(long, value_name = "VERSION")]
     pub kss: Option<crate::krl::Kss>,
-    /// What a cell's file must be complete for, with the files that it names; without it for a cycle whose calibrations may still
-    /// be made.
+    /// The purpose for which a cell's file must be complete, with the files that it names; without it, a cycle with
+    /// calibrations that may still be made.
     #[arg(long = "for", value_name = "PURPOSE", value_enum)]
     pub purpose: Option<PurposeName>,
 }
@@ -33,7 +33,7 @@ pub struct Check {
 /// What a cell's file must be complete for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PurposeName {
-    /// Commands on files alone: what is there must be right, nothing must be there.
+    /// Commands on files alone: existing entries must be right, none is required.
     Files,
     /// One function of the robot at a time.
     Robot,
@@ -50,8 +50,8 @@ pub struct Teach {
     /// The scan at the nominal place: organised PCD or PLY.
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     pub scan: Option<PathBuf>,
-    /// Take the scan and the corner pictures now, by the cell's cameras, and keep them in this folder; the region is drawn in a
-    /// browser between them.
+    /// Take the scan and the corner pictures now, with the cell's cameras, and keep them in this folder; the region
+    /// is drawn in a browser between them.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
     pub live: Option<PathBuf>,
     /// Draw the region, its grids and what is masked on the scan's picture, in a browser on this computer; they are written into
@@ -61,7 +61,7 @@ pub struct Teach {
     /// With --live: the region is in the recipe already.
     #[arg(long, requires = "live", conflicts_with = "draw")]
     pub no_draw: bool,
-    /// Where the page to draw on is served: a loopback address; port 0 takes a free one.
+    /// Address of the page to draw on: a loopback address; port 0 uses a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub listen: std::net::SocketAddr,
     /// What a simulated cell shows.
@@ -73,7 +73,7 @@ pub struct Teach {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of what was learnt; where nothing could be, of what was given.
+    /// Folder for pictures of what was learnt or, if nothing could be learnt, of the input.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -98,7 +98,7 @@ pub struct Locate {
     /// The scan: organised PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
-    /// File for the place found, as `--json` prints it: what `--located` of other commands takes.
+    /// File for the located pose, as `--json` prints it: the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Folder for a picture of the place found.
@@ -121,7 +121,7 @@ pub struct Refine {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json", required = true)]
     pub flange: Vec<PathBuf>,
-    /// File for the corrected place, as `--json` prints it: what `--located` of other commands takes.
+    /// File for the corrected pose, as `--json` prints it: the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Folder for pictures of the corner before and after.
@@ -138,8 +138,8 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
-    /// picture shows it elsewhere the test is invalid.
+    /// A pose, or the output of `locate` or `refine`. Without it, the panel must be at its nominal place; if the
+    /// dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: what the disc may have touched is held against its wet
@@ -164,8 +164,8 @@ pub struct Tune {
     /// Folder with numbered pictures and `clip.csv`, a dry one among them.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
-    /// picture shows it elsewhere the test is invalid.
+    /// A pose, or the output of `locate` or `refine`. Without it, the panel must be at its nominal place; if the
+    /// dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask of the clip's end; a clip that was labelled is its own truth.
@@ -182,10 +182,11 @@ pub struct Label {
     /// The panel's recipe: its grids are drawn over the pictures. The panel must have been taught.
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
-    /// A pose, or what `locate` or `refine` printed: where the panel of the grids stands; without it they are drawn at its nominal place.
+    /// A pose, or the output of `locate` or `refine`: the place of the panel for the grids. Without it, they are
+    /// drawn at its nominal place.
     #[arg(long, value_name = "POSE.json", requires = "recipe")]
     pub located: Option<PathBuf>,
-    /// Where the page is served: a loopback address; port 0 takes a free one.
+    /// Address of the page: a loopback address; port 0 uses a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub listen: std::net::SocketAddr,
 }
@@ -196,7 +197,7 @@ pub struct Plan {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or the output of `locate` or `refine`; without it, the panel is at its nominal place.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// The grids to abrade, `r1c1,r1c2`; without it all of them.

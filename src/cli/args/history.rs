@@ -1,11 +1,11 @@
-//! Arguments of `history`: the search, and what is asked of the cycles that it finds.
+//! Arguments of `history`: the search, and the questions about the cycles that it finds.
 
 use clap::{Args, Subcommand, ValueEnum};
 
 /// Options of `history`.
 #[derive(Debug, Clone, Args)]
 pub struct History {
-    /// What is asked; without it, cycles are searched.
+    /// The question; without it, cycles are searched.
     #[command(subcommand)]
     pub what: Option<HistoryTask>,
     /// What is searched.
@@ -19,7 +19,7 @@ pub struct History {
     pub csv: bool,
 }
 
-/// Conditions of a search. In names `*` stands for any characters; without it the whole name must be so.
+/// Conditions of a search. In names `*` matches any characters; without it, the whole name must match.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Args)]
 pub struct SearchArguments {
     /// Serial number of the part.
@@ -66,7 +66,7 @@ pub enum EndName {
     Running,
 }
 
-/// What may be asked of the history.
+/// Questions to the history.
 #[derive(Debug, Clone, Subcommand)]
 pub enum HistoryTask {
     /// One cycle at a glance: part, verdict, grids, residuals and errors, times, disc.

@@ -47,7 +47,7 @@ pub struct RenewStore {
 /// Options of `store verify`.
 #[derive(Debug, Clone, Args)]
 pub struct VerifyStore {
-    /// Leave out the files (scans, pictures), which takes most of the time.
+    /// Leave out the files (scans, pictures), which need most of the time.
     #[arg(long)]
     pub rows_only: bool,
 }
@@ -74,7 +74,7 @@ pub struct Replay {
 pub struct PageOf {
     /// The number of the cycle.
     pub cycle: i64,
-    /// Where the page goes; without it, where the service writes it: `reports/` in the store.
+    /// File for the page; without it, the place where the service writes it: `reports/` in the store.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }

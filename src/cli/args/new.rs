@@ -14,7 +14,8 @@ pub struct New {
 /// The files that can be begun.
 #[derive(Debug, Clone, Subcommand)]
 pub enum NewFile {
-    /// A cell's file: cameras, robot, store, where the arm parks. Tables with numbers of the sample are marked "TO CHECK" in it.
+    /// A cell's file: cameras, robot, store, park pose of the arm. Tables with numbers of the sample are marked "TO
+    /// CHECK" in it.
     #[command(after_help = "Examples, a simulated cell and a real one, without questions:\n  \
         panelprep new cell --yes --no-search --scanner simulated --flange-camera simulated --robot mock --out target/new/cell.toml\n  \
         panelprep new cell --yes --no-search --scanner zivid --flange-camera gige --flange-camera-serial 221600123 --robot eki \
@@ -34,7 +35,7 @@ pub struct NewCell {
     /// The file to write; it must not be there.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Take what is proposed for each question that no option answers.
+    /// Accept the proposed answer to each question that no option answers.
     #[arg(long)]
     pub yes: bool,
     /// Do not look for cameras and for the controller.
@@ -61,7 +62,7 @@ pub struct NewCell {
     /// The controller's address.
     #[arg(long, value_name = "ADDRESS")]
     pub host: Option<String>,
-    /// Axis angles where the arm parks, of a real cell: "a1,a2,a3,a4,a5,a6".
+    /// Axis angles of the arm's park pose, of a real cell: "a1,a2,a3,a4,a5,a6".
     #[arg(long, value_name = "ANGLES", allow_hyphen_values = true)]
     pub park_deg: Option<String>,
     /// Least corner of the box that the tool's tip stays in, of a real cell: "x,y,z" in the robot's base.
@@ -78,7 +79,7 @@ pub struct NewRecipe {
     /// The file to write; it must not be there.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Take what is proposed for each question that no option answers.
+    /// Accept the proposed answer to each question that no option answers.
     #[arg(long)]
     pub yes: bool,
     /// The name under which the panel is taught.
@@ -102,7 +103,7 @@ pub struct NewRecipe {
     /// Diameter of the sanding disc's contact.
     #[arg(long, value_name = "MM")]
     pub disc_diameter_mm: Option<String>,
-    /// Force with which the cell's compliant tool presses; asked where the cell's file has such a tool.
+    /// Force with which the cell's compliant tool presses; requested if the cell's file has such a tool.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub force_n: Option<String>,
 }

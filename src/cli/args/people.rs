@@ -14,7 +14,8 @@ pub struct User {
 /// What may be done with accounts.
 #[derive(Debug, Clone, Subcommand)]
 pub enum UserTask {
-    /// Add an account. The password is asked for; where standard input is no terminal, its first line is the password.
+    /// Add an account. The command asks for the password; if standard input is not a terminal, its first line is
+    /// the password.
     Add {
         /// The name to log in with: a to z, 0 to 9, dot, hyphen, underscore.
         name: String,

@@ -31,8 +31,8 @@ pub enum RecordTask {
         --head HEAD\n\
         Exit codes: 0 nothing was found, 1 something was found, 2 a file cannot be read.")]
     Verify(VerifyRecord),
-    /// Tell the head of the chain of signed records; written to a file each day and kept elsewhere, it tells later whether
-    /// records were taken off the end.
+    /// Print the head of the chain of signed records. If it is written to a file each day and kept elsewhere, it
+    /// shows later whether records were removed from the end.
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep record head --cell target/cell/cell.toml --out target/head.json")]
     Head(HeadOfRecords),
@@ -43,7 +43,7 @@ pub enum RecordTask {
 pub struct SignRecord {
     /// The number of the cycle.
     pub cycle: i64,
-    /// Your printed name. Your account on this computer stands beside it.
+    /// Your printed name. Your account on this computer is written next to it.
     #[arg(long)]
     pub name: String,
     /// What your signature means.
@@ -76,7 +76,7 @@ pub struct ExportRecord {
     /// Every cycle that is over.
     #[arg(long)]
     pub all: bool,
-    /// The folder; it is made where it is not there.
+    /// The folder; it is made if it does not exist.
     #[arg(long, value_name = "FOLDER")]
     pub out: PathBuf,
 }
@@ -93,8 +93,9 @@ pub struct VerifyRecord {
     /// A head, with its `.sig` beside it: then the records must be all of the cell, from the first to the one that it names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
-    /// The records must be all of the cell, from the first to the last one that is here. Without it, and without a head, numbers
-    /// that are not here are told and are no fault: the record of one cycle is handed on without those of others.
+    /// The records must be all of the cell, from the first to the last one that is here. Without it, and without a
+    /// head, missing numbers are reported but are not a fault: the record of one cycle is handed on without those
+    /// of others.
     #[arg(long)]
     pub all: bool,
 }
@@ -102,7 +103,7 @@ pub struct VerifyRecord {
 /// Options of `record head`.
 #[derive(Debug, Clone, Args)]
 pub struct HeadOfRecords {
-    /// Where the head goes, with its signature beside it as `.sig`.
+    /// File for the head, with its signature next to it as `.sig`.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }

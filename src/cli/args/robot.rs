@@ -15,7 +15,7 @@ pub struct Robot {
 /// The functions of thesis Table 3.1. Each has an epoch of its own: base, tool and speed hold within it only.
 #[derive(Debug, Clone, Subcommand)]
 pub enum RobotFunction {
-    /// get_current_state: what the controller says of itself.
+    /// get_current_state: the state that the controller reports.
     State,
     /// move_j: each axis to its angle.
     MoveJ {
@@ -53,7 +53,8 @@ pub enum RobotFunction {
         #[arg(value_name = "POSE", allow_hyphen_values = true)]
         flange_from_tool: String,
     },
-    /// set_acc_speed: speeds of what follows in the same epoch; shows whether the controller takes them.
+    /// set_acc_speed: speeds of the motions that follow in the same epoch; shows whether the controller accepts
+    /// them.
     SetSpeed {
         /// Speed of the tip, mm/s; at most the cell's.
         speed_mm_s: f64,
@@ -64,7 +65,7 @@ pub enum RobotFunction {
         #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
         axis_percent: u8,
     },
-    /// set_digout: an output by its name in the cell's [io.outputs], where its interlocks hold.
+    /// set_digout: an output by its name in the cell's [io.outputs], if its interlocks are satisfied.
     SetOut {
         /// The name, `light`.
         name: String,
@@ -88,8 +89,8 @@ pub enum RobotFunction {
         /// Its index there.
         index: u16,
     },
-    /// None of the nine: goes through what the installation page asks to be proven on the controller, and writes a page to
-    /// sign. Tries what a client can try, asks for the rest; nothing moves by it.
+    /// None of the nine: goes through what the installation page requires to be proven on the controller, and
+    /// writes a page to sign. It tests what a client can test and asks for the rest; it causes no motion.
     Prove(Prove),
 }
 
@@ -99,7 +100,7 @@ pub struct Prove {
     /// The page, HTML; it must not be there yet, and is written anew after each answer.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Who stands at the controller.
+    /// The person at the controller.
     #[arg(long, value_name = "NAME", value_parser = said)]
     pub by: String,
 }

@@ -1,4 +1,4 @@
-//! Arguments of the service, of its worker, and of whoever asks it for something.
+//! Arguments of the service, of its worker, and of its clients.
 
 use super::simulation::Simulation;
 use crate::record::PartNames;
@@ -14,10 +14,11 @@ pub struct Cycle {
     /// A new disc is mounted: its wear is counted from zero.
     #[arg(long)]
     pub new_disc: bool,
-    /// The part that stands in the cell: kept with the cycle and shown on its page.
+    /// The part in the cell: kept with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
-    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
+    /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
     /// What a simulated cell shows.
@@ -44,12 +45,12 @@ pub struct ZividWorker {
 /// Options of `ctl`.
 #[derive(Debug, Clone, Args)]
 pub struct Ctl {
-    /// What to ask.
+    /// The request.
     #[command(subcommand)]
     pub ask: CtlAsk,
 }
 
-/// What may be asked.
+/// The possible requests.
 #[derive(Debug, Clone, Subcommand)]
 pub enum CtlAsk {
     /// Begin a cycle, from idle.
@@ -57,24 +58,25 @@ pub enum CtlAsk {
         /// The panel's recipe.
         #[arg(long, value_name = "FILE")]
         recipe: PathBuf,
-        /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes; without a
-        /// name in its store, as recordings/cycle-NNNNNN.mcap. Nobody but you removes it: a minute of film takes a
-        /// gigabyte at full size.
+        /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes;
+        /// without a name in its store, as recordings/cycle-NNNNNN.mcap. Only you remove it: a minute of film needs
+        /// a gigabyte at full size.
         #[arg(long, value_name = "FILE", num_args = 0..=1)]
         record: Option<Option<PathBuf>>,
-        /// The part that stands in the cell: kept with the cycle and shown on its page.
+        /// The part in the cell: kept with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
         /// Another part than in the cycles before lies in the fixture: abrasions count from zero. Kept with the cycle.
         #[arg(long)]
         another_part: bool,
-        /// Wait for the cycle's end, tell each change, and end with the cycle's exit code. A cycle that is held waits on.
+        /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
+        /// the wait continues.
         #[arg(long)]
         wait: bool,
     },
     /// Leave what is going on: no further waypoint, tool off, retract.
     Hold,
-    /// Go on after a hold, through a look at the corner.
+    /// Continue after a hold, with a look at the corner.
     Unhold {
         /// The panel is dry: locate it again.
         #[arg(long)]
@@ -95,7 +97,7 @@ pub enum CtlAsk {
     },
     /// From stopped or complete to idle: everything off and tested, no motion.
     Reset {
-        /// Wait until the cell is idle, and end with 3 where it does not get there.
+        /// Wait until the cell is idle, and end with 3 if it does not become idle.
         #[arg(long)]
         wait: bool,
     },
@@ -105,9 +107,9 @@ pub enum CtlAsk {
         #[command(flatten)]
         decision: Decision,
     },
-    /// A new disc is mounted: its wear is counted from zero. Where the cell rests.
+    /// A new disc is mounted: its wear is counted from zero. Possible when the cell is at rest.
     NewDisc,
-    /// How the cell stands: state, panel, pass, phase, seconds of film, waypoint, the last page.
+    /// The cell's status: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
     /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
     Watch,
@@ -130,7 +132,7 @@ impl PartArguments {
     }
 }
 
-/// Which part a cycle is about, as far as it is told.
+/// The part of a cycle, as far as it is stated.
 #[derive(Debug, Clone, Args)]
 pub struct PartArguments {
     /// The part's serial number.

@@ -4,7 +4,7 @@ use super::simulation::Simulation;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-/// What `shoot` takes.
+/// What `shoot` can take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Shot {
     /// A 3D scan: organised PCD and PLY, and its colours as PNG.
@@ -32,7 +32,7 @@ impl Shot {
 /// Options of `shoot`.
 #[derive(Debug, Clone, Args)]
 pub struct Shoot {
-    /// What to take.
+    /// The kind of shot.
     #[arg(value_enum)]
     pub what: Shot,
     /// Folder for the files.
@@ -44,13 +44,14 @@ pub struct Shoot {
     /// Length of a film, s.
     #[arg(long, default_value_t = 10.0, value_parser = film_seconds)]
     pub seconds: f64,
-    /// Pictures of a film that are asked for in a second, at most.
+    /// Largest number of pictures of a film that are requested per second.
     #[arg(long, value_name = "N", default_value_t = 5.0, value_parser = film_rate)]
     pub pictures_per_second: f64,
     /// From this second on the film's pictures are marked as taken under the spray, those before as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
-    /// From this second on they are marked as wet; a film without spray is marked so from its begin where nothing is said.
+    /// From this second on they are marked as wet; without this option, a film without spray is marked so from its
+    /// begin.
     #[arg(long, value_name = "S")]
     pub wet_from_s: Option<f64>,
     /// What a simulated cell shows.

@@ -22,10 +22,10 @@ pub enum FilmName {
 /// What presses the disc on in the demo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum ToolName {
-    /// A tool with a force of its own, on coupons calibrated: the recipe asks for a removal in µm.
+    /// A tool with its own force, calibrated on coupons: the recipe requests a removal in µm.
     #[default]
     Compliant,
-    /// A spring on the flange: the path is even in time, and nobody says how much is removed.
+    /// A spring on the flange: the path is even in time, and the removal is not known.
     Spring,
 }
 
@@ -35,17 +35,17 @@ pub struct Demo {
     /// Everything random comes from this number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// What stands in the cell.
+    /// The content of the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
-    /// Where pictures, files and the page go.
+    /// Folder for pictures, files and the page.
     #[arg(long, value_name = "DIR", default_value = "target/demo")]
     pub out: PathBuf,
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// The simulated arm is off its drawing by so much at the tool, rms, mm, and is calibrated before the cycle; 0 is an arm as
-    /// it is drawn.
+    /// Deviation of the simulated arm from its drawing at the tool, rms, mm; it is calibrated before the cycle. 0
+    /// is an arm as drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
     /// Cameras and tool are calibrated, but the errors of the arm are not.
@@ -54,11 +54,12 @@ pub struct Demo {
     /// What presses the disc on.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
-    /// The compliant tool fails on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as `silent@40`; the score then says
-    /// how soon the sander was off.
+    /// Make the compliant tool fail on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
+    /// `silent@40`; the score then states how soon the sander was off.
     #[arg(long, value_name = "FAULT", conflicts_with = "page")]
     pub tool_fault: Option<PlannedToolFault>,
-    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
+    /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
     /// Instead of one cycle, serve the simulated cell with the operator's page until it is interrupted: open the address in a browser
@@ -73,23 +74,23 @@ pub struct Render {
     /// Everything random comes from this number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// What stands in the cell.
+    /// The content of the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
-    /// Which of the seed's places the panel stands at: the same panel with the same grease, displaced otherwise by each number;
-    /// what it is taught by is the same for all of them.
+    /// Which of the seed's places the panel has: the same panel with the same grease, displaced differently for
+    /// each number. The data for teaching is the same for all of these places.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
     /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
-    /// Also so many scans of a board, for `panelprep calibrate scanner`.
+    /// Number of scans of a board to add, for `panelprep calibrate scanner`.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub board_scans: u32,
     /// How hard its films are to read.
     #[arg(long, value_enum, default_value_t)]
     pub film: FilmName,
-    /// Add a labelled set of so many clips in `set`, of other grease each, every third one clean, for
+    /// Add a labelled set with this number of clips in `set`, each with other grease and every third one clean, for
     /// `panelprep inspect --truth`.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000))]
     pub clips: u32,
@@ -102,10 +103,11 @@ pub struct Render {
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
+    /// Deviation of the simulated arm from its drawing at the tool, rms, mm; 0 is an arm as drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
-    /// The simulated 3D camera is not well calibrated: its scans are bent by so much, mm, the same each time.
+    /// Error of the simulated 3D camera, which is not well calibrated: its scans are bent by this amount, mm, the
+    /// same each time.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub scanner_error_mm: f64,
 }
@@ -128,12 +130,12 @@ pub struct MockRobot {
     pub host: std::net::IpAddr,
 }
 
-/// The simulated 3D camera's own error; `None` where it is well calibrated.
+/// The simulated 3D camera's own error; `None` if it is well calibrated.
 pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion> {
     (error_mm > 0.0).then(|| ScannerDistortion::of(seed, error_mm))
 }
 
-/// The simulated arm of this seed; `None` where it is as it is drawn.
+/// The simulated arm of this seed; `None` if it is as drawn.
 pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
     (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
 }

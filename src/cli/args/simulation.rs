@@ -1,4 +1,4 @@
-//! What stands in a simulated cell.
+//! The content of a simulated cell.
 
 use crate::devices::acf::PlannedToolFault;
 use clap::{Args, ValueEnum};
@@ -17,25 +17,26 @@ pub enum SceneName {
     WrongPanel,
 }
 
-/// What stands in a simulated cell; without effect on devices of another kind.
+/// The content of a simulated cell; without effect on devices of another kind.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Simulation {
     /// Everything random in the simulated cell comes from this number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// What stands in the simulated cell.
+    /// The content of the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
-    /// Which of the seed's places the panel stands at.
+    /// Which of the seed's places the panel has.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
-    /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
+    /// Deviation of the simulated arm from its drawing at the tool, rms, mm; 0 is an arm as drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
     /// The simulated compliant tool fails on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as `silent@40`.
     #[arg(long, value_name = "FAULT")]
     pub tool_fault: Option<PlannedToolFault>,
-    /// A simulated line brings so many parts to the simulated cell and asks for a cycle of each; needs [line] in the cell's file.
+    /// Number of parts that a simulated line brings to the simulated cell, with a request for a cycle for each;
+    /// needs [line] in the cell's file.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub line_parts: u32,
 }

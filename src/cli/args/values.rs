@@ -1,9 +1,9 @@
 //! Values of options that several commands read alike.
 
-/// Words that somebody said, without space around them.
+/// Accepts a text from a person, without the blanks around it.
 ///
 /// # Errors
-/// Where they are empty.
+/// If it is empty.
 pub fn said(text: &str) -> Result<String, String> {
     match text.trim() {
         "" => Err("must not be empty".to_owned()),

@@ -31,7 +31,7 @@ pub enum What {
         panelprep calibrate intrinsics --live target/shots --count 12 --every-s 0 --camera flange-camera --board 9x6 --square-mm 25 \
         --cell target/cell/cell.toml --out target/cell/found/flange_camera.toml")]
     Intrinsics(Intrinsics),
-    /// Where a camera is mounted: from three touched points (thesis 3.7), or from many poses.
+    /// Mount of a camera: from three touched points (thesis 3.7), or from many poses.
     #[command(
         after_help = "Example, three points, after `panelprep render --boards --out target/cell`; without --points it \
         writes the picture with the corners to touch:\n  \
@@ -58,7 +58,7 @@ pub enum What {
         --flange-camera-lens target/cell/flange_camera.toml --out target/cell/found/robot.toml"
     )]
     Robot(Robot),
-    /// What the disc takes off, from measured depths on flat test coupons.
+    /// Removal by the disc, from measured depths on flat test coupons.
     #[command(
         after_help = "COUPONS is a CSV file with one measured place a line; its first line names the columns, in any order:\n  \
         coupon        its name, and in the column place where on it (may be left out)\n  \
@@ -102,7 +102,7 @@ pub enum What {
         panelprep calibrate force --cell target/cell/cell.toml --readings target/cell/boards/force.toml"
     )]
     Force(Force),
-    /// Look at a board that stands still and compare with where it is known to be; kept in the store.
+    /// Look at a fixed board and compare with its known pose; kept in the store.
     #[command(after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  \
         panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
         --target target/cell/target/scanner.toml --image target/cell/target/scanner.png\n  \
@@ -128,8 +128,8 @@ pub enum What {
     /// List the looks and touches that the store keeps, with their numbers; those that were struck out, by whom and why.
     #[command(after_help = "Example:\n  panelprep calibrate history --cell target/cell/cell.toml")]
     History,
-    /// Strike out a look or touch that says nothing of the calibration: it stays in the store, with who and why, and counts
-    /// no more. An older one does not take its place: look or touch again.
+    /// Strike out a look or touch that is not evidence about the calibration. It stays in the store with the person
+    /// and the reason, and no longer counts. An older one does not replace it: look or touch again.
     #[command(
         after_help = "Example:\n  panelprep calibrate strike 3 --by \"A. Smith\" --why \"the board was moved\" \
         --cell target/cell/cell.toml"

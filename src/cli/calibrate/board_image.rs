@@ -9,7 +9,7 @@ use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, Pinhole
 use crate::locate::ScanErrors;
 use std::path::Path;
 
-/// A file's picture, and its points where it has them.
+/// The picture of a file, and its points if it has them.
 pub struct BoardImage {
     /// The name in messages.
     pub name: String,
@@ -21,10 +21,10 @@ pub struct BoardImage {
 }
 
 impl BoardImage {
-    /// Reads a picture, or a shot (`.pcd`, `.ply`), and holds it against the camera's size.
+    /// Reads a picture or a shot (`.pcd`, `.ply`), and checks that it has the camera's size.
     ///
     /// # Errors
-    /// Where it cannot be read, is of another size, or is a picture that is no PNG.
+    /// If it cannot be read, is of another size, or is a picture other than PNG.
     pub fn read(file: &Path, camera: &PinholeCamera) -> Result<Self, Fault> {
         let bytes = disk::read(file)?;
         let is_shot =
@@ -40,15 +40,15 @@ impl BoardImage {
         Ok(BoardImage { name, hash: files::content_hash(&bytes), gray, cloud })
     }
 
-    /// The board's corners.
+    /// Finds the board's corners.
     ///
     /// # Errors
-    /// Where it shows no board.
+    /// If it shows no board.
     pub fn detect(&self, board: &Board, half_window_px: Option<usize>) -> Result<Detected, CalibError> {
         detect::detect(&self.name, &self.gray, board, half_window_px)
     }
 
-    /// The same, and tells first that it looks: a large picture without the board takes a second.
+    /// The same, but reports first that it searches: a large picture without the board needs a second.
     ///
     /// # Errors
     /// As [`BoardImage::detect`].

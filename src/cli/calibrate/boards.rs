@@ -8,7 +8,7 @@ pub(super) fn board(args: &BoardArgs) -> Result<Board, Fault> {
     Board::parse(&args.board, args.square_mm).map_err(Fault::stage)
 }
 
-/// The board where it may be left out for another option; the command line's own check asks for one of both.
+/// Returns the board of an option that another option may replace; the command line itself requires one of both.
 pub(super) fn named(args: &NamedBoard) -> Result<BoardArgs, Fault> {
     let missing = || {
         let message = "is missing: the inner corners of the board, 9x6".to_owned();

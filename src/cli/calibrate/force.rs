@@ -21,11 +21,11 @@ use std::path::Path;
 /// Share of the tool's band by which a reading without contact may be off.
 const OF_BAND: f64 = 0.5;
 
-/// Measures, or with `--verify` compares with what the cell's file states and keeps that in the store.
+/// Measures the force, or with `--verify` compares it with the cell's file and keeps the result in the store.
 ///
 /// # Errors
-/// Where the readings file has problems or holds no result, the tool's axis is not known, or with `--verify` the cell has no
-/// compliant tool.
+/// If the readings file has problems or gives no result, the tool's axis is not known, or with `--verify` the cell
+/// has no compliant tool.
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.readings)?;
     let cell = CellFiles::read(common)?;

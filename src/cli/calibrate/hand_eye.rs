@@ -28,7 +28,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Calibrates and writes the file.
 ///
 /// # Errors
-/// Where a file is not what it must be, or the poses cannot support a mount.
+/// If a file is invalid, or the poses do not determine a mount.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match args.mount {
         MountName::EyeToHand => stage::<ScannerMount>(args, common, progress),
@@ -90,7 +90,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let judgement = gate::hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::of(&judgement);
     tell(&mut outcome, (&found, &board), &aside);
-    // The 3D camera's scans are taken by its points: its mount comes from them where there are any, and the pictures are the check.
+    // The 3D camera is used through its points. So its mount is computed from them if there are any, and the
+    // pictures are the check.
     let kept = second.as_ref().unwrap_or(&found);
     outcome.put(A::TABLE, json!(pose_of(kept)));
     outcome.put("uncertainty_mm", json!(kept.uncertainty_mm));
@@ -141,7 +142,7 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
     outcome
 }
 
-/// The corners as the 3D camera measured them, where it measured most of them.
+/// The corners as the 3D camera measured them, if it measured most of them.
 fn points_of<A: Mounted>(look: &Look, camera: (&PinholeCamera, &ScanErrors)) -> Option<BoardObservation<A::From>> {
     let seen = look.board_image.measured(camera, &look.detected)?;
     let BoardObservation::Points(points) = &seen else { return None };

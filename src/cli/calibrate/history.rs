@@ -1,4 +1,5 @@
-//! `panelprep calibrate history` and `strike`: what the store keeps of looks and touches, and what of it does not count.
+//! `panelprep calibrate history` and `strike`: the looks and touches that the store keeps, and which of these do
+//! not count.
 
 use super::super::args::Common;
 use super::super::fault::Fault;
@@ -13,10 +14,10 @@ use crate::verdict::Judgement;
 use crate::words::apart;
 use serde_json::{Value, json};
 
-/// Lists them.
+/// Lists the verifications.
 ///
 /// # Errors
-/// Where there is no store, or it cannot be read.
+/// If there is no store, or it cannot be read.
 pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let all = CellFiles::read(common)?.store()?.verification_history().map_err(Fault::stage)?;
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
@@ -32,7 +33,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
 /// Strikes one out.
 ///
 /// # Errors
-/// Where there is no store, it has no such verification, or that one is struck out already.
+/// If there is no store, it has no such verification, or that one is already struck out.
 pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let strike = Strike { by: args.by.clone(), why: args.why.clone(), at_unix_s: date::now_unix_s() };

@@ -20,10 +20,10 @@ pub struct InUse {
 }
 
 impl InUse {
-    /// The one of this file, else that of the cell's file; `None` where neither names one.
+    /// The correction in this file, else the one of the cell's file; `None` if neither is named.
     ///
     /// # Errors
-    /// Where a file cannot be read or is not what it must be.
+    /// If a file cannot be read or is invalid.
     pub fn of(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
         let cell = mounted::cell(common)?;
         let of_cell = cell.as_ref().and_then(|cell| cell.calibration().robot_correction.clone());
@@ -41,15 +41,15 @@ impl InUse {
         InUse { arm: Kinematics::new(cell.corrected(numbers).arm()), hash }
     }
 
-    /// That of a cell which was read; `None` where it has none.
+    /// The correction of a cell that was already read; `None` if it has none.
     pub fn of_cell(files: &CellFiles) -> Option<Self> {
         files.correction_hash().map(|hash| InUse { arm: Kinematics::new(files.cell.arm()), hash })
     }
 
-    /// Where the flange truly was; `name` is that of the pose in messages.
+    /// The true pose of the flange; `name` is the name of the pose in messages.
     ///
     /// # Errors
-    /// Where the pose has no axes.
+    /// If the pose has no axes.
     pub fn flange(
         &self,
         (file, name): (&Path, &str),
@@ -59,7 +59,7 @@ impl InUse {
         self.true_flange(reported, joints).ok_or_else(|| Fault::file(file, format!("{name}: {NO_AXES}")))
     }
 
-    /// The same; `None` where the pose has no axes.
+    /// The same; `None` if the pose has no axes.
     pub fn true_flange(
         &self,
         reported: Rigid<Base, Flange>,
@@ -68,10 +68,10 @@ impl InUse {
         Some(self.arm.true_flange(reported, joints?))
     }
 
-    /// Corrects places that the tip touched, and the flange's pose at the picture.
+    /// Corrects the places that the tip touched, and the flange's pose at the picture.
     ///
     /// # Errors
-    /// Where one of them has no axes.
+    /// If one of them has no axes.
     pub fn correct_tips(&self, file: &Path, points: &mut Points) -> Result<(), Fault> {
         for (index, (touched, joints)) in points.touched.iter_mut().zip(&points.joints).enumerate() {
             let missing = || {
@@ -88,7 +88,7 @@ impl InUse {
         Ok(())
     }
 
-    /// Where the tip truly was that the controller reported here: it moves with the flange, whatever tool it is.
+    /// The true place of the tip that the controller reported here: it moves with the flange, for any tool.
     fn tip(&self, reported: Point<Base>, joints: &Joints) -> Option<Point<Base>> {
         let drawn = self.arm.drawn_flange(joints)?;
         Some(self.arm.true_flange(drawn, joints) * (drawn.inverse() * reported))

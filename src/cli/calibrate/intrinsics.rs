@@ -26,10 +26,10 @@ struct Picture {
     gray: GrayPicture,
 }
 
-/// Calibrates and writes the file. Whatever the pictures show, the outcome is a verdict.
+/// Calibrates and writes the file. The outcome is a verdict for any content of the pictures.
 ///
 /// # Errors
-/// Where a picture cannot be read, or sizes differ.
+/// If a picture cannot be read, or sizes differ.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let named = boards::named(&args.board)?;
     let (board, window) = (boards::board(&named)?, boards::window(&named));

@@ -12,7 +12,7 @@ pub(super) fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenan
     Provenance { program, pictures, residuals }
 }
 
-/// Writes a calibration unless it was rejected, and says so.
+/// Writes a calibration unless it was rejected, and reports this.
 pub(super) fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -> Result<(), Fault> {
     if judgement.verdict == Verdict::Reject {
         outcome.say(format!("{}: not written", file.display()));

@@ -1,6 +1,6 @@
-//! `panelprep calibrate`: reads pictures and poses, writes calibration files with what proves them.
+//! `panelprep calibrate`: reads pictures and poses, writes calibration files with their evidence.
 //!
-//! A rejected calibration writes nothing; one under review is written, with its doubts told.
+//! A rejected calibration is not written; one under review is written, and its doubts are reported.
 
 pub mod args;
 mod board_image;
@@ -37,10 +37,10 @@ use super::fault::Fault;
 use super::outcome::Outcome;
 use args::{Calibrate, What};
 
-/// Runs a calibration; `progress` tells of long work.
+/// Runs a calibration; `progress` reports long work.
 ///
 /// # Errors
-/// Where a file is not what it must be, or the data cannot support a calibration. Nothing is written then.
+/// If a file is invalid, or the data do not determine a calibration. Nothing is written then.
 pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match &args.what {
         What::Intrinsics(args) if args.live.live.is_some() => live::lens(args, common, progress),

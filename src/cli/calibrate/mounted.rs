@@ -1,4 +1,4 @@
-//! A camera's mount, and what the cell's files say of it beforehand.
+//! A camera's mount, and the previous knowledge of it in the cell's files.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -16,7 +16,7 @@ pub trait Mounted: Arrangement {
     /// Points of a 3D camera as this mount's camera sees them.
     fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
 
-    /// A point of the base as the camera sees it, where the camera stands still.
+    /// A point of the base as the camera sees it, if the camera is fixed.
     fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
 }
 
@@ -48,7 +48,7 @@ impl Mounted for FlangeCameraMount {
     }
 }
 
-/// The cell's file, where there is one: it only bounds the result.
+/// The cell's file, if it exists: it only bounds the result.
 pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
     if !common.cell.is_file() {
         return Ok(None);

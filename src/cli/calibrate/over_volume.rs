@@ -1,7 +1,8 @@
-//! `panelprep calibrate verify --poses`: what is left of the error over the working volume.
+//! `panelprep calibrate verify --poses`: measures the remaining error over the working volume.
 //!
-//! The camera on the flange looks at one board that stands still, from many poses. Each picture says where the board is,
-//! through arm, mount and lens; how far its farthest corner is from where it is known to be is what is left there.
+//! The camera on the flange looks at one fixed board from many poses. Each picture gives the board's pose through
+//! arm, mount and lens. The distance of the board's farthest corner from its known place is the remaining error
+//! there.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -27,7 +28,7 @@ const MIN_PICTURES: usize = 3;
 /// Looks at every picture, and keeps the worst as a verification.
 ///
 /// # Errors
-/// Where a file is not what it must be, too few pictures show the board, or the store does not write.
+/// If a file is invalid, too few pictures show the board, or the store cannot be written.
 pub fn run(
     args: &Verify,
     (files, poses_file): (&CellFiles, &Path),

@@ -1,4 +1,4 @@
-//! `panelprep calibrate removal`: what the disc takes off, from measured depths on test coupons.
+//! `panelprep calibrate removal`: the removal by the disc, from measured depths on test coupons.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -19,10 +19,10 @@ use crate::verdict::{Judgement, Reason};
 use crate::words::fixed;
 use serde_json::{Value, json};
 
-/// Fits the model, tells how well it foretells left-out coupons, and writes it.
+/// Fits the model, reports how well it predicts left-out coupons, and writes it.
 ///
 /// # Errors
-/// Where the table has problems, each with its line and column, or the disk refuses.
+/// If the table has problems, each with its line and column, or writing to the disk fails.
 pub fn run(args: &Args) -> Result<Outcome, Fault> {
     let bytes = disk::read(&args.coupons)?;
     let coupons = read_coupons(&bytes).map_err(|error| Fault::file(&args.coupons, error))?;

@@ -32,7 +32,7 @@ struct Look {
 /// Estimates the arm and writes its correction.
 ///
 /// # Errors
-/// Where a file is not what it must be.
+/// If a file is invalid.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let cell = match mounted::cell(common)? {
         Some(cell) => cell,
@@ -108,7 +108,7 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     outcome
 }
 
-/// The touches; corners are those of the rig whose board stands still, or of a picture of the fixed camera.
+/// The touches; a corner is one of the rig with the fixed board, or one in a picture of the fixed camera.
 fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
     let board = boards::board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));

@@ -1,5 +1,5 @@
-//! What `calibrate robot` says of the working volume: how far off the tip may be, which pose to take next, and whether one
-//! more is worth it.
+//! What `calibrate robot` reports about the working volume: the possible error of the tip, the next pose to take,
+//! and whether one more pose is useful.
 
 use super::super::outcome::Outcome;
 use crate::calib::robot::{ArmPose, RigKind, RobotData, RobotFound};
@@ -14,7 +14,7 @@ use serde_json::json;
 /// Places of the working volume along each of its sides.
 const PLACES: [usize; 3] = [4, 4, 3];
 
-/// Tells the stated error over the working volume and the next pose.
+/// Reports the stated error over the working volume and the next pose.
 pub(super) fn tell(
     outcome: &mut Outcome,
     cell: &Cell,
@@ -120,7 +120,7 @@ fn candidates(
     all
 }
 
-/// The ways in which the arm may stand at a pose, its tip in the cell's box.
+/// The possible postures of the arm at a pose, with its tip in the cell's box.
 fn stands(
     cell: &Cell,
     arm: &Kinematics,
@@ -136,8 +136,8 @@ fn stands(
     ways.into_iter().map(drawn).collect()
 }
 
-/// Poses all over the working volume: the cell's box, and without one, where the flange was. The tool stands at each place as
-/// at the nearest measured pose.
+/// Poses all over the working volume: the cell's box or, without one, the region of the measured poses. The tool's
+/// orientation at each place is that of the nearest measured pose.
 fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
     let arm = Kinematics::new(cell.arm());
     let measured: Vec<Rigid<Base, Flange>> = data.views.iter().map(|view| view.pose.base_from_flange).collect();

@@ -25,7 +25,7 @@ const LEAST_RELIEF: f64 = 0.05;
 /// Reads the lens and writes the file.
 ///
 /// # Errors
-/// Where the file is no organised cloud in a camera's frame.
+/// If the file is not an organised cloud in a camera's frame.
 pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let bytes = disk::read(scan)?;
     let cloud = files::read_any_cloud(&bytes, None).map_err(|error| Fault::file(scan, error))?;

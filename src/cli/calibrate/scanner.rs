@@ -27,7 +27,7 @@ type Read = (String, String, Result<PlaneView, CalibError>);
 /// Measures the errors and writes the lens's file with them.
 ///
 /// # Errors
-/// Where a file is not what it must be, or the disk refuses.
+/// If a file is invalid, or writing to the disk fails.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = boards::board(&args.board)?;
     let lens = Intrinsics::check(&args.intrinsics.display().to_string(), &disk::read_text(&args.intrinsics)?)?;
@@ -89,7 +89,7 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
     Ok((board_image.name.clone(), board_image.hash.clone(), view))
 }
 
-/// Scans that say nothing: a verdict.
+/// The verdict for scans that do not determine the errors.
 fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
     let judgement = Judgement::of(vec![Reason::new("scanner_places", message)], vec![]);
     let mut outcome = Outcome::of(&judgement);

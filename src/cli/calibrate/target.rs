@@ -1,4 +1,4 @@
-//! A board that stands still: where it is known to be, and which one it is, from its file.
+//! A fixed board: its known pose and its kind, from its file.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -13,15 +13,15 @@ use std::path::Path;
 pub struct Target {
     /// Which one.
     pub board: Board,
-    /// Where it stands.
+    /// The board's pose.
     pub base_from_board: Rigid<Base, BoardFrame>,
 }
 
 impl Target {
-    /// Reads its file; a board that the command names as well must be the same.
+    /// Reads its file; a board that the command also names must be the same.
     ///
     /// # Errors
-    /// Where the file is not what it must be, or the command names another board.
+    /// If the file is invalid, or the command names another board.
     pub fn read(file: &Path, named: Option<&BoardArgs>) -> Result<Self, Fault> {
         let mounted = MountedPose::<TargetMount>::check(&file.display().to_string(), &disk::read_text(file)?)?;
         let base_from_board = mounted.rigid();

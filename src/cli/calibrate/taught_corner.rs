@@ -1,7 +1,7 @@
 //! `panelprep calibrate verify --recipe`: a taught corner at its nominal place as the target of the flange camera.
 //!
-//! What the picture shows beside where the corner must appear, in mm across the view: it tells mount, lens and arm
-//! together, and nothing along the view.
+//! Compares the corner in the picture with its expected place, in mm across the view. This tests mount, lens and
+//! arm together, but nothing along the view.
 
 use super::super::fault::Fault;
 use super::super::load::{self, CellFiles};
@@ -19,7 +19,7 @@ use std::path::Path;
 /// Looks at the first taught corner and compares.
 ///
 /// # Errors
-/// Where a file is not what it must be, no corner was taught, the picture shows none, or the store does not write.
+/// If a file is invalid, no corner was taught, the picture shows none, or the store cannot be written.
 pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outcome, Fault> {
     let wrong = |message: &str| Fault::stage(CalibError::Points(message.to_owned()));
     if args.camera != CameraName::FlangeCamera {

@@ -17,10 +17,10 @@ use crate::geometry::{Joints, KukaPose, Vector};
 use crate::verdict::Verdict;
 use serde_json::json;
 
-/// Calibrates; writes the file where `--out` names one.
+/// Calibrates; writes the file if `--out` names one.
 ///
 /// # Errors
-/// Where the poses file has problems, or its poses determine no tool.
+/// If the poses file has problems, or its poses do not determine a tool.
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let file = args.poses.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let text = disk::read_text(file)?;
@@ -34,7 +34,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose();
     let axis = axis.map_err(|error| Fault::file(file, error))?;
     let judgement = gate::tool(&point, axis.as_ref(), &readings::of_tip(&poses.tip));
-    // Without an axis the flange's own is written, and the file says that it was not measured.
+    // Without an axis, the flange's own axis is written, and the file states that it was not measured.
     let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);
     let pose = KukaPose::from_rigid(&flange_from_tool(point.tip, along));
     let mut outcome = Outcome::of(&judgement);
@@ -58,7 +58,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
         mounted.axis_measured = Some(axis.is_some());
         mounted.provenance = provenance(vec![content_hash(text.as_bytes())], point.residuals_mm.clone());
         let text = mounted.to_toml();
-        // A tool that is rejected may have numbers that no file allows: its reasons say what is wrong.
+        // A rejected tool may have numbers that no file allows: its reasons state what is wrong.
         if judgement.verdict != Verdict::Reject {
             MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
         }

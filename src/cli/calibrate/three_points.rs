@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 /// Writes the picture of the corners to touch; with `--points`, calibrates and writes the file.
 ///
 /// # Errors
-/// Where a file is not what it must be, the picture shows no board, or the points give no frame.
+/// If a file is invalid, the picture shows no board, or the points give no frame.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match args.mount {
         MountName::EyeToHand => stage::<ScannerMount>(args, common, progress),

@@ -1,8 +1,10 @@
-//! Where the tool's tip truly was at each touch: by the axes and the cell's own tool, not by what the pendant adds up.
+//! The true place of the tool's tip at each touch: computed from the axes and the cell's own tool, not from the
+//! pendant's display.
 //!
 //!     base_from_tip = base_from_flange(axes) · flange_from_tool
-//! The pendant shows the tip of whichever tool is selected there, on an arm as it is drawn. A touch is to say how well the
-//! cell's tool and the arm's correction agree with the board; so the pendant's place only tells whether the touch is this one.
+//! The pendant shows the tip of the tool that is selected there, on an arm as drawn. A touch must show how well the
+//! cell's tool and the arm's correction agree with the board. So the pendant's place is used only to check that
+//! axes and touch belong together.
 
 use super::super::fault::Fault;
 use super::super::load::CellFiles;
@@ -15,11 +17,12 @@ use std::path::Path;
 /// The pendant's tool is the cell's up to a calibration made anew, mm.
 const SAME_TOOL_MM: f64 = 3.0;
 
-/// Puts the tips where axes and tool say. Without axes a place stays what the pendant shows, on an arm as it is drawn.
+/// Moves the tips to the places that axes and tool give. Without axes, a place stays as the pendant shows it, on an
+/// arm as drawn.
 ///
 /// # Errors
-/// Where axes are missing though the arm has a correction, and where the pendant shows another tip than these axes and the
-/// cell's tool have on the arm of the drawing.
+/// If axes are missing although the arm has a correction, or if the pendant shows another tip than these axes and
+/// the cell's tool give on the arm as drawn.
 pub fn by_axes(
     files: &CellFiles,
     flange_from_tool: &Rigid<Flange, Tool>,

@@ -23,21 +23,22 @@ use crate::verdict::{Judgement, Reason};
 use serde_json::json;
 use std::path::Path;
 
-/// What a picture of the board says, through the calibrations in use.
+/// The measurement from a picture of the board, through the calibrations in use.
 struct Looked {
     look: BoardMeasurement,
-    /// The board by the 3D camera's own points, where it has them, and how much farther they put it than the picture does, mm.
+    /// The board by the 3D camera's own points, if it has them, and how much farther away they place it than the
+    /// picture does, mm.
     by_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
     /// It was taken with points, which should show the board, too.
     has_cloud: bool,
-    /// Why nothing may be measured where it shows the board.
+    /// Why nothing may be measured at the board's place in the picture.
     outside: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,
 }
 
 impl Looked {
-    /// A scan by whose points the board is not found says nothing of how panels are located.
+    /// If the board is not found in a scan's points, the scan gives no evidence about how panels are located.
     fn without_points(&self) -> Option<Reason> {
         let message = "the scan has too few points on the board to find it by them, and panels are located by points: light it evenly, clean \
                        it, or bring it nearer, then take the scan again";
@@ -100,10 +101,10 @@ fn look(
     Ok(Looked { look, by_points, has_cloud, outside, picture_hash: board_image.hash, calibration_hash })
 }
 
-/// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
+/// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes the board's pose.
 ///
 /// # Errors
-/// Where a file is not what it must be, the picture shows no target, or the store does not write.
+/// If a file is invalid, the picture shows no target, or the store cannot be written.
 pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let wrong = |message: &str| Err(Fault::stage(CalibError::Points(message.to_owned())));
@@ -155,7 +156,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     Ok(outcome)
 }
 
-/// A look that says nothing of the calibration: nothing is kept of it.
+/// The outcome of a look that gives no evidence about the calibration: it is not kept.
 fn refused(reason: Reason, error_mm: f64, limit_mm: f64) -> Outcome {
     let mut outcome = Outcome::of(&Judgement::of(vec![reason], vec![]));
     outcome.put("error_mm", json!(error_mm));
@@ -196,10 +197,10 @@ fn learn(
     Ok(outcome)
 }
 
-/// Compares touched places with where the corners are known to be.
+/// Compares touched places with the known places of the corners.
 ///
 /// # Errors
-/// Where a file is not what it must be, a corner is not on the board, or the store does not write.
+/// If a file is invalid, a corner is not on the board, or the store cannot be written.
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;

@@ -17,7 +17,7 @@ use crate::requirements::{Lack, Purpose, Unmet, incomplete};
 use crate::store::{Store, StoreError, calibration_hash};
 use std::path::Path;
 
-/// Keys whose files have a check of their own, [`calibrations`] and that of the scanner.
+/// Keys with files that have their own check, [`calibrations`] and the scanner's check.
 const CHECKED_BELOW: [&str; 7] = [
     "calibration.scanner",
     "calibration.base_from_camera",
@@ -93,7 +93,7 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
     panels.into_iter().map(check).collect()
 }
 
-/// Each calibration: is it there, and was it verified lately, as the store says?
+/// Each calibration: does it exist, and was it verified recently according to the store?
 pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Check> {
     let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
         (Ok(lens), Ok(mount)) => {
@@ -161,7 +161,7 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
     }
 }
 
-/// What the files for the controller say.
+/// The checks of the files for the controller.
 pub(super) struct Programs {
     pub checks: Vec<Check>,
     /// The sum that a controller with these files reports.

@@ -16,11 +16,11 @@ pub(in crate::cli) enum Status {
 pub(in crate::cli) struct Check {
     /// What it is.
     pub name: String,
-    /// What is known of it.
+    /// Its status.
     pub status: Status,
     /// What was found.
     pub found: String,
-    /// What to do about it; empty where it is right.
+    /// What to do about it; empty if it is right.
     pub advice: String,
 }
 

@@ -35,8 +35,8 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     scanner.into_iter().chain(flange_camera).collect()
 }
 
-/// Opens the camera and waits for its first whole picture; where the service has it, the service takes one. With its size,
-/// where that is known: by its calibration, else by itself.
+/// Opens the camera and waits for its first complete picture; if the service has the camera, the service takes one.
+/// Also returns the size if it is known: from its calibration, else from the camera itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     use super::borrowed::borrowed;
@@ -90,7 +90,7 @@ fn recorded(
     }
 }
 
-/// Whether the service runs, and whether the robot answers: where the service holds its ports, the service is asked.
+/// Whether the service runs, and whether the robot answers: if the service holds its ports, the service is asked.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> Vec<Check> {
     match asking::state_of(&files.socket()) {
         Some(state) => {

@@ -25,7 +25,7 @@ pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
     }
 }
 
-/// The same as an alarm; `None` where there is room.
+/// The same as an alarm; `None` if there is room.
 pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
     let code = match free_mb {
         ..FLOOR_MB => "disk_full",
@@ -37,7 +37,7 @@ pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
     Some(Reason::new(code, words))
 }
 
-/// Is the clock kept by another one? `None` where nobody knows.
+/// Is the clock set by a time server? `None` if that is not known.
 pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
     match kept {
         Some(true) => Check::right("clock", "set by a time server"),
@@ -85,9 +85,9 @@ pub(super) fn receive_buffer(
     }
 }
 
-/// Is there a graphics processor for the Zivid SDK, and may the service reach it? By the character devices of
-/// `/proc/devices`: their names are those that `config/panelprep-zivid.conf` lets the service have. `has_uvm_node`: /dev/nvidia-uvm
-/// is there.
+/// Is there a graphics processor for the Zivid SDK, and may the service access it? This is judged by the character
+/// devices of `/proc/devices`: their names are those that `config/panelprep-zivid.conf` allows the service.
+/// `has_uvm_node`: /dev/nvidia-uvm exists.
 pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check {
     let name = "graphics processor";
     let Some(devices) = devices else {
@@ -157,12 +157,12 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
     Check::wrong(name, format!("{found}, and an exposure is no multiple of that, or not stated"), advice)
 }
 
-/// The camera does not say how the light is: a doubt, no fault of the cell.
+/// The camera does not report the state of the light: a doubt, not a fault of the cell.
 pub(super) fn light_not_known(why: &str) -> Check {
     Check::right("light on the scene", format!("whether it flickers is not known: {why}"))
 }
 
-/// Is the 3D camera as warm as it stays? A doubt is told; a cycle may begin with it.
+/// Has the 3D camera reached its steady temperature? A doubt is reported; a cycle may still begin.
 pub(super) fn warmth(warmth: Warmth) -> Check {
     let name = "scanner's warmth";
     match warmth {

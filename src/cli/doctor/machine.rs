@@ -35,7 +35,7 @@ pub(super) fn clock_is_kept() -> Check {
     }))
 }
 
-/// Nothing in the store may have been written in the future; nothing to say where there is no store.
+/// Nothing in the store may have been written in the future; `None` if there is no store.
 pub(super) fn clock_behind(store: &Path) -> Option<Check> {
     let newest = fs::read_dir(store).ok()?.filter_map(|entry| {
         let written = entry.ok()?.metadata().ok()?.modified().ok()?;
@@ -44,7 +44,7 @@ pub(super) fn clock_behind(store: &Path) -> Option<Check> {
     Some(judge::clock_behind(newest.max()?, now_unix_s()))
 }
 
-/// Free space where the store is, or will be.
+/// Free space at the present or future place of the store.
 pub(super) fn disk(store: &Path) -> Check {
     let whole = std::path::absolute(store).unwrap_or_else(|_| store.to_owned());
     let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
@@ -61,7 +61,7 @@ pub(super) fn disk(store: &Path) -> Check {
     }
 }
 
-/// Recordings in the store, which nobody removes; nothing to say where there are none.
+/// Recordings in the store, which are not removed automatically; `None` if there are none.
 pub(super) fn recordings(store: &Path) -> Option<Check> {
     let folder = daemon::recordings(store);
     let bytes = |entry: std::io::Result<fs::DirEntry>| Some(entry.ok()?.metadata().ok()?.len());
@@ -77,7 +77,7 @@ pub(super) fn graphics_processor() -> Check {
     judge::graphics_processor(devices.as_deref(), Path::new("/dev/nvidia-uvm").exists())
 }
 
-/// The kernel's largest receive buffer, and what a picture of this size needs of it.
+/// Compares the kernel's largest receive buffer with what a picture of this size needs.
 pub(super) fn receive_buffer(size_px: Option<[usize; 2]>, packet_bytes: u16) -> Check {
     let text = fs::read_to_string("/proc/sys/net/core/rmem_max").ok();
     let needed = socket_buffer_bytes(size_px.unwrap_or_default(), packet_bytes);

@@ -1,7 +1,9 @@
-//! `panelprep doctor`: the cell from the bottom up, one line a thing, and what to do where it is not right.
+//! `panelprep doctor`: checks the cell from the bottom up, with one line per item and advice if an item is not
+//! right.
 //!
-//! It moves nothing and writes nothing. A check whose prerequisite failed is reported as skipped and counts as a failure. `judge` turns facts into words, `machine` finds those of the computer,
-//! `cell` those of the cell's files, `devices`, `tool` and `zivid` those of what is connected, and `plant` those of what lies beyond.
+//! It moves nothing and writes nothing. A check with a failed prerequisite is reported as skipped and counts as a
+//! failure. `judge` turns facts into text. `machine` finds the facts of the computer, `cell` those of the cell's
+//! files, `devices`, `tool` and `zivid` those of connected devices, and `plant` those outside the cell.
 
 mod borrowed;
 mod cell;
@@ -23,7 +25,7 @@ use check::{Check, Status};
 pub(in crate::cli) use judge::scarce;
 use serde_json::json;
 
-/// Looks at everything and tells.
+/// Checks everything and reports.
 ///
 /// # Errors
 /// None: what cannot be read is a finding.

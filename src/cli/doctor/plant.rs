@@ -1,5 +1,5 @@
-//! What lies beyond the cell: the line, the office, the quality system and the MQTT broker. Files that they need are read and servers are
-//! connected to; nobody logs in, and nothing is sent.
+//! The systems outside the cell: the line, the office, the quality system and the MQTT broker. Files that they need
+//! are read and servers are connected to, but without a login, and nothing is sent.
 
 use super::check::Check;
 use crate::cell::{Broker, BrokerLogin, Cell, authority};
@@ -10,7 +10,7 @@ use crate::trust::{self, TrustError};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// A server has so long to take a connection.
+/// Time limit for a server to accept a connection.
 const WITHIN: Duration = Duration::from_secs(3);
 
 /// Everything that the cell's file names.

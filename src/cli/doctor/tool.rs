@@ -1,4 +1,5 @@
-//! The compliant tool: does it answer, and does it say that all is right? It is held back, and nothing is pressed.
+//! The compliant tool: does it answer, and does it report that all is right? It is held back, and nothing is
+//! pressed.
 
 use super::check::Check;
 use crate::cell::{Cell, CompliantTool};
@@ -8,10 +9,10 @@ use crate::words::fixed;
 use std::time::{Duration, Instant};
 
 const NAME: &str = "compliant tool";
-/// How long it may take to answer and to go back.
+/// Time limit for the tool to answer and to move back.
 const WITHIN: Duration = Duration::from_secs(3);
 
-/// The tool of a cell; none where it is a spring. `served` says that the service runs, and has it.
+/// Checks the tool of a cell; `None` if it is a spring. `served` states that the service runs and holds the tool.
 pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
     let tool = cell.tool().compliant()?;
     Some(match &tool.address {
@@ -24,7 +25,7 @@ pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
     })
 }
 
-/// Waits until it is ready, or for as long as that may take.
+/// Waits until it is ready, up to the time limit.
 fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
     let began = Instant::now();
     let (mut last, mut lost): (Option<Reading>, Option<Loss>) = (None, None);
@@ -78,7 +79,8 @@ mod tests {
         Cell::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// A spring is not looked at; a tool that answers is right, one that is broken or away is told with what to do.
+    /// A spring is not checked. A tool that answers is right; one that is broken or missing is reported with
+    /// advice.
     #[test]
     fn the_tool_is_looked_at() {
         let spring = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}"));

@@ -13,8 +13,8 @@ use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
 use crate::geometry::PinholeCamera;
 use std::time::{Duration, Instant};
 
-/// Starts the camera's worker, opens the camera and takes a shot to warm it up; follows its temperature for ten minutes of
-/// shots where that is asked for.
+/// Starts the camera's worker, opens the camera and takes a shot to warm it up. If requested, takes shots for ten
+/// minutes and follows the camera's temperature.
 pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
     let graphics = machine::graphics_processor();
     if let Some(state) = asking::state_of(&files.socket()) {
@@ -65,7 +65,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
 /// For how long a camera is warmed up, and from one shot to the next: the maker's ten minutes.
 const WARM_UP: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10)];
 
-/// Takes 3D shots, which warm the camera, and by which its temperature is followed.
+/// Takes 3D shots, which warm the camera and from which its temperature is followed.
 fn warmed_up(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> Result<(), ZividFault> {
     let begun = Instant::now();
     while begun.elapsed() < long {

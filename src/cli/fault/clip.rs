@@ -20,7 +20,7 @@ pub enum ClipFault {
         /// The folder.
         folder: PathBuf,
     },
-    /// A clip of a set that nobody labelled.
+    /// A clip of a set that has no labels.
     #[error(
         "{}: it has no labels, neither mask.png in its folder truth nor beside its pictures; mark what broke with `panelprep label --clip {}`",
         clip.display(), clip.display()
@@ -60,17 +60,17 @@ pub enum ClipFault {
     /// No picture of a film would be wet, and no test could look at it.
     #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; allowed is 0 to {seconds}")]
     NeverWet {
-        /// As asked for.
+        /// The requested time.
         wet_from_s: f64,
         /// The film's length.
         seconds: f64,
     },
-    /// Nobody said when the sprayed panel is wet.
+    /// It is not stated when the sprayed panel is wet.
     #[error(
         "--spray-from-s is {spray_from_s} and nothing says from when on the panel is wet; give --wet-from-s, when the spray is off"
     )]
     WetFromWhen {
-        /// As asked for.
+        /// The requested time.
         spray_from_s: f64,
     },
     /// Phases in another order than the test's.
@@ -79,9 +79,9 @@ pub enum ClipFault {
          later, the wet pictures after it, and both within the film"
     )]
     SprayAfterWet {
-        /// As asked for.
+        /// The requested time.
         spray_from_s: f64,
-        /// As asked for.
+        /// The requested time.
         wet_from_s: f64,
         /// The film's length.
         seconds: f64,

@@ -45,7 +45,7 @@ pub enum DeviceFault {
          it; without, \"simulated\" and \"recorded\" are allowed"
     )]
     BuiltWithoutGige,
-    /// A camera that was not told how to take a shot.
+    /// A camera without settings for taking a shot.
     #[error(
         "[scanner] {key} is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
          (settings for 3D shots with colour, settings_2d for pictures)"

@@ -1,6 +1,6 @@
 //! What stops a command at the records of cycles and parts, and at their history.
 
-/// Why the records do not answer, or do not take a part.
+/// Why the records cannot answer, or do not accept a part.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordFault {
     /// A date of a search is none.
@@ -11,7 +11,7 @@ pub enum RecordFault {
         /// What is wrong with it.
         cause: crate::history::DateError,
     },
-    /// Conditions of a search beside something else that is asked of the history.
+    /// Conditions of a search together with another request to the history.
     #[error(
         "conditions such as --part belong to the search, `panelprep history` without another word; leave them out here"
     )]
@@ -53,7 +53,7 @@ pub enum RecordFault {
         /// Which cycles, and how many passes in each.
         history: String,
     },
-    /// A cycle whose record nobody signed yet.
+    /// A cycle with an unsigned record.
     #[error(
         "cycle {cycle} is not signed: it is not over, or its signing failed; `panelprep store verify` tells more"
     )]
@@ -69,7 +69,7 @@ pub enum RecordFault {
         /// Why the cell's own store has none.
         problem: String,
     },
-    /// A name of the part that cannot be kept as it stands.
+    /// A name of the part that cannot be kept as it is.
     #[error("{option} \"{found}\": {problem}; name it as it is to stand on the cycle's page")]
     PartName {
         /// The option.

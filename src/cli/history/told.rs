@@ -6,7 +6,7 @@ use crate::report::shown;
 use crate::verdict::{Check, Limit, Reason, Verdict};
 use crate::words::{fixed, plain, utc};
 
-/// What stands where there is nothing.
+/// Placeholder for an empty value.
 const NOTHING: &str = "–";
 
 /// Columns as wide as their widest cell; the last one is as long as it is.
@@ -124,7 +124,7 @@ fn limit(limit: Limit) -> String {
     }
 }
 
-/// Two cycles side by side. What both ran with is told where it differs.
+/// Two cycles next to each other. What both ran with is shown if it differs.
 pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     let [first, second] = &comparison.cycles;
     let mut words = vec![match comparison.is_same_part {

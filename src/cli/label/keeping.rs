@@ -1,8 +1,9 @@
-//! A clip's labels on the disk: `labels.json` with its mask and times, what came before it, and the draft of what is not saved yet.
+//! A clip's labels on the disk: `labels.json` with its mask and times, the earlier versions, and the draft of
+//! unsaved changes.
 //!
-//! A former `labels.json` is copied to the first free `labels.N.json` before it is replaced, so that none is lost; the one with the
-//! lowest number is the oldest. Mask and times are written before `labels.json`, and the draft goes last: where a power cut comes
-//! between, the draft is still there and is saved again.
+//! A former `labels.json` is copied to the first free `labels.N.json` before it is replaced, so that none is lost;
+//! the one with the lowest number is the oldest. Mask and times are written before `labels.json`, and the draft is
+//! removed last. After a power cut in between, the draft still exists and is saved again.
 
 use super::super::calibrate::date::now_unix_s;
 use super::super::disk;
@@ -13,7 +14,7 @@ use crate::page::label::{Keep, Now, Saved};
 use crate::words::utc;
 use std::path::{Path, PathBuf};
 
-/// Where the labels of a clip are kept.
+/// The place in which the labels of a clip are kept.
 pub struct Keeping {
     folder: PathBuf,
     clip_sha256: String,
@@ -39,15 +40,15 @@ impl Keeping {
     /// The labels as they were saved last.
     ///
     /// # Errors
-    /// Where the file is not what it must be.
+    /// If the file is invalid.
     pub fn labels(&self) -> Result<Option<LabelFile>, Fault> {
         self.read(LABELS)
     }
 
-    /// What is kept now: the draft where there is one, else the labels.
+    /// The present contents: the draft if there is one, else the labels.
     ///
     /// # Errors
-    /// Where a file is not what it must be.
+    /// If a file is invalid.
     pub fn now(&self) -> Result<Now, Fault> {
         let (labels, draft) = (self.labels()?, self.read(DRAFT)?);
         let saved_at = labels.as_ref().map(|labels| labels.saved_at.clone());

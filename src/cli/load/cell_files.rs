@@ -1,4 +1,5 @@
-//! The cell's file with the calibrations that it names, each read and checked when a command asks for it; and the cell's store.
+//! The cell's file with the calibrations that it names, each read and checked when a command needs it; and the
+//! cell's store.
 
 use crate::calib::health::Verification;
 use crate::cell::{
@@ -28,10 +29,10 @@ pub(super) fn name(file: &Path) -> String {
     file.display().to_string()
 }
 
-/// The cell's file, checked, with the texts of the calibrations that a command asks for.
+/// The cell's file, checked, with the texts of the calibrations that a command needs.
 pub struct CellFiles {
     file: PathBuf,
-    /// The checked cell; its arm is corrected as the file that it names says.
+    /// The checked cell; its arm is corrected by the file that it names.
     pub cell: Cell,
     /// The text of that file.
     correction_text: Option<String>,
@@ -42,9 +43,9 @@ pub struct CellFiles {
 pub struct Calibrated<T> {
     /// The value.
     pub value: T,
-    /// Its error at the panel, mm, 95 %, where the file states it.
+    /// Its error at the panel, mm, 95 %, if the file states it.
     pub uncertainty_mm: Option<f64>,
-    /// Of a lens: where in its picture it is known; nothing for others.
+    /// For a lens, the area of its picture in which it is calibrated; empty for others.
     pub extent: LensExtent,
     /// Of the 3D camera: its own errors; what is assumed for others.
     pub scan_errors: ScanErrors,
@@ -52,12 +53,12 @@ pub struct Calibrated<T> {
     pub text: String,
 }
 
-/// The serial number of the camera that such a file is the calibration of, where it is there and names one.
+/// The serial number of the camera to which this calibration file belongs, if the file exists and names one.
 ///
 /// # Errors
-/// Where it cannot be read or has problems.
+/// If it cannot be read or has problems.
 pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
-    // A camera that is not calibrated yet is looked at, too: that a cycle's calibrations are there is asked elsewhere.
+    // A camera that is not calibrated yet is also accepted: another place checks that a cycle's calibrations exist.
     let Some(file) = intrinsics.filter(|file| file.exists()) else { return Ok(None) };
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
 }
@@ -66,7 +67,7 @@ impl CellFiles {
     /// Reads and checks the cell's file.
     ///
     /// # Errors
-    /// Where it cannot be read or has problems.
+    /// If it cannot be read or has problems.
     pub fn read(common: &Common) -> Result<Self, Fault> {
         let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
         let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
@@ -87,7 +88,7 @@ impl CellFiles {
     /// The text of the arm's correction that is applied.
     ///
     /// # Errors
-    /// Where its file is another now than when it was read: what has begun goes on by one correction.
+    /// If its file has changed since it was read: started work continues with one correction.
     pub fn correction_text(&self) -> Result<Option<&str>, Fault> {
         let now = self.correction_now()?.map(|(text, _)| text);
         if now != self.correction_text {
@@ -101,17 +102,17 @@ impl CellFiles {
         self.correction_text.as_ref().map(|text| content_hash(text.as_bytes()))
     }
 
-    /// The hash of these calibrations, and of the arm's correction where there is one: what a verification that the robot
-    /// takes part in holds for.
+    /// The hash of these calibrations and of the arm's correction, if there is one. A verification that involves
+    /// the robot is valid for this hash.
     pub fn hash_with_arm(&self, texts: &[&str]) -> String {
         let all: Vec<&str> = texts.iter().copied().chain(self.correction_text.as_deref()).collect();
         calibration_hash(&all)
     }
 
-    /// Where the flange truly was, when the controller reported what this file says.
+    /// The true pose of the flange for the controller's report in this file.
     ///
     /// # Errors
-    /// Where the arm has a correction, and the file no axes.
+    /// If the arm has a correction and the file has no axes.
     pub fn true_flange(&self, file: &Path, reported: &ReportedFlange) -> Result<KukaPose, Fault> {
         if self.cell.arm().correction().is_none() {
             return Ok(reported.base_from_flange);
@@ -129,24 +130,24 @@ impl CellFiles {
     /// Opens the store for reading.
     ///
     /// # Errors
-    /// Where there is none, it is damaged or not ours.
+    /// If there is none, or it is damaged or not ours.
     pub fn store(&self) -> Result<Store, Fault> {
         Store::open(&self.store).map_err(Fault::stage)
     }
 
-    /// Opens the store for writing, and makes it where there is none.
+    /// Opens the store for writing, and makes it if there is none.
     ///
     /// # Errors
-    /// Where its folder cannot be made, another process writes to it, or its database is damaged or not ours.
+    /// If its folder cannot be made, another process writes to it, or its database is damaged or not ours.
     pub fn store_for_writing(&self) -> Result<Store, Fault> {
         Store::create(&self.store).map_err(Fault::stage)
     }
 
-    /// Opens the store for writing, settles what an earlier program left, and refuses while something is open that a
-    /// person must look at.
+    /// Opens the store for writing, settles what an earlier program left, and refuses while something is open that
+    /// a person must look at.
     ///
     /// # Errors
-    /// As [`CellFiles::store_for_writing`], and where a motion is open or the last cycle was aborted.
+    /// As [`CellFiles::store_for_writing`], and if a motion is open or the last cycle was aborted.
     pub fn settled_store(&self) -> Result<Store, Fault> {
         let mut store = self.store_for_writing()?;
         let recovered = store.recover().map_err(Fault::stage)?;
@@ -162,17 +163,18 @@ impl CellFiles {
         Ok(store)
     }
 
-    /// The service's socket: where the cell's file says, else in the store.
+    /// The service's socket: at the place that the cell's file states, else in the store.
     pub fn socket(&self) -> PathBuf {
         self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
     }
 
-    /// The last touch check of this tool's calibration; none where it was not touched, or there is no store yet.
+    /// The last touch check of this tool's calibration; `None` if it was not touched, or there is no store yet.
     pub fn last_touch(&self, tool_text: &str) -> Option<Verification> {
         last_touch(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
     }
 
-    /// Refuses a cell's file that does not say what this needs, or names a file that is not there or not right.
+    /// Refuses a cell's file that does not state what this purpose needs, or names a file that is missing or not
+    /// right.
     ///
     /// # Errors
     /// All that is missing, each with its key.
@@ -233,7 +235,7 @@ impl CellFiles {
     /// The intrinsics of the fixed 3D camera.
     ///
     /// # Errors
-    /// Where the cell names no such file, or it has problems; likewise for the other calibrations.
+    /// If the cell names no such file, or it has problems; likewise for the other calibrations.
     pub fn scanner(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
         self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
     }
@@ -254,7 +256,7 @@ impl CellFiles {
         self.intrinsics("flange_camera", self.cell.calibration().flange_camera.as_ref())
     }
 
-    /// Where the fixed camera stands.
+    /// The pose of the fixed camera.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -270,7 +272,7 @@ impl CellFiles {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
     }
 
-    /// Where the tool's tip is; its axis may not have been measured.
+    /// The pose of the tool's tip; its axis may not have been measured.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -278,8 +280,8 @@ impl CellFiles {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 
-    /// What is calibrated of what is mounted on the flange. Before a calibration was made there is nothing to know of it; a file
-    /// that is there must be right.
+    /// The calibrated poses of what is mounted on the flange. A calibration that was not made yet is left out; an
+    /// existing file must be right.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -298,20 +300,20 @@ impl CellFiles {
         Ok(mounted)
     }
 
-    /// What the disc takes off, with the text of its file; none where the cell names none.
+    /// The removal model of the disc, with the text of its file; `None` if the cell names none.
     ///
     /// # Errors
-    /// Where the file is away or has problems.
+    /// If the file is missing or has problems.
     pub fn removal(&self) -> Result<Option<(Model, String)>, Fault> {
         let Some(file) = self.cell.calibration().removal.as_ref() else { return Ok(None) };
         let (name, text) = self.text("removal", Some(file))?;
         Ok(Some((Model::from(&RemovalCalibration::check(&name, &text)?.numbers), text)))
     }
 
-    /// Where the sanding tool's contact is.
+    /// The pose of the sanding tool's contact.
     ///
     /// # Errors
-    /// As [`CellFiles::scanner`]; also where the file does not say that the tool's axis was measured.
+    /// As [`CellFiles::scanner`]; also if the file does not state that the tool's axis was measured.
     pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
         let (file, mounted, text) = self.mounted::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())?;
         match mounted.axis_measured {
@@ -326,7 +328,8 @@ fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigi
     Calibrated { value, uncertainty_mm, extent: LensExtent::default(), scan_errors: ScanErrors::default(), text }
 }
 
-/// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
+/// The last touch check of this tool's calibration in a store; `None` if it was not touched, or that touch was
+/// struck out.
 pub fn last_touch(store: &Store, hash: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
     last.counts_for(hash).then_some(last)

@@ -13,39 +13,39 @@ use std::path::{Path, PathBuf};
 /// Reads and checks a recipe.
 ///
 /// # Errors
-/// Where it cannot be read or has problems.
+/// If it cannot be read or has problems.
 pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
     Ok(plausible(&name(file), &disk::read_text(file)?)?)
 }
 
-/// Reads an organised scan and holds it against the camera's calibration.
+/// Reads an organised scan and checks it against the camera's calibration.
 ///
 /// # Errors
-/// Where the file is no organised scan, or its size is not the calibrated one.
+/// If the file is not an organised scan, or its size differs from the calibration.
 pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, Fault> {
     let bytes = disk::read(file)?;
     files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
 }
 
-/// Reads a picture of a clip and holds it against the camera's calibration.
+/// Reads a picture of a clip and checks it against the camera's calibration.
 ///
 /// # Errors
-/// Where the file is no picture, or its size is not the calibrated one.
+/// If the file is not a picture, or its size differs from the calibration.
 pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
     files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file(file, error))
 }
 
-/// Reads where the panel is; without a file it stands at its nominal place.
+/// Reads the pose of the panel; without a file, it is at its nominal place.
 ///
 /// # Errors
-/// Where the file holds no pose, or one that was rejected.
+/// If the file holds no pose, or a rejected one.
 pub fn located(file: Option<&PathBuf>) -> Result<Rigid<Base, Panel>, Fault> {
     let Some(file) = file else { return Ok(panel_from_base_at_teaching().inverse()) };
     let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
     Ok(pose.to_rigid())
 }
 
-/// How well the place in this file is known, 95 %, mm; `None` where it does not say.
+/// The uncertainty of the pose in this file, 95 %, mm; `None` if the file does not state it.
 ///
 /// # Errors
 /// As [`located`].
@@ -61,14 +61,14 @@ pub struct CornerShot {
     pub bytes: Vec<u8>,
     /// The picture.
     pub picture: ColorPicture,
-    /// Where the flange truly was.
+    /// The true pose of the flange.
     pub base_from_flange: KukaPose,
 }
 
-/// Where the flange truly was, as this file says.
+/// The true pose of the flange, from this file.
 ///
 /// # Errors
-/// Where it holds no pose, or no axes and the arm has a correction.
+/// If it holds no pose, or it holds no axes although the arm has a correction.
 pub fn flange_file(cell_files: &CellFiles, file: &Path) -> Result<KukaPose, Fault> {
     let reported = files::read_reported_flange(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
     cell_files.true_flange(file, &reported)
@@ -77,7 +77,7 @@ pub fn flange_file(cell_files: &CellFiles, file: &Path) -> Result<KukaPose, Faul
 /// Reads corner pictures, each with its pose.
 ///
 /// # Errors
-/// Where the counts differ, or a file is not what it must be.
+/// If the counts differ, or a file is invalid.
 pub fn corner_shots(
     cell_files: &CellFiles,
     pictures: &[PathBuf],

@@ -21,10 +21,10 @@ pub struct Taught {
     pub version: String,
 }
 
-/// Loads what was taught of the recipe's panel.
+/// Loads the teaching of the recipe's panel.
 ///
 /// # Errors
-/// Where it was not taught, its files are damaged, or the recipe's `[region]` is another than the taught one.
+/// If it was not taught, its files are damaged, or the recipe's `[region]` differs from the taught one.
 pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
     let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
     let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
@@ -47,10 +47,10 @@ fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     ScanErrors::of(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
 
-/// Reads what a teaching holds and learns panel and corners from it; `name` is a corner picture's in messages.
+/// Reads a teaching and learns panel and corners from it; `name` gives the name of a corner picture in messages.
 ///
 /// # Errors
-/// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
+/// If the scan shows no panel under the region, or pictures show no corner: all of these are named.
 pub fn derive(
     teaching: &Teaching,
     (recipe, now): (&Recipe, &Intrinsics),

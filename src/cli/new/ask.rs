@@ -1,4 +1,4 @@
-//! Questions on the terminal: each can be answered by an option instead, and has a proposal where one can be made.
+//! Questions on the terminal: each can be answered by an option instead, and has a proposal if one can be made.
 
 use super::super::fault::Fault;
 use super::super::output::tell_line;
@@ -6,7 +6,7 @@ use crate::words::plain;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
 
-/// Who asks.
+/// Asks the questions.
 pub(super) struct Asker<'i> {
     /// Proposals are taken without asking.
     takes_proposals: bool,
@@ -22,7 +22,7 @@ pub(super) struct Question<'q> {
 }
 
 impl<'q> Question<'q> {
-    /// A question with the option that answers it and what that option said.
+    /// A question with the option that answers it and the value of that option.
     pub fn new(words: &'q str, option: &'static str, given: Option<&str>) -> Self {
         Question { words, option, given: given.map(str::to_owned), proposal: None }
     }
@@ -41,7 +41,7 @@ impl Asker<'static> {
 }
 
 impl Asker<'_> {
-    /// The answer as `read` understands it; what it refuses is asked again.
+    /// The answer as `read` understands it; if `read` refuses an answer, the question is asked again.
     fn ask<T>(&mut self, question: &Question<'_>, read: impl Fn(&str) -> Result<T, String>) -> Result<T, Fault> {
         let option = question.option;
         let refused = |found: &str, problem| Fault::BadAnswer { option, found: found.to_owned(), problem };
@@ -114,7 +114,8 @@ impl Asker<'_> {
         self.ask(question, |answer| checked(numbers(answer)?, &check))
     }
 
-    /// Both corners of a box that `check` accepts; what it refuses may be in either, so both are asked again.
+    /// Both corners of a box that `check` accepts. The reason for a refusal may be in either corner, so both are
+    /// asked again.
     pub fn box_mm(
         &mut self,
         [least, greatest]: [Question<'_>; 2],
@@ -189,7 +190,8 @@ mod tests {
         }
     }
 
-    /// The option first, then what is typed, an empty line takes the proposal, and a wrong answer is asked again.
+    /// The option counts first, then the typed text. An empty line accepts the proposal, and after a wrong answer
+    /// the question is asked again.
     #[test]
     fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
         let of =
@@ -211,7 +213,7 @@ mod tests {
         // What nothing is proposed for, --yes does not answer.
         let told = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
         assert!(told.ends_with("give --rows"), "{told}");
-        // A count is held to its range at once, not in the file that would come of it.
+        // A count is checked against its range at once, not later in the resulting file.
         let of = |given| asker("", true).count(&question(Some(given), None), 1..=50);
         assert_eq!(of("50").expect("allowed"), 50.0);
         for wrong in ["0", "51", "2.5", "many"] {
@@ -220,7 +222,7 @@ mod tests {
         }
     }
 
-    /// What is wrong with a box may be in either corner; what no one was asked for is refused by its option.
+    /// A box may be wrong in either corner; a value that was not asked for is refused by its option.
     #[test]
     fn a_box_that_is_refused_is_asked_again_whole() {
         let corners = |given: [Option<&str>; 2]| {

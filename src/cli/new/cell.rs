@@ -1,8 +1,8 @@
-//! `panelprep new cell`: the samples' tables for what is connected, with what was answered.
+//! `panelprep new cell`: the samples' tables for the connected devices, with the answers.
 //!
-//! Of a real cell nobody but its people knows the poses, the box, the inputs and outputs. What was not answered is the sample's
-//! and is marked as such in the file and in the result. What a file can do without (the arm's surroundings, where the cameras
-//! are by tape, a stated error of the tool) is left as a comment.
+//! For a real cell, only its own people know the poses, the box, the inputs and outputs. What was not answered
+//! comes from the sample and is marked as such in the file and in the result. What a file does not need (the arm's
+//! surroundings, the cameras' places by tape, a stated error of the tool) is left as a comment.
 
 use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, ScannerKind};
 use super::super::disk;
@@ -23,10 +23,10 @@ use toml_edit::Array;
 
 const SIMULATED: &str = include_str!("../../../config/cell.toml");
 const REAL: &str = include_str!("../../../config/cell-example.toml");
-/// Where the service of an installed package keeps its store and its socket.
+/// The places in which the service of an installed package keeps its store and its socket.
 const SERVICE_STORE: &str = "/var/lib/panelprep";
 const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
-/// Tables of a real cell whose numbers are its own.
+/// Tables of a real cell with numbers of its own.
 const OF_THE_CELL: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
 /// Those that it can do without.
 const OPTIONAL: [&str; 7] = [
@@ -59,7 +59,7 @@ struct Answers {
     flange_camera_by: Option<(&'static str, String)>,
     robot: RobotKindName,
     host: Option<String>,
-    /// Where the arm parks, and the box of the tool's tip, of a real cell.
+    /// The park pose and the box of the tool's tip, of a real cell.
     motion: Option<Motion>,
     store: String,
 }
@@ -77,7 +77,7 @@ const MOTION: Motion = Motion {
     box_mm: [[250.0, -450.0, 50.0], [750.0, 450.0, 900.0]],
 };
 
-/// Where the networks of the cell stand for the service's unit.
+/// The file in which the networks of the cell are listed for the service's unit.
 const NETWORKS: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
 
 /// Asks, and writes the file.
@@ -110,7 +110,7 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Refuses options of one kind where another was chosen: a value that nobody reads would seem to be in the file.
+/// Refuses options of one kind if another was chosen: a value that is not used would seem to be in the file.
 fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<String>)]) -> Result<(), Fault> {
     let of_another = given.iter().find_map(|(option, value)| Some((*option, value.as_ref()?)));
     of_another.map_or(Ok(()), |(option, found)| {
@@ -119,7 +119,7 @@ fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<S
     })
 }
 
-/// Tells what was looked for; nothing where nothing is looked for.
+/// Reports the search and returns what was found; empty if there was no search.
 fn looked(args: &NewCell, look: impl FnOnce() -> Found) -> Vec<String> {
     if args.no_search {
         return vec![];
@@ -174,7 +174,7 @@ impl Answers {
     }
 }
 
-/// Refuses what an option says.
+/// Refuses the value of an option.
 fn given<T: ValueEnum>(option: &'static str, value: T, check: impl Fn(&T) -> Refusal) -> Result<T, Fault> {
     let Err(problem) = check(&value) else { return Ok(value) };
     let found = value.to_possible_value().map_or(String::new(), |word| word.get_name().to_owned());
@@ -324,7 +324,7 @@ const STATE_PORT: u16 = 54_601;
 
 /// One table of a file: its header and all lines up to the next header.
 struct Block<'t> {
-    /// Its name, `poses.park`; empty for what stands before the first table.
+    /// Its name, `poses.park`; empty for the part before the first table.
     name: &'t str,
     text: &'t str,
 }
@@ -356,7 +356,7 @@ fn as_comments(text: &str) -> String {
     text.lines().map(line).collect()
 }
 
-/// A table whose numbers are to be held against the cell.
+/// A table with numbers that must be checked against the cell.
 fn to_check(text: &str) -> String {
     let line = |line: &str| match line.starts_with(STATED) {
         true => format!("# {line}\n"),
@@ -366,7 +366,7 @@ fn to_check(text: &str) -> String {
     format!("{TO_CHECK}\n{lines}")
 }
 
-/// Stands before each of those.
+/// Written before each of those tables.
 const TO_CHECK: &str =
     "# TO CHECK before anything moves: what was not answered in this table is the sample's, not your cell's.";
 
@@ -417,7 +417,7 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     Ok(cell.to_string())
 }
 
-/// What stands before the first table.
+/// The text before the first table.
 fn head(answers: &Answers) -> String {
     let socket = match answers.store == SERVICE_STORE {
         true => format!("socket = \"{SERVICE_SOCKET}\" # as panelprep.service has it: its group may ask\n"),

@@ -6,7 +6,7 @@ use crate::devices::gige;
 use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividFault, ZividScanner, launcher};
 use std::time::Duration;
 
-/// How long the controller may take to answer.
+/// Time limit for the controller's answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What was found of one kind: serial numbers, and a sentence.
@@ -32,7 +32,7 @@ pub(super) fn gige_cameras() -> Found {
     }
 }
 
-/// The Zivid camera that is connected, where it is the only one.
+/// The connected Zivid camera, if it is the only one.
 pub(super) fn zivid_camera() -> Found {
     match only_zivid() {
         Ok(serial) => Found { words: format!("a Zivid camera answers: serial {serial}"), serials: vec![serial] },
@@ -40,11 +40,11 @@ pub(super) fn zivid_camera() -> Found {
     }
 }
 
-/// The serial number of the camera that is connected, where it is the only one; its worker lets it go again.
+/// The serial number of the connected camera, if it is the only one; its worker releases it again.
 fn only_zivid() -> Result<String, String> {
     let setup = Setup {
         source: Source::Only,
-        // No camera has this number: the one that is found is told, and nothing is set in it.
+        // No camera has this number: the camera that is found is reported, and nothing is set in it.
         serial: Some(String::new()),
         size: Size { width: 0, height: 0 },
         scan_yaml: String::new(),

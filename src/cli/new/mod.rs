@@ -1,7 +1,7 @@
 //! `panelprep new cell` and `new recipe`: a commented file to begin with.
 //!
-//! The text is that of the samples in `config/`, with its comments; answers are set in it. What is written was checked as
-//! `panelprep check` checks it, and no file is written over.
+//! The text is that of the samples in `config/`, with its comments; answers are set in it. The written file has
+//! passed the checks of `panelprep check`, and no file is overwritten.
 //!
 //! - `ask`: questions and answers · `connected`: what answers at the cell · `cell` · `recipe`
 
@@ -18,7 +18,7 @@ use super::outcome::Outcome;
 /// Asks, and writes the file.
 ///
 /// # Errors
-/// Where a question has no answer, an answer cannot be taken, or the file is there already.
+/// If a question has no answer, an answer is not accepted, or the file exists already.
 pub fn run(args: &New, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         NewFile::Cell(args) => cell::run(args, common),

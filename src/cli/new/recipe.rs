@@ -19,7 +19,7 @@ const SAMPLE: &str = include_str!("../../../config/panels/example.toml");
 /// As the sample has them.
 const CORNERS_PX: [f64; 8] = [700.0, 350.0, 1250.0, 350.0, 1250.0, 850.0, 700.0, 850.0];
 const BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
-/// The sample's force, which stands there as a comment: only a recipe for a compliant tool has one.
+/// The sample's force, which is a comment there: only a recipe for a compliant tool has one.
 const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
 
 /// How many rows, and how many columns, a recipe may have.
@@ -61,7 +61,7 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
 struct Held<'a> {
     /// The recipe's file.
     name: &'a str,
-    /// The cell, if its file is there and right.
+    /// The cell, if its file exists and is right.
     cell: Option<&'a Cell>,
 }
 
@@ -92,7 +92,7 @@ struct Answers {
     columns: f64,
     box_mm: BoxMm,
     disc_mm: f64,
-    /// Of a cell whose tool presses by itself.
+    /// For a cell with a compliant tool.
     force_n: Option<f64>,
 }
 

@@ -5,7 +5,7 @@ use crate::config::{Problem, set_value};
 use crate::words::plain;
 use toml_edit::{DocumentMut, Value};
 
-/// Sets a value of a file's text, in a table that is there; the comment beside it stays.
+/// Sets a value in a file's text, in an existing table; the comment next to it stays.
 pub(super) fn set(document: &mut DocumentMut, table: &str, key: &str, value: impl Into<Value>) {
     let mut below = table.split('.').filter(|name| !name.is_empty());
     let home = below.try_fold(document.as_table_mut(), |home, name| home.get_mut(name)?.as_table_mut());

@@ -1,4 +1,4 @@
-//! A row of the installation page, and what came of it.
+//! A row of the installation page, and its result.
 
 /// A row of the page's table.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -9,7 +9,7 @@ pub(super) struct Assumption {
     pub(super) to_do: String,
 }
 
-/// What came of it.
+/// The result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 pub(super) enum Finding {
@@ -30,6 +30,6 @@ pub(super) struct Proof {
     pub(super) assumption: Assumption,
     pub(super) finding: Finding,
     pub(super) evidence: String,
-    /// Tried by this program; else told by the person.
+    /// Tested by this program; else reported by the person.
     pub(super) tried: bool,
 }

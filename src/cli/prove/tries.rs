@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 type Tried = Result<(Finding, String), Fault>;
 
-/// The attempt behind a row of the installation page; `None` where a person must look.
+/// The test for a row of the installation page; `None` if a person must look.
 pub(super) fn of(number: u32) -> Option<fn(&Cell) -> Tried> {
     match number {
         5 => Some(names_are_read),
@@ -25,7 +25,7 @@ pub(super) fn of(number: u32) -> Option<fn(&Cell) -> Tried> {
     }
 }
 
-/// A controller takes its channels back in this time, whatever happened to them.
+/// A controller makes its channels available again within this time, whatever happened to them.
 const BACK: Duration = Duration::from_secs(10);
 /// States come every 100 ms.
 const HEARD: Duration = Duration::from_millis(1_500);
@@ -49,7 +49,7 @@ struct Client {
 }
 
 impl Client {
-    /// Tries until the controller tells a state; `None` where it does not in time.
+    /// Tries until the controller reports a state; `None` if it does not report one in time.
     fn patient(cell: &Cell) -> Option<(Client, String)> {
         let begun = Instant::now();
         while begun.elapsed() < BACK {
@@ -75,7 +75,7 @@ impl Client {
                 Ok(count) => text.extend_from_slice(&piece[..count]),
                 Err(_) => {}
             }
-            // What both channels say is read, so that neither fills up.
+            // The data of both channels is read, so that neither fills up.
             #[expect(clippy::let_underscore_must_use, reason = "without it the try after it takes longer")]
             let _ = self.command.set_read_timeout(Some(Duration::from_millis(1)));
             #[expect(clippy::let_underscore_must_use, reason = "what cannot be read now is read by the next try")]

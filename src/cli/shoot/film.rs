@@ -15,7 +15,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// Pictures that wait to be written; where the disk is slower for longer, the camera drops some, and they are counted.
+/// Pictures that wait to be written; if the disk is slower for longer, the camera drops some, and they are counted.
 const WAITING: usize = 64;
 const WRITERS: usize = 2;
 /// A simulated cell's time passes in such steps while its next picture is waited for, ms.
@@ -31,7 +31,7 @@ struct Taken {
 /// Takes a film and writes it.
 ///
 /// # Errors
-/// Where the folder holds a clip already, the camera does not deliver, or the disk refuses.
+/// If the folder already holds a clip, the camera does not deliver, or writing to the disk fails.
 pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     let list = args.out.join("clip.csv");
     if list.exists() || args.out.join(file_name(1)).exists() {
@@ -45,7 +45,7 @@ pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     let taken = thread::scope(|scope| {
         let writer = |to_write: Arc<_>| scope.spawn(move || write(args, &to_write));
         let writers: Vec<_> = (0..WRITERS).map(|_| writer(to_write.clone())).collect();
-        // Where the disk refuses, the writers are the last to let go of it, and nothing waits for them.
+        // If writing to the disk fails, the writers are the last owners of the channel, and nothing waits for them.
         drop(to_write);
         let taken = record(args, &mut opened, |entry, picture| pictures.send((entry, picture)).is_ok());
         drop(pictures);
@@ -80,7 +80,7 @@ fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>
     }
 }
 
-/// Takes pictures until the time is over; `keep` is false where nobody writes any more.
+/// Takes pictures until the time is over; `keep` returns false if nothing writes any more.
 fn record(
     args: &Shoot,
     opened: &mut Opened<Box<dyn Scanner>>,

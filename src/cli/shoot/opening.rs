@@ -1,8 +1,8 @@
-//! One camera of the cell, opened by itself: as large as its calibration says, or where there is none as large as it is. Where
-//! the service has it, it is borrowed.
+//! Opens one camera of the cell alone: with the size in its calibration or, without one, with its own size. If the
+//! service has the camera, it is borrowed.
 //!
-//! A driver holds every picture against one size. A camera without a calibration is opened for [`UNKNOWN_PX`] first; it refuses with the
-//! size that it has, and is opened for that one.
+//! A driver checks every picture against one size. A camera without a calibration is first opened for
+//! [`UNKNOWN_PX`]; it refuses and reports its real size, and is then opened for that size.
 
 use super::super::args::{Shot, Simulation};
 use super::super::asking;
@@ -23,7 +23,7 @@ use std::path::PathBuf;
 pub struct Opened<C> {
     /// The camera.
     pub camera: C,
-    /// The simulated world that it looks at, where it does.
+    /// The simulated world that it looks at, if there is one.
     pub simulated: Option<Simulated>,
 }
 
@@ -41,10 +41,10 @@ pub struct Wanted {
     pub simulation: Simulation,
 }
 
-/// The lens's calibration; `None` where there is none yet.
+/// The lens's calibration; `None` if there is none yet.
 ///
 /// # Errors
-/// Where its file cannot be read or has problems.
+/// If its file cannot be read or has problems.
 pub fn lens(found: Result<Calibrated<PinholeCamera>, Fault>) -> Result<Option<PinholeCamera>, Fault> {
     match found {
         Ok(found) => Ok(Some(found.value)),
@@ -55,7 +55,7 @@ pub fn lens(found: Result<Calibrated<PinholeCamera>, Fault>) -> Result<Option<Pi
     }
 }
 
-/// A camera of this size: all that a driver asks of a calibration.
+/// A camera of this size: all that a driver needs from a calibration.
 pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
     let (fx_px, fy_px) = (width_px as f64, width_px as f64);
     let (cx_px, cy_px) = (width_px as f64 / 2.0, height_px as f64 / 2.0);
@@ -65,7 +65,7 @@ pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
 /// Waits until a Zivid is ready.
 ///
 /// # Errors
-/// Where it does not get ready, and with its size where none was known.
+/// If it does not become ready, and with its size if none was known.
 pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
     scanner.ready(Patience::default().start()).map_err(|fault| match fault {
         ZividFault::WrongSize { found_px, expected_px: UNKNOWN_PX, .. } => {
@@ -75,10 +75,10 @@ pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
     })
 }
 
-/// Opens a camera for its calibrated size, or for its own; gives that size, too.
+/// Opens a camera for its calibrated size or for its own; also returns that size.
 ///
 /// # Errors
-/// Where it cannot be opened, or does not deliver.
+/// If it cannot be opened, or does not deliver.
 pub fn sized<C>(
     lens: Option<PinholeCamera>,
     open: impl Fn(&PinholeCamera) -> Result<C, Fault>,
@@ -109,7 +109,7 @@ fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>)
     Simulated::start_parked(&files.cell, cell, wanted.shot.needs_light())
 }
 
-/// The socket of the service, where it runs and has this camera. A recording is played by whoever opens it.
+/// The socket of the service, if it runs and has this camera. A recording is played by the program that opens it.
 fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
     let state = if is_recorded { None } else { asking::state_of(&socket) }?;
@@ -117,10 +117,10 @@ fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Opt
     Some(socket)
 }
 
-/// The fixed 3D camera.
+/// Opens the fixed 3D camera.
 ///
 /// # Errors
-/// Where it cannot be opened.
+/// If it cannot be opened.
 pub fn scanner(
     files: &CellFiles,
     wanted: &Wanted,
@@ -155,10 +155,10 @@ pub fn scanner(
     }
 }
 
-/// The camera on the flange.
+/// Opens the camera on the flange.
 ///
 /// # Errors
-/// Where it cannot be opened.
+/// If it cannot be opened.
 pub fn flange_camera(
     files: &CellFiles,
     wanted: &Wanted,

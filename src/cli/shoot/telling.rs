@@ -1,10 +1,10 @@
-//! What is told of a shot.
+//! The report about a shot.
 
 use super::super::outcome::Outcome;
 use crate::devices::cameras::{Conditions, PictureQuality};
 use serde_json::{Value, json};
 
-/// What the camera tells about a shot, in words and for scripts.
+/// Adds what the camera reports about a shot, as text and for scripts.
 pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Conditions) {
     let Conditions { exposure_us, camera_c, throttled_ms } = conditions;
     (told["exposure_us"], told["camera_c"], told["throttled_ms"]) =

@@ -15,10 +15,10 @@ use crate::page::drawing::{self, Sheet};
 use crate::sim::{self, PanelPosition};
 use std::path::{Path, PathBuf};
 
-/// The same command with files that are there: those that it names, or those that were taken.
+/// The same command with existing files: those that it names, or those that were taken.
 ///
 /// # Errors
-/// Where a camera does not deliver, nobody answers, the page cannot be served, or the disk refuses.
+/// If a camera does not deliver, there is no answer, the page cannot be served, or writing to the disk fails.
 pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
     let mut ready = args.clone();
     let world = simulated(args, cell)?;
@@ -37,7 +37,7 @@ pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
     Ok(ready)
 }
 
-/// The simulated cell, where it is looked at and nobody else has its cameras: a simulated person stands the panel at its nominal
+/// The simulated cell, if it is used and its cameras are free: a simulated person puts the panel at its nominal
 /// place.
 fn simulated(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
     let is_simulated =
@@ -131,7 +131,7 @@ fn corners(
     Ok((pictures, flanges))
 }
 
-/// What the simulated camera sees of a corner, where the simulated person has brought it.
+/// The simulated camera's view of a corner, from the pose to which the simulated person has brought it.
 fn seen(world: &sim::Cell, index: usize) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
     let views = world.corner_views();
     let view = views.get(index).ok_or(DeviceFault::NoWorld)?;

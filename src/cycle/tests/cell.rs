@@ -1,4 +1,4 @@
-//! The true cell. It knows nothing of the table's facts: it believes its own outputs and its own arm.
+//! The true cell. It does not know the table's facts: it relies on its own outputs and its own arm.
 
 use super::super::rules::Rules;
 use super::super::step::step_with;
@@ -16,18 +16,18 @@ pub struct Moving {
     pub done: u32,
 }
 
-/// What is true, and what the table makes of it.
+/// The truth, and the table's state.
 pub struct Cell {
     pub rules: Rules,
     pub state: State,
     pub robot: Robot,
-    /// The override is the one that contact is planned for; `None` before it was said.
+    /// The override is the one planned for contact; `None` before it was reported.
     pub full_override: Option<bool>,
     pub arm: Option<Path>,
     pub moving: Option<Moving>,
     pub epoch: u32,
     pub epoch_open: bool,
-    /// An epoch was asked for and may yet open.
+    /// An epoch was requested and may yet open.
     pub opening: bool,
     pub frames: Option<Frames>,
     pub tool_on: bool,
@@ -39,9 +39,9 @@ pub struct Cell {
     pub lens_clear: bool,
     pub extraction_on: bool,
     pub extraction_proven: bool,
-    /// The link ended the epoch for what the robot's condition says next.
+    /// The link ended the epoch for the reason in the robot's next condition.
     pub condition_due: bool,
-    /// The robot was told to end its motion, or does so by its own watchdog.
+    /// The robot was commanded to end its motion, or does so by its own watchdog.
     pub ending: bool,
     pub tested: bool,
     pub wet: bool,
@@ -52,7 +52,7 @@ pub struct Cell {
     pub verified: bool,
     /// A person may have touched the panel since it was last measured.
     pub disturbed: bool,
-    /// The panel was found in this cycle, or a person took its place as found.
+    /// The panel was found in this cycle, or a person accepted its place as found.
     pub located: bool,
     pub token: bool,
     /// A result was rejected or invalid.
@@ -146,7 +146,7 @@ impl Cell {
         Ok(())
     }
 
-    /// The truth of an event, before the table hears of it.
+    /// The truth of an event, before the table receives it.
     fn happen(&mut self, event: Event) {
         let Event::Told(report) = event else { return };
         match report {
@@ -170,7 +170,7 @@ impl Cell {
                 self.robot = robot;
                 if robot != Robot::Ready {
                     self.condition_due = false;
-                    // Whoever stopped it may jog the arm and press every button.
+                    // The person who stopped it may jog the arm and press every button.
                     (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                     (self.light_on, self.light_settled) = (!self.light_on, false);
                     self.lens_clear = !self.lens_clear;
@@ -286,7 +286,7 @@ impl Cell {
         self.sanded |= is_contact;
     }
 
-    /// What the end of an epoch does to the outputs; of those that go off after a time nobody knows when.
+    /// The effect of an epoch's end on the outputs; some outputs go off after an unknown time.
     fn switched_off(&mut self) {
         (self.tool_on, self.tool_proven, self.extraction_proven, self.light_settled) = (false, false, false, false);
         if std::mem::take(&mut self.water_on) {
@@ -320,7 +320,7 @@ impl Cell {
         }
     }
 
-    /// The pump: sends what the window allows of a move whose epoch is open.
+    /// The pump: sends what the window allows for a move with an open epoch.
     pub fn pump(&mut self) -> Result<(), String> {
         let ending = self.ending;
         let (epoch, open) = (self.epoch, self.epoch_open);

@@ -1,4 +1,4 @@
-//! What a healthy cell and its operator say next; and what surprises them.
+//! The next events from a healthy cell and its operator, and surprising events.
 
 use super::super::*;
 use super::cell::Cell;
@@ -10,7 +10,7 @@ fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
 }
 
 impl Cell {
-    /// What is said next where nothing goes wrong; `None` would be a dead end.
+    /// The next event if nothing goes wrong; `None` would be a dead end.
     pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.condition_due {
             return Some(Event::Told(Report::Robot(Robot::GuardOpen)));
@@ -21,7 +21,7 @@ impl Cell {
         let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
         let timer = waits.iter().find_map(|wait| self.timers.iter().find(|(which, _)| which == wait));
         match timer {
-            // A drain that nobody waits for may last.
+            // A drain may continue if nothing waits for it.
             Some(&(which, id)) if !self.state.at.rests() || random.random_bool(0.5) => {
                 Some(Event::Told(Report::Deadline { id, which }))
             }
@@ -32,7 +32,7 @@ impl Cell {
         }
     }
 
-    /// What is said next where a person clears, resets and starts, and nothing goes wrong any more.
+    /// The next event if a person clears, resets and starts, and nothing goes wrong any more.
     pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
         if self.robot != Robot::Ready && !self.condition_due {
             return Some(Event::Told(Report::Robot(Robot::Ready)));
@@ -99,7 +99,7 @@ impl Cell {
         Report::Answered { id: due.id, answer }
     }
 
-    /// Anything else that can be said.
+    /// Any other possible event.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
         let told = match random.random_range(0..23) {
@@ -114,7 +114,8 @@ impl Cell {
                 let (which, id) = one_of(random, &self.timers);
                 Report::Deadline { id, which }
             }
-            // What an abandoned act, or one that was answered, still says; often what the act under way would say.
+            // A late report from an abandoned or already answered act; often one that would fit the act in
+            // progress.
             9..=13 if !self.stale.is_empty() => {
                 let recent = self.stale.len() - random.random_range(1..=self.stale.len().min(3));
                 let (id, act) = self.stale[recent];
@@ -191,7 +192,7 @@ pub const ROBOTS: [Robot; 8] = [
     Robot::OtherPrograms,
 ];
 
-/// Everything that can be said of an act, fitting or not, but for what fails.
+/// All possible answers to an act, fitting or not, except failures.
 pub fn answers(act: Act, id: Id) -> Vec<Report> {
     let stands = |done| Answer::Stands { done };
     let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);

@@ -161,7 +161,7 @@ impl Cell {
         self.pump()
     }
 
-    /// An output changes when it is asked, except that off is off only when it is proven.
+    /// An output changes when it is commanded, except that off counts as off only when it is proven.
     fn switch(&mut self, switch: Switch) -> Result<(), String> {
         never(!self.epoch_open, "an output outside an epoch")?;
         let wets_or_rubs = matches!(switch, Switch::Rinse | Switch::Spray | Switch::ToolOn);

@@ -62,7 +62,7 @@ fn a_clean_panel_passes_without_contact() {
     assert!(!acts.contains("toolon") && !acts.contains("to-approach") && !acts.contains("plan"), "{acts}");
 }
 
-/// The way that a cycle takes to the panel, without water, tool and contact.
+/// The way of a cycle to the panel, without water, tool and contact.
 #[test]
 fn an_air_run_flies_the_path_and_passes() {
     let mut story = Story::idle(&[]);
@@ -117,7 +117,7 @@ fn a_doubtful_localization_waits_for_a_person() {
     assert_eq!(story.until("corner-0"), "epoch frames-camera to-corner-0 corner-0");
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
-    // Nobody accepts: the verdict stays review.
+    // The result is not accepted: the verdict stays review.
     let mut story = Story::started(&[]);
     story.until("locate");
     story.answer(Answer::Graded(Grade::Review));
@@ -161,8 +161,8 @@ fn a_contact_that_is_rejected_ends_the_cycle() {
     assert_eq!(story.films, [Film::Whole], "no film after it");
 }
 
-/// Where the recipe asks for a new dry picture, a person dries the panel after the rinse: it is located, its dry picture is taken, and
-/// the film follows. Nothing goes on before that is confirmed.
+/// If the recipe requires a new dry picture, a person dries the panel after the rinse: it is located, its dry
+/// picture is taken, and the film follows. Nothing continues before that is confirmed.
 #[test]
 fn a_new_dry_picture_waits_for_a_dried_panel() {
     let start = Request::Start { max_passes: 2, max_moves: 3, dries: true };
@@ -200,7 +200,7 @@ fn a_doubtful_contact_waits_for_a_person() {
     let acts = story.rests();
     assert!(acts.contains("rinse") && !acts.contains("plan") && !acts.contains("assess"), "{acts}");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
-    // Nobody accepts: the verdict stays review.
+    // The result is not accepted: the verdict stays review.
     let mut story = Story::started(&[Film::Broken]);
     story.until("assess");
     story.answer(Answer::Graded(Grade::Review));

@@ -4,8 +4,8 @@ use super::super::*;
 use super::healthy::{REQUESTS, answers};
 use std::collections::{HashMap, HashSet, VecDeque};
 
-/// The state without what the table only carries: it compares ids and counts them up, it tells apart no causes,
-/// and of a cycle that is over it uses nothing.
+/// The state without the parts that the table only carries: it compares ids and counts them up, it does not
+/// distinguish causes, and it uses nothing from a cycle that is over.
 fn canonical(mut state: State) -> State {
     if !state.job.running {
         state.job = State::NEW.job;
@@ -65,7 +65,7 @@ fn timers(state: &State) -> Vec<(Deadline, Id)> {
     light.into_iter().chain(water).collect()
 }
 
-/// All that can be said to this state, one of each kind that the table tells apart.
+/// All possible events in this state, one of each kind that the table distinguishes.
 fn events(state: &State) -> Vec<Event> {
     let mut told = vec![
         Report::Boot,
@@ -96,7 +96,7 @@ fn events(state: &State) -> Vec<Event> {
     asked.map(|request| Event::Asked(*request)).chain(told.into_iter().map(Event::Told)).collect()
 }
 
-/// What a healthy cell says next without being asked.
+/// The next report of a healthy cell without a request.
 fn good_news(state: &State) -> Option<Event> {
     let answer = state.due.map(|due| answers(due.act, due.id)[0]);
     let timer = || timers(state).first().map(|&(which, id)| Report::Deadline { id, which });

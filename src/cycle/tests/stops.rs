@@ -1,4 +1,4 @@
-//! Stories of a person who holds, stops, aborts and clears, and of how the cell goes on after that.
+//! Stories of a person who holds, stops, aborts and clears, and of how the cell continues after that.
 
 use super::super::*;
 use super::healthy::REQUESTS;
@@ -18,7 +18,7 @@ fn a_held_air_run_is_planned_again() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// Who opened the guard of a held cell may stop it: nothing is asked of a robot that is not ready.
+/// A person who opened the guard of a held cell may stop it: nothing is requested from a robot that is not ready.
 #[test]
 fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
     let mut story = Story::started(&[Film::Broken]);
@@ -30,7 +30,7 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
     assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
 }
 
-/// What was told was executed, and is booked, also where a later answer knows nothing of it.
+/// Reported waypoints were executed and are recorded, even if a later answer does not contain them.
 #[test]
 fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
     let mut story = Story::in_contact();
@@ -41,8 +41,9 @@ fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
     assert_eq!(story.cell.effects, [closed, Effect::Conclude { verdict: Verdict::Aborted }]);
 }
 
-/// The robot refuses a command since somebody pressed the emergency stop: that is why the cycle was aborted. So it is with a guard
-/// that opens and drives that go off; an abort that a person asked for stays one, unless the emergency stop is pressed.
+/// The robot refuses a command because a person pressed the emergency stop: that is why the cycle was aborted. The
+/// same applies to a guard that opens and to drives that go off. An abort that a person requested stays one, unless
+/// the emergency stop is pressed.
 #[test]
 fn an_emergency_stop_outranks_what_it_brought_about() {
     use Robot::{DrivesOff, EmergencyStop, GuardOpen, LinkLost};
@@ -72,8 +73,8 @@ fn an_emergency_stop_outranks_what_it_brought_about() {
     assert_eq!(first, Cause::Robot(EmergencyStop));
 }
 
-/// The end of the epoch switches the tool off before the robot says that it stands: until then nothing is believed of it that a
-/// feedback could contradict.
+/// The end of the epoch switches the tool off before the robot reports standstill: until then no fact is held that
+/// a feedback could contradict.
 #[test]
 fn an_epoch_that_is_ended_leaves_no_output_to_contradict() {
     for (request, station) in
@@ -134,7 +135,7 @@ fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
     }
 }
 
-/// A hold on the way off the panel, and one while it is graded: the grade is still asked for.
+/// A hold on the way off the panel, and one while it is graded: the grade is still requested.
 #[test]
 fn a_hold_after_contact_does_not_lose_the_grade() {
     for station in ["to-retract", "assess"] {

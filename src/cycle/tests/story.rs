@@ -1,4 +1,4 @@
-//! What the stories are told with.
+//! The functions with which the stories are written.
 
 use super::super::rules::Rules;
 use super::super::*;
@@ -72,7 +72,7 @@ impl Story {
 
     pub fn told(&mut self, report: Report) {
         self.event(Event::Told(report));
-        // The first state says this, too.
+        // The first state also reports this.
         if report == Report::Robot(Robot::Ready) && self.cell.full_override.is_none() {
             self.event(Event::Told(Report::FullOverride(true)));
         }
@@ -100,7 +100,7 @@ impl Story {
         }
     }
 
-    /// Goes on until this act is under way; the acts until then.
+    /// Continues until this act is in progress; returns the acts until then.
     pub fn until(&mut self, act: &str) -> String {
         for _ in 0..200 {
             if self.cell.state.due.is_some_and(|due| word(due.act) == act) {
@@ -111,7 +111,7 @@ impl Story {
         panic!("{act} never comes: {:?}", self.cell.state);
     }
 
-    /// Goes on until nothing is under way; the acts until then.
+    /// Continues until nothing is in progress; returns the acts until then.
     pub fn rests(&mut self) -> String {
         for _ in 0..200 {
             if self.at().rests() {

@@ -36,7 +36,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
     }
 }
 
-/// A resting cell whose link loses the epoch has none, and opens one when it starts.
+/// If the link loses the epoch of a cell at rest, the cell has none, and opens one when it starts.
 #[test]
 fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     let mut story = Story::idle(&[]);
@@ -46,7 +46,8 @@ fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     assert_eq!(story.until("locate"), "end-epoch epoch to-park lensclear locate");
 }
 
-/// Water, or the tool in air, on at the end of a program: Aborted, and told until a feedback or a person says otherwise.
+/// Water, or the tool in air, is on at the end of a program: the state is Aborted, and this is reported until a
+/// feedback or a person states the opposite.
 #[test]
 fn outputs_that_were_on_outlive_the_program_and_the_link() {
     type Ends = [(&'static str, Report); 2];
@@ -116,7 +117,7 @@ fn a_link_that_is_lost_aborts_every_phase() {
         story.answer(Answer::Failed(Trouble::Protocol));
         assert_eq!(story.at(), At::Aborted { cause: Cause::Robot(Robot::LinkLost) }, "{station}");
         assert_eq!(story.cell.state.intent.is_some(), open, "{station}: the robot has not said that it stands");
-        // It is back: nothing moves. Cleared: the robot is asked where it stood.
+        // The link is back: nothing moves. After the clear, the robot is asked whether it is at standstill.
         story.acts.clear();
         story.told(Report::Robot(Robot::Ready));
         assert_eq!((story.acts.len(), story.cell.state.facts.token), (0, None));
@@ -205,7 +206,7 @@ fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// At 50 % the cell is held before the tool starts, and goes on once a person has set 100 %.
+/// At 50 % the cell is held before the tool starts, and continues when a person has set 100 %.
 #[test]
 fn contact_waits_for_the_override_that_it_is_planned_for() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);

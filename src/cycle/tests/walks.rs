@@ -1,4 +1,4 @@
-//! Thousands of seeded walks: nine steps in ten are what a healthy cell says next.
+//! Thousands of seeded walks: nine steps in ten are the next event of a healthy cell.
 
 use super::super::rules::{Rule, Rules};
 use super::super::*;
@@ -57,7 +57,7 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     }
 }
 
-/// From the last fault on so many words lead to a cycle that has begun.
+/// Number of events within which a cycle has begun after the last fault.
 const RECOVERY: usize = 120;
 
 /// After the last fault clear, reset and start succeed, whatever was before.

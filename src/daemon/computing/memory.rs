@@ -1,8 +1,10 @@
-//! Results of work that was done before, for simulations of many cycles: the stages are pure, so that equal inputs give equal results.
+//! Results of earlier work, for simulations of many cycles: the stages are pure, so equal inputs give equal
+//! results.
 //!
-//! What the cameras would show cannot be known before they are asked, which takes their time. So whoever simulates them names it:
-//! a number for each thing that can be seen. The rest of a piece of work's inputs is compared by content, except what follows from
-//! the rest. Films are remembered by their pictures (see `films`).
+//! The content of a camera picture cannot be known before the camera is asked, which needs time. So a simulation of
+//! the cameras names the content: a number for each scene that can be seen. The other inputs of a piece of work are
+//! compared by content, except inputs that follow from others. Films are remembered by their pictures (see
+//! `films`).
 
 use super::work::{Work, Worked};
 use crate::cycle::Act;
@@ -16,7 +18,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Results that are remembered, at most: each has its notes and what it found. What is new after that is computed each time.
 const MOST: usize = 4_000;
 
-/// Names what the cameras would show for this act now; none where the result is not to be remembered.
+/// Names the scene that the cameras would show for this act now; `None` if the result is not to be remembered.
 pub type SceneKey = Box<dyn FnMut(Act) -> Option<u64> + Send>;
 
 /// Results of work that was done before. Clones are the same memory; it serves cycles of one setup.
@@ -48,8 +50,8 @@ pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
 }
 
 impl Memory {
-    /// A memory of nothing. Of each note that is remembered, this is kept: whoever keeps smaller pictures anyhow need not
-    /// remember larger ones.
+    /// Creates an empty memory. `keeps` gives the part of a note that is remembered: a caller that stores smaller
+    /// pictures anyway need not remember larger ones.
     pub fn new(keeps: fn(Note) -> Note) -> Self {
         Memory { results: Arc::default(), keeps, films: FilmMemory::new(keeps) }
     }
@@ -58,7 +60,7 @@ impl Memory {
         self.films.clone()
     }
 
-    /// The result of such work for this piece of it.
+    /// Returns the remembered result of such work, adapted to this piece of work.
     pub(super) fn recall(&self, inputs: &str, work: &Work) -> Option<Worked> {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         let worked = results.get(inputs)?;

@@ -1,4 +1,4 @@
-//! A piece of work, and what comes of it.
+//! A piece of work, and its result.
 
 use crate::cycle::{Act, Answer, Id, Trouble};
 use crate::daemon::abrasion::Abrasion;
@@ -20,7 +20,7 @@ pub(in crate::daemon) struct Work {
     pub is_next_picture: bool,
     pub perception: Perception,
     pub abrasion: Abrasion,
-    /// Where the active tool stands in the active base, as far as known.
+    /// The pose of the active tool in the active base, as far as it is known.
     pub tip: Option<KukaPose>,
     pub pass: u8,
     /// What the cycle works with; none before the first one.
@@ -35,12 +35,12 @@ impl Work {
     }
 }
 
-/// What came of it.
+/// The result of the work.
 #[derive(Debug)]
 pub(in crate::daemon) struct Worked {
     pub id: Id,
     pub found: Result<Found, DaemonError>,
-    /// Both as they are now; none where the work was lost.
+    /// Both as they are now; `None` if the work was lost.
     pub artifacts: Option<(Perception, Abrasion)>,
     pub notes: Vec<Note>,
     /// Whether it is a step of a film.
@@ -58,7 +58,7 @@ impl Worked {
 pub(in crate::daemon) enum Found {
     /// The act's answer.
     Answer(Answer),
-    /// The film goes on; so many seconds of it were seen.
+    /// The film continues; this many seconds of it were seen.
     Watching { seen_s: f64 },
     /// What a self-test found wrong.
     Wrong(Vec<(Trouble, Reason)>),

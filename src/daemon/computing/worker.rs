@@ -16,8 +16,8 @@ use crate::record::{KeptFile, Picture};
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// Notes instead of a record. On its own thread the worker packs and writes pictures at once: on the loop that would take
-/// longer than its deadlines and its watchdog bear.
+/// Notes instead of a record. The worker packs and writes pictures at once on its own thread: on the loop this
+/// would exceed the loop's deadlines and its watchdog time.
 struct Notes<'k> {
     notes: Vec<Note>,
     keep: Option<&'k mut Keeper>,
@@ -58,7 +58,7 @@ impl Record for Notes<'_> {
 }
 
 impl Notes<'_> {
-    /// Shows what a camera gave, or what was drawn of it, to people who look on.
+    /// Shows a camera's picture, or a drawing made from it, to people who watch.
     fn show(&self, note: &Note) {
         let (name, picture) = match note {
             Note::Picture(name, picture) => (name, picture),
@@ -78,12 +78,12 @@ pub(super) struct Worker<'p> {
     filming: Option<Filming>,
     /// Films that were watched before.
     films: Option<FilmMemory>,
-    /// Where people look on.
+    /// The view for people who watch.
     view: LiveView,
 }
 
 impl<'p> Worker<'p> {
-    /// Keeps pictures at once where there is a keeper; else it leaves them to the record.
+    /// Stores pictures at once if there is a keeper; otherwise leaves them to the record.
     pub fn new(cameras: Box<dyn CameraPort + Send + 'p>, readable: Readable, keep: Option<Keeper>) -> Self {
         Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
     }
@@ -156,7 +156,7 @@ impl<'p> Worker<'p> {
         let watched = match (work.is_next_picture, self.filming.take()) {
             (true, Some(filming)) => work.perception.watch(cycle, filming, work.pass, cameras, notes)?,
             (true, None) => Err(MISSING),
-            // It only looks: nothing of it is new.
+            // It only watches: it produces nothing new.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
                 let sanded = work.abrasion.sanded();
@@ -194,7 +194,7 @@ fn live(filming: &Filming, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
 }
 
 impl Work {
-    /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
+    /// Checks, if the corner confirms the panel's place, whether the arm reaches the panel before it is wetted.
     fn surveyed(
         &mut self,
         cycle: &CycleSetup,
@@ -209,7 +209,7 @@ impl Work {
         }
     }
 
-    /// Where the flange camera stands, while it is the tool and the base the robot's own.
+    /// Returns the pose of the flange camera, while it is the tool and the base is the robot's own.
     fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
         self.tip.map(|pose| pose.to_rigid())
     }

@@ -1,4 +1,4 @@
-//! When a state that is contrary to what was proven is told.
+//! When a state that contradicts what was proven is reported.
 
 use super::*;
 use crate::cell::Cell;
@@ -64,7 +64,7 @@ fn each_output_and_each_feedback_is_watched() {
     }
 }
 
-/// The words say what was proven, and which of its two witnesses says otherwise.
+/// The text states what was proven, and which of its two witnesses contradicts it.
 #[test]
 fn the_reason_names_output_and_feedback() {
     let wiring = wiring();

@@ -18,12 +18,12 @@ use serde::Deserialize;
 
 /// Nothing is fetched from elsewhere, run from a text, or framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
-/// The header of what a page asks for without a person.
+/// The header of requests that a page makes without a person.
 const BY_ITSELF: &str = "x-by-itself";
 /// What needs no session.
 const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 
-/// Lets pass whoever has a session, and shows the others the form.
+/// Accepts requests with a session, and shows the log-in form for the others.
 pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
     let path = request.uri().path();
     let is_open = OPEN.contains(&path);
@@ -33,7 +33,7 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     let mut response = match (is_open, session) {
         (true, _) => next.run(request).await,
         (false, None) => Redirect::to("/login").into_response(),
-        // A session ends with its account, or with a new password of it.
+        // A session ends with its account, or when the account gets a new password.
         (false, Some(session)) => match shared.reader().account(&session.name).await {
             Ok(Some(account)) if stamp(&account) == session.stamp => next.run(request).await,
             Ok(_) => {
@@ -51,7 +51,7 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     response
 }
 
-/// What an account is during a session of it: a new password makes it another.
+/// Identifies an account during one of its sessions: a new password changes the stamp.
 fn stamp(account: &OfficeAccount) -> String {
     content_hash(account.password_hash.as_bytes()).chars().take(16).collect()
 }
@@ -87,7 +87,7 @@ pub(super) struct Credentials {
     password: String,
 }
 
-/// Begins a session where name and password are right.
+/// Begins a session if name and password are right.
 pub(super) async fn log_in(
     State(shared): State<Shared>,
     headers: HeaderMap,
@@ -139,7 +139,7 @@ fn set_cookie(shared: &Shared, token: &str, more: &str) -> String {
     format!("{}={token}; Path=/; HttpOnly; SameSite=Strict{secure}{more}", cookie_name(shared.is_tls()))
 }
 
-/// Whether a browser says that the form comes from elsewhere.
+/// Returns whether a browser states that the form comes from another site.
 fn is_foreign(headers: &HeaderMap) -> bool {
     let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
     site.is_some_and(|site| site != "same-origin" && site != "none")

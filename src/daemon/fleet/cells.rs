@@ -1,4 +1,4 @@
-//! All cells as they stand.
+//! All cells with their present state.
 
 use super::frame::{self, time, verdict};
 use super::shared::{Shared, failed};
@@ -11,7 +11,7 @@ use serde_json::json;
 
 /// The page loads itself again.
 const AGAIN_S: u32 = 5;
-/// A cell that was not heard for so long is stale, ms: it tells its state every two seconds.
+/// A cell that did not report for this time is stale, ms: it reports its state every two seconds.
 const STALE_MS: i64 = 15_000;
 
 pub(super) async fn page(State(shared): State<Shared>) -> Response {

@@ -17,7 +17,7 @@ pub enum FleetError {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's message.
         source: std::io::Error,
     },
     /// The folder of the archive.
@@ -25,7 +25,7 @@ pub enum FleetError {
     Folder {
         /// The folder.
         path: PathBuf,
-        /// What the system says.
+        /// The system's message.
         source: std::io::Error,
     },
     /// The certificate.

@@ -1,4 +1,4 @@
-//! What stands around every page.
+//! The frame around every page.
 
 use crate::archive::reading::CycleRow;
 use crate::daemon::web::csv_file;
@@ -17,7 +17,7 @@ const PAGES: [(&str, &str); 5] = [
     ("/recipes", "Recipes"),
 ];
 
-/// The whole page; it loads itself again after so many seconds, where that is set.
+/// Returns the whole page; it reloads after this many seconds, if that is set.
 pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup) -> Response {
     let page = html! {
         (DOCTYPE)

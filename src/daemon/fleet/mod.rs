@@ -1,7 +1,7 @@
-//! The office's page: all cells as they stand, their cycles, numbers over cells, verifications and recipes, from the archive. It
-//! reads and changes nothing: whoever has an account of the office may look.
+//! The office's page: the present state of all cells, their cycles, numbers over cells, verifications and recipes,
+//! from the archive. It reads and changes nothing: everyone with an account of the office may view it.
 //!
-//! `access` lets people in, `frame` stands around every page, and each page is a file.
+//! `access` controls the log-in, `frame` surrounds every page, and each page is a file.
 
 mod access;
 mod cells;
@@ -23,19 +23,19 @@ use shared::Shared;
 use std::net::SocketAddr;
 use tokio::net::TcpListener;
 
-/// Where people open the page.
+/// The address at which people open the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetAddress {
     /// What people open.
     pub url: String,
-    /// The fingerprint of the program's own certificate, where it shows that one.
+    /// The fingerprint of the program's own certificate, if it presents that one.
     pub fingerprint: Option<String>,
 }
 
-/// Serves the page until `ended` comes; `told` hears where, once it listens.
+/// Serves the page until `ended` comes; `told` receives the address once the page listens.
 ///
 /// # Errors
-/// Where the settings name no address, the address cannot be had, or a certificate cannot be used.
+/// If the settings name no address, the address is not available, or a certificate cannot be used.
 pub async fn serve(
     settings: &ArchiveSettings,
     told: impl FnOnce(&FleetAddress),

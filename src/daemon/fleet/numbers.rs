@@ -216,7 +216,8 @@ fn spread(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
-/// How far the newest values lie from those before, in standard errors of the difference; `None` where there are too few.
+/// Returns the distance of the newest values from the earlier ones, in standard errors of the difference; `None` if
+/// there are too few.
 fn drift(values: &[f64]) -> Option<f64> {
     let late = values.len().checked_sub(LATE).filter(|before| *before >= LATE)?;
     let (before, late) = values.split_at(late);

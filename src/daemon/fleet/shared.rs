@@ -60,8 +60,8 @@ impl Shared {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Judges a password against an account's hash in its turn, and counts a wrong one; another account, or none, takes as long. `None`
-    /// where the program is ending.
+    /// Checks a password against an account's hash in its turn, and counts a wrong one; another account, or none,
+    /// needs the same time. Returns `None` if the program is ending.
     pub async fn tried(&self, name: String, password: String, hash: Option<String>) -> Option<Tried> {
         let shared = self.clone();
         let judge = move || {
@@ -87,11 +87,11 @@ impl Shared {
 pub(super) enum Tried {
     Right,
     Wrong,
-    /// It was not looked at: the account pauses for so many seconds more.
+    /// It was not checked: log-in to the account is blocked for this many more seconds.
     Pauses(f64),
 }
 
-/// What a page says where the archive does not answer.
+/// Returns the page's text for an archive that does not answer.
 pub(super) fn failed(error: &ArchiveError) -> Response {
     tracing::warn!("{error}");
     (StatusCode::SERVICE_UNAVAILABLE, format!("The archive cannot be read now: {error}. Load the page again."))

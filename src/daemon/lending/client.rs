@@ -17,7 +17,7 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// A camera that has stopped delivering is told by the service before.
+/// Before this time is over, the service reports a camera that has stopped delivering.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// The longest head, and the most that one shot may be: 100 million points.
 const MOST_HEAD_BYTES: u64 = 64 * 1_024;
@@ -58,7 +58,7 @@ fn failed(problem: impl std::fmt::Display) -> CameraError {
     CameraError::Service { problem: problem.to_string() }
 }
 
-/// Asks for shots.
+/// Requests shots.
 fn ask(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
     let mut stream = UnixStream::connect(socket).map_err(failed)?;
     stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
@@ -77,7 +77,7 @@ fn head(connection: &mut Connection) -> Result<Sent, CameraError> {
         }
         Ok(Sent::Failed { reasons }) => Err(failed(words(&reasons))),
         Ok(sent) => Ok(sent),
-        // What was refused before the cameras were asked is answered as every other request is.
+        // A request that was refused before the cameras were asked is answered like every other request.
         Err(error) => match serde_json::from_slice::<Reply>(&line) {
             Ok(reply) => Err(failed(words(&reply.reasons))),
             Err(_) => Err(failed(format!("its answer is not understood: {error}"))),

@@ -1,11 +1,11 @@
-//! Where the robot was last heard to stand.
+//! The last reported position of the robot.
 
 use crate::eki;
 use crate::geometry::Joints;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How old the robot's last state may be when the axes are said to stand where it says.
+/// Largest age of the robot's last state at which the axes are still taken to be there.
 const FRESH: Duration = Duration::from_millis(500);
 
 /// The robot's last state, and when it came. Clones are the same one.
@@ -13,7 +13,7 @@ const FRESH: Duration = Duration::from_millis(500);
 pub struct LastState(Arc<Mutex<Option<(eki::State, Instant)>>>);
 
 impl LastState {
-    /// This is the last one; `None` where the link is lost.
+    /// Records the last state; `None` if the link is lost.
     pub fn is(&self, state: Option<&eki::State>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
     }
@@ -24,7 +24,7 @@ impl LastState {
         (came.elapsed() < FRESH).then_some(state.inputs)
     }
 
-    /// Where the axes stand, while the arm stands and the state is fresh.
+    /// Returns the position of the axes, while the arm is at rest and the state is fresh.
     pub(super) fn stands(&self) -> Option<Joints> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < FRESH && !state.moving).then_some(state.joints)

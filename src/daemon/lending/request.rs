@@ -1,8 +1,8 @@
-//! What may be asked of the cameras.
+//! The possible requests to the cameras.
 
 use serde::{Deserialize, Serialize};
 
-/// What may be asked of the cameras.
+/// The possible requests to the cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum ShotRequest {
@@ -14,13 +14,13 @@ pub enum ShotRequest {
     Corner,
     /// Pictures of the 3D camera, one after the other.
     Film {
-        /// At most so many a second, and at most 100.
+        /// At most this many a second, and at most 100.
         pictures_per_second: f64,
     },
 }
 
 impl ShotRequest {
-    /// What is asked for, in a word.
+    /// Returns the request as text.
     pub fn word(self) -> &'static str {
         match self {
             ShotRequest::Scan => "a scan",

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "sent", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum Sent {
-    /// A scan: so many bytes of PCD follow.
+    /// A scan: this many bytes of PCD follow.
     Scan {
         /// Their number.
         bytes: usize,
@@ -20,7 +20,7 @@ pub(super) enum Sent {
     Picture { width_px: usize, height_px: usize, time_s: f64, conditions: Conditions },
     /// A film begins; the time is on its pictures' clock.
     Began { time_s: f64 },
-    /// It has ended; so many of its pictures were dropped.
+    /// It has ended; this many of its pictures were dropped.
     Ended { dropped: u64 },
     /// There is no shot, or no further one.
     Failed { reasons: Vec<Reason> },

@@ -1,4 +1,4 @@
-//! One connection that asks for shots.
+//! One connection that requests shots.
 
 use super::request::ShotRequest;
 use super::sent::Sent;
@@ -12,18 +12,18 @@ use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-/// A client takes what it is sent within this time.
+/// Time limit for a client to accept the data that it is sent.
 const CLIENT_PATIENCE: Duration = Duration::from_secs(10);
 /// A client's end of a film is looked for so long, before the next picture is.
 const GLANCE: Duration = Duration::from_millis(2);
-/// No camera takes more pictures a second.
+/// No camera takes more pictures a second than this.
 const MOST_PER_SECOND: f64 = 100.0;
 
 /// Why a connection ends before its end.
 enum Broken {
-    /// The client is told.
+    /// The reason is reported to the client.
     Told(Vec<Reason>),
-    /// There is nobody to tell.
+    /// There is no client to report to.
     HungUp,
 }
 
@@ -45,7 +45,7 @@ impl From<CameraError> for Broken {
     }
 }
 
-/// Takes what is asked for and sends it, until the client has enough or the cell no longer rests.
+/// Takes the requested shots and sends them, until the client has enough or the cell is no longer at rest.
 pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
     let sent = shots(&mut stream, request, cameras);
     if let Err(Broken::Told(reasons)) = sent {

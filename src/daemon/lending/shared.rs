@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// The cell's cameras, whatever they are.
 pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
 
-/// Whoever asks for a shot waits so long for the end of another one.
+/// Longest time that a request for a shot waits for the end of another one.
 const NEXT_PATIENCE: Duration = Duration::from_secs(1);
 
 /// The code of the reason why there is no shot while the cell is at work.
@@ -40,19 +40,20 @@ struct Shared {
 }
 
 impl SharedCameras {
-    /// Shares these cameras of a cell whose robot's last state is here.
+    /// Shares these cameras of a cell with the last state of its robot.
     pub fn new(cameras: AllCameras, last: LastState) -> Self {
         let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
         let inside = Mutex::new(Inside { cameras, films: false });
         SharedCameras(Arc::new(Shared { inside, last, rests, is_lent }))
     }
 
-    /// How the cell stands now.
+    /// Records the present state of the cell.
     pub(in crate::daemon) fn cell_is(&self, state: &State) {
         self.0.rests.store(state.at.rests() && !state.job.running, Ordering::Relaxed);
     }
 
-    /// Something begins that may need the cameras: they are lent no more until the cell's state is told again.
+    /// Something begins that may need the cameras: they are no longer lent until the cell's state is reported
+    /// again.
     pub(in crate::daemon) fn are_needed(&self) {
         self.0.rests.store(false, Ordering::Relaxed);
     }
@@ -74,7 +75,7 @@ impl SharedCameras {
         act(&mut inside.cameras)
     }
 
-    /// Lends the cameras, or says why not. Whoever has just sent the last byte of a shot is waited for.
+    /// Lends the cameras or returns why not. Waits for a connection that has just sent the last byte of a shot.
     pub(super) fn lend(&self) -> Result<Lent<'_>, Reason> {
         let since = Instant::now();
         while self.0.is_lent.swap(true, Ordering::Acquire) {
@@ -86,7 +87,7 @@ impl SharedCameras {
         Ok(Lent(self))
     }
 
-    /// Where the axes stand, while the arm stands and its state is fresh.
+    /// Returns the position of the axes, while the arm is at rest and its state is fresh.
     pub(in crate::daemon) fn stands(&self) -> Option<Joints> {
         self.0.last.stands()
     }
@@ -113,10 +114,10 @@ impl Lent<'_> {
         self.0.lock()
     }
 
-    /// The cameras for one shot, or for one picture of a film, where the cell still rests.
+    /// Returns the cameras for one shot, or for one picture of a film, if the cell is still at rest.
     pub(super) fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
         let inside = self.0.lock();
-        // Asked once they are locked: whoever locks them later finds the shot ended.
+        // Checked once they are locked: a later lock by the loop finds the shot ended.
         if self.0.0.rests.load(Ordering::Relaxed) {
             return Ok(inside);
         }

@@ -1,4 +1,4 @@
-//! One picture of a camera that is lent, with what the camera tells of it.
+//! One picture of a lent camera, with the data that the camera reports about it.
 
 use super::shared::{Lent, SharedCameras};
 use crate::daemon::ports::CameraPort as _;
@@ -22,12 +22,12 @@ pub(in crate::daemon) struct TakenPicture {
     pub picture: ColorPicture,
     /// By the camera's clock, s.
     pub time_s: f64,
-    /// What the camera tells of the shot.
+    /// The conditions of the shot that the camera reports.
     pub conditions: Conditions,
 }
 
 impl Lent<'_> {
-    /// Takes one, where the cell still rests.
+    /// Takes one, if the cell is still at rest.
     pub(super) fn take(&self, eye: Eye) -> Result<TakenPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;
         let failed = |error: CameraError| Reason::new("camera", error.to_string());
@@ -46,7 +46,8 @@ impl Lent<'_> {
 }
 
 impl SharedCameras {
-    /// Whether both cameras answer, where the cell rests and nobody else has them: what is wrong.
+    /// Checks whether both cameras answer, if the cell is at rest and no other client has them; returns the
+    /// problems found.
     pub(in crate::daemon) fn check(&self) -> Option<Vec<Reason>> {
         let lent = self.lend().ok()?;
         let faults = lent.cameras().ok()?.cameras.check();
@@ -56,7 +57,7 @@ impl SharedCameras {
     /// Takes a picture between cycles; it waits for the camera, on the calling thread.
     ///
     /// # Errors
-    /// Where the cell is at work, somebody else takes pictures, or the camera delivers none.
+    /// If the cell is at work, another client uses the cameras, or the camera delivers no picture.
     pub(in crate::daemon) fn take(&self, eye: Eye) -> Result<TakenPicture, Reason> {
         self.lend()?.take(eye)
     }

@@ -1,4 +1,4 @@
-//! Both ends of a connection that asks for shots, between them a real socket.
+//! Both ends of a connection that requests shots, with a real socket between them.
 
 use super::super::protocol::read_request;
 use super::super::request::What;
@@ -24,7 +24,7 @@ use std::time::Duration;
 const CONDITIONS: Conditions =
     Conditions { exposure_us: Some(10_000.0), camera_c: Some(41.5), throttled_ms: Some(0.0) };
 
-/// What the cameras were asked.
+/// Counts of the requests to the cameras.
 #[derive(Default)]
 struct Counts {
     pictures: AtomicU64,
@@ -206,7 +206,7 @@ fn a_film_lasts_until_the_client_has_enough() {
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }
 
-/// Whoever hangs up ends the film, too.
+/// A client that hangs up also ends the film.
 #[test]
 fn a_client_that_is_gone_leaves_no_film() {
     let bench = Bench::new();

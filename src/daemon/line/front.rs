@@ -21,7 +21,7 @@ use tokio::runtime::Builder;
 use tokio::sync::oneshot;
 use tokio::time::{MissedTickBehavior, interval};
 
-/// The controller tells its inputs so often.
+/// Interval at which the controller reports its inputs.
 const EVERY: Duration = Duration::from_millis(100);
 /// Threads that read the recipe and wait for the store's disk.
 const BLOCKING: usize = 2;
@@ -34,18 +34,18 @@ pub struct LineParts {
     pub line: Line,
     /// The bits of `part_present` and `start_request` among the controller's inputs.
     pub inputs: [u32; 2],
-    /// Where the robot's last state is.
+    /// The robot's last state.
     pub last: LastState,
     /// The controller's outputs for a line.
     pub outputs: LineOutputs,
-    /// Where requests go.
+    /// The destination of requests.
     pub gateway: Gateway,
     /// The audit trail.
     pub people: Arc<People>,
 }
 
 impl LineParts {
-    /// The bits of the line's inputs, where the cell names both.
+    /// Returns the bits of the line's inputs, if the cell names both.
     pub fn bits(io: &InputsOutputs) -> Option<[u32; 2]> {
         let [part_present, start_request] = LINE_INPUTS.map(|name| io.input_bit(name));
         Some([part_present?, start_request?])
@@ -60,10 +60,10 @@ pub struct LineFront {
 }
 
 impl LineFront {
-    /// Looks at the line from now on.
+    /// Begins to read the line.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system provides no thread.
     pub fn serve(parts: LineParts) -> std::io::Result<Self> {
         let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING).build()?;
         let (end, mut ended) = oneshot::channel();
@@ -94,7 +94,7 @@ async fn follow(parts: LineParts) {
     let mut tick = interval(EVERY);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut told = None;
-    // A signal cannot say which recipe it means: it is the one with which the service was started.
+    // A signal cannot state which recipe it means: it is the one with which the service was started.
     let recipe = parts.recipe().await;
     loop {
         tick.tick().await;
@@ -127,7 +127,8 @@ impl LineParts {
         Look { inputs, cell }
     }
 
-    /// Asks the cell, and keeps what came of it in the audit trail; whether it was taken.
+    /// Sends the request to the cell and writes the result to the audit trail; returns whether the request was
+    /// accepted.
     async fn ask(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
         let (word, asked) = match request {
             LineRequest::Start => ("start", self.start(recipe).await),

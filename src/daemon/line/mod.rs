@@ -1,6 +1,7 @@
-//! The handshake with a line by digital signals of the robot's controller: a thread that looks at inputs and cell ten times a second,
-//! sets outputs, and asks for what `crate::line` says, through the gateway as every front does. Nothing in the loop waits for it, and
-//! where it does not look the controller's program tells the line of a fault once its link is gone.
+//! The handshake with a line by digital signals of the robot's controller. A thread reads the inputs and the cell
+//! ten times a second, sets outputs, and makes the requests that `crate::line` decides, through the gateway like
+//! every front. Nothing in the loop waits for it. If it does not run, the controller's program reports a fault to
+//! the line once its link is gone.
 
 mod front;
 

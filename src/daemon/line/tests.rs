@@ -29,7 +29,7 @@ const OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 /// A controller, the link to it, and a loop that only answers.
 struct Bench {
     server: MockServer,
-    /// The state and verdict that the loop tells.
+    /// The state and verdict that the loop reports.
     state: Arc<Mutex<(&'static str, Option<Verdict>)>>,
     starts: mpsc::Receiver<StartRequest>,
     resets: mpsc::Receiver<()>,
@@ -119,7 +119,7 @@ impl Bench {
     }
 }
 
-/// The loop's share of the link: it takes reports, and says where the last state is.
+/// The loop's part of the link: it reads reports and stores the last state.
 fn hear(mut link: BlockingLink, last: &LastState, is_over: &AtomicBool) {
     while !is_over.load(Ordering::Relaxed) {
         match link.next(Duration::from_millis(20)) {
@@ -130,7 +130,7 @@ fn hear(mut link: BlockingLink, last: &LastState, is_over: &AtomicBool) {
     }
 }
 
-/// The loop's share of requests: it tells its state, and a reset leads to idle.
+/// The loop's part of requests: it reports its state, and a reset leads to idle.
 fn answer(
     (queue, is_over): (&RequestQueue, &AtomicBool),
     state: &Mutex<(&'static str, Option<Verdict>)>,
@@ -150,8 +150,8 @@ fn answer(
     }
 }
 
-/// A start by an edge with the recipe and order of the cell's file, refused and told; a cycle that is over, its part taken, and a reset; and
-/// a fault once nobody looks after the link.
+/// A start by an edge with the recipe and order of the cell's file, refused and reported; a cycle that is over, its
+/// part removed, and a reset; and a fault once no thread maintains the link.
 #[test]
 fn a_line_leads_the_cell_by_signals() {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready};
@@ -184,7 +184,7 @@ fn a_line_leads_the_cell_by_signals() {
     bench.resets.recv_timeout(PATIENCE).expect("the part is gone");
     bench.line_reads(&[Ready]);
 
-    // The program ends: the controller's own program tells the line.
+    // The program ends: the controller's own program informs the line.
     drop(bench.front.take());
     bench.is_over.store(true, Ordering::Relaxed);
     bench.link.take().expect("it runs").join().expect("it ends");

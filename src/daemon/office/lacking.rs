@@ -1,4 +1,4 @@
-//! When a record that the office still lacks is sent again, though the broker took it.
+//! Decides when a record that the office still lacks is sent again, although the broker accepted it.
 
 use std::time::{Duration, Instant};
 
@@ -46,7 +46,8 @@ impl Lacking {
 mod tests {
     use super::*;
 
-    /// With an alarm after 60 min: after 10 min, 20 min later, 40 min later; anew where the office got on.
+    /// With an alarm after 60 min: after 10 min, 20 min later, 40 min later; the times begin anew if the office
+    /// made progress.
     #[test]
     fn it_is_sent_again_after_longer_and_longer_times() {
         let (mut lacking, begin) = (Lacking::default(), Instant::now());

@@ -1,8 +1,9 @@
-//! The cell's records on their way to the office: a thread of its own that reads what the store has for the office, sends it to the
-//! broker, and asks what the office has. Nothing in the cell waits for it, and nothing that the office says changes what the cell
-//! does: it is sent again, or it is an alarm.
+//! The cell's records on their way to the office: a thread of its own reads the data that the store has for the
+//! office, sends it to the broker, and asks which data the office has. Nothing in the cell waits for it, and no
+//! answer of the office changes the cell's work: data is sent again, or there is an alarm.
 //!
-//! `sending` is one round of it, `status` what people are told; how far it came is remembered in the store's folder (`progress_file`).
+//! `sending` is one round, `status` is the report to people; the progress is stored in the store's folder
+//! (`progress_file`).
 
 mod lacking;
 mod parts;
@@ -26,7 +27,7 @@ impl OfficeSender {
     /// Starts it.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system provides no thread.
     pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
         let plan =
             Plan { name: "office", what: "the way of records to the office", blocking: 2, stack_bytes: None };

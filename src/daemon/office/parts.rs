@@ -11,8 +11,8 @@ pub struct OfficeParts {
     pub office: cell::Office,
     /// The store's folder.
     pub folder: PathBuf,
-    /// Whose state is told; `None` where no service runs.
+    /// The front that provides the state to report; `None` if no service runs.
     pub front: Option<FrontParts>,
-    /// What people are told of it.
+    /// The status that is shown to people.
     pub status: OfficeStatus,
 }

@@ -22,9 +22,9 @@ const AT_ONCE: usize = 200;
 const MOST_BYTES: usize = 32 << 20;
 /// Files of which it is remembered that this stream has them: most records name the same recipe and calibrations.
 const MOST_FILES: usize = 50_000;
-/// The office is asked so often.
+/// Interval at which the office is asked.
 const ASK_EVERY: Duration = Duration::from_secs(5);
-/// Offers of recipes are asked for so often.
+/// Interval at which offers of recipes are requested.
 const OFFERS_EVERY: Duration = Duration::from_secs(30);
 
 /// What sends.
@@ -39,7 +39,7 @@ pub(super) struct Sender {
     asked: Option<Instant>,
     files: BTreeSet<String>,
     offered: Option<Instant>,
-    /// Since when the office lacks the same record of an epoch, though the broker took it.
+    /// Since when the office has lacked the same record of an epoch, although the broker accepted it.
     lacking: BTreeMap<String, Lacking>,
 }
 
@@ -117,7 +117,8 @@ impl Sender {
         Ok(false)
     }
 
-    /// Asks which recipes the office offers for the panels that this cell was taught. What cannot be had is asked for again later.
+    /// Asks which recipes the office offers for the panels taught to this cell. If an offer cannot be obtained, it
+    /// is requested again later.
     async fn ask_for_offers(&mut self) {
         if self.offered.is_some_and(|offered| offered.elapsed() < OFFERS_EVERY) {
             return;
@@ -146,14 +147,14 @@ impl Sender {
         self.store()?.outbox_epochs().map_err(|error| error.to_string())
     }
 
-    /// Asks what the office has of each epoch. What it lacks is sent again.
+    /// Asks which records of each epoch the office has. Missing records are sent again.
     async fn ask(&mut self, last: &[Position]) -> Result<(), String> {
         let Some(link) = &self.link else { return Ok(()) };
         let stream = link.stream().await.map_err(|error| error.to_string())?;
         self.progress.at_stream(&stream);
         let (mut more, mut again) = (Vec::new(), Vec::new());
         for last in last {
-            // An office that never said anything has nothing: it may be another one than before.
+            // An office that never answered has nothing: it may be another one than before.
             let archived = link.archived(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
             match self.progress.told(&last.epoch, archived, last.number) {
                 OfficeSays::Known => {
@@ -230,7 +231,7 @@ impl Sender {
                         self.files.insert(file.hash.clone());
                         whole.push((What::File(file.hash.clone()), content));
                     }
-                    // The office waits for no file of which it is told that it never comes.
+                    // The office does not wait for a file that is reported as never coming.
                     Err(error) => {
                         tracing::warn!("the office does not get {}: {error}", file.name);
                         file.gone = Some("damaged in the cell's store".to_owned());
@@ -253,7 +254,8 @@ impl Sender {
         Ok(sending)
     }
 
-    /// Sends what the office lacks first once more, with its files: a broker that took it may have lost it.
+    /// Sends once more, with their files, the first records that the office lacks: a broker that accepted them may
+    /// have lost them.
     async fn send_again(&mut self, epoch: &str) -> Result<(), String> {
         let archived = Position { epoch: epoch.to_owned(), number: self.progress.archived(epoch) };
         tracing::warn!(

@@ -1,4 +1,4 @@
-//! The cell's state as the office is told.
+//! The cell's state as reported to the office.
 
 use crate::cell::CellName;
 use crate::daemon::clock::now_unix_ms;
@@ -10,12 +10,12 @@ use crate::record::{Front, Who};
 use crate::verdict::Reason;
 use std::time::{Duration, Instant};
 
-/// The state is told so often, at most.
+/// Shortest time between two reports of the state.
 const EVERY: Duration = Duration::from_secs(2);
-/// Alarms are read so often.
+/// Interval at which alarms are read.
 const STANDING_EVERY: Duration = Duration::from_secs(5);
 
-/// Finds out how the cell stands, when it is time.
+/// Determines the state of the cell when a report is due.
 pub(super) struct Teller {
     front: FrontParts,
     told: Option<Instant>,
@@ -28,7 +28,7 @@ impl Teller {
         Teller { front, told: None, standing: Vec::new(), stood: None }
     }
 
-    /// How the cell stands; `None` where it was told a moment ago.
+    /// Returns the state of the cell; `None` if it was reported a moment ago.
     pub async fn now(&mut self, cell: &CellName, last: &[Position]) -> Option<CellState> {
         if self.told.is_some_and(|told| told.elapsed() < EVERY) {
             return None;

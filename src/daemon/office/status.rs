@@ -1,4 +1,4 @@
-//! What people are told of the way to the office.
+//! The status of the way to the office that is shown to people.
 
 use crate::daemon::waiting::Waiting;
 use crate::office::RecipeOffer;
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 const WORDS: (&str, &str) = ("records are not in the office", "the archive does not take them");
 
-/// How it stands; clones are the same one.
+/// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
 pub struct OfficeStatus(Arc<Mutex<Stands>>);
 
@@ -15,7 +15,7 @@ pub struct OfficeStatus(Arc<Mutex<Stands>>);
 struct Stands {
     /// What the office does not have yet.
     waiting: Waiting,
-    /// Epochs of which the office says that it has more than the store ever had: name, its number, the store's.
+    /// Epochs of which the office reports more than the store ever had: name, its number, the store's.
     more: Vec<(String, u64, u64)>,
     /// Recipes that the office offers.
     offers: Vec<RecipeOffer>,
@@ -26,7 +26,7 @@ impl OfficeStatus {
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// How it goes; whether a problem is told for the first time.
+    /// Records the present problem, if any; returns whether it is reported for the first time.
     pub(super) fn goes(&self, problem: Option<&str>) -> bool {
         self.change(|stands| stands.waiting.goes(problem))
     }
@@ -43,7 +43,7 @@ impl OfficeStatus {
         self.change(|stands| stands.offers = offers);
     }
 
-    /// The recipe that the office offers for this panel, as far as it was asked.
+    /// Returns the recipe that the office offers for this panel, as far as the office was asked.
     pub fn offer(&self, panel: &str) -> Option<RecipeOffer> {
         self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
     }

@@ -16,13 +16,13 @@ use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The name of the policy by which somebody comes without an account, as async-opcua has it.
+/// The name of the policy for a log-in without an account, as used by async-opcua.
 const ANONYMOUS_POLICY: &str = "anonymous";
 
 /// Who calls or reads.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Caller {
-    /// Somebody without an account.
+    /// A caller without an account.
     Nobody,
     /// A person who logged in.
     Person {
@@ -36,7 +36,7 @@ pub(super) enum Caller {
 }
 
 impl Caller {
-    /// The role; none of somebody without an account.
+    /// Returns the role; `None` for a caller without an account.
     pub fn role(&self) -> Option<Role> {
         match self {
             Caller::Nobody => None,
@@ -74,7 +74,8 @@ impl Access {
         Access { people, door, anonymous, valid: RwLock::default(), channels: RwLock::default() }
     }
 
-    /// The accounts as they are now. Connections of sessions whose account was changed or disabled are ended.
+    /// Updates the accounts to their present state. Ends the connections of sessions with an account that was
+    /// changed or disabled.
     pub fn learn(&self, accounts: &BTreeMap<String, Account>) {
         let enabled = accounts.values().filter(|account| account.is_enabled);
         let valid: BTreeMap<String, Caller> = enabled.map(|account| (token(account), caller(account))).collect();
@@ -90,7 +91,7 @@ impl Access {
         *self.valid.write().unwrap_or_else(PoisonError::into_inner) = valid;
     }
 
-    /// Who has this token; `None` where it does not count, or no more.
+    /// Returns the caller with this token; `None` if the token is not valid, or no longer.
     pub fn caller(&self, token: &UserToken) -> Option<Caller> {
         if token.is_anonymous() {
             return (self.anonymous == Anonymous::Read).then_some(Caller::Nobody);
@@ -116,12 +117,13 @@ impl Access {
         &self.people
     }
 
-    /// From where a session on this channel comes, as the audit trail has it.
+    /// Returns the origin of a session on this channel, as written in the audit trail.
     pub fn from(&self, channel: u32) -> String {
         self.door.address_of(channel).map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
     }
 
-    /// From where a log-in may come. async-opcua does not say on which connection it is: these are all that are connected.
+    /// Returns the possible origins of a log-in. async-opcua does not report the connection: these are all that are
+    /// connected.
     pub fn addresses(&self) -> String {
         from_any(&self.door.addresses())
     }

@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 pub const NAMESPACE: &str = "urn:panelprep:cell";
 /// The name of the cell's object, below Objects.
 pub const ROOT: &str = "Panelprep";
-/// The object whose components are the methods, below the cell's object.
+/// The object with the methods as components, below the cell's object.
 pub const COMMANDS: &str = "Commands";
 
 /// The node of this path from the cell's object on; an empty one is the object itself.
@@ -28,12 +28,12 @@ pub(super) fn method_of(namespace: u16, id: &NodeId) -> Option<&'static Method> 
     METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS}/{}", method.name)))
 }
 
-/// The path of what a path stands in, and its own name.
+/// Returns the path of the parent and the own name.
 fn split(path: &str) -> (&str, &str) {
     path.rsplit_once('/').unwrap_or(("", path))
 }
 
-/// Every object that the paths of nodes and methods name, each before what stands in it.
+/// Returns every object that the paths of nodes and methods name, each before its content.
 fn objects() -> Vec<&'static str> {
     let mut all = BTreeSet::from([COMMANDS]);
     for Node { path, .. } in NODES {

@@ -17,12 +17,12 @@ use std::collections::BTreeMap;
 pub(super) struct AlarmEvent {
     kind: NodeId,
     time: DateTime,
-    /// The node that the event says its condition has.
+    /// The node that the event states as that of its condition.
     condition: NodeId,
     fields: BTreeMap<&'static str, Variant>,
 }
 
-/// How an alarm stands.
+/// The status of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Standing {
     pub is_active: bool,
@@ -30,13 +30,13 @@ pub(super) struct Standing {
 }
 
 impl Standing {
-    /// Whether a client that connects now must hear of it.
+    /// Returns whether a client that connects now must be informed of it.
     fn is_retained(self) -> bool {
         self.is_active
     }
 }
 
-/// The number by which OPC UA says how urgent it is, 1 to 1000.
+/// Returns the OPC UA number for the urgency, 1 to 1000.
 fn severity(priority: Priority) -> u16 {
     match priority {
         Priority::High => 900,
@@ -46,7 +46,7 @@ fn severity(priority: Priority) -> u16 {
     }
 }
 
-/// The name of an event, by which it is acknowledged: of the alarm and how it stands.
+/// Returns the name of an event, by which it is acknowledged: made from the alarm and its status.
 pub(super) fn event_id(alarm: &Alarm, standing: Standing) -> ByteString {
     let Standing { is_active, is_acknowledged } = standing;
     let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
@@ -58,7 +58,7 @@ fn text(text: &str) -> Variant {
 }
 
 impl AlarmEvent {
-    /// That an alarm stands so.
+    /// Creates the event that an alarm has this status.
     pub fn of(alarm: &Alarm, standing: Standing, (source, condition): (&NodeId, NodeId), now_unix_ms: i64) -> Self {
         let at_unix_ms =
             if standing.is_active && !standing.is_acknowledged { alarm.raised_unix_ms } else { now_unix_ms };
@@ -122,7 +122,7 @@ impl Event for AlarmEvent {
         range: &NumericRange,
         path: &[QualifiedName],
     ) -> Variant {
-        // A client asks for the condition's node in this way (Part 9, 5.5.2.13).
+        // This is how a client requests the condition's node (Part 9, 5.5.2.13).
         if attribute == AttributeId::NodeId && path.is_empty() && *type_definition == ObjectTypeId::ConditionType {
             return if self.condition.is_null() { Variant::Empty } else { Variant::from(self.condition.clone()) };
         }

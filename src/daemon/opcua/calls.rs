@@ -28,7 +28,7 @@ const MOST_CHARACTERS: usize = 200;
 /// What came of a call.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Outcome {
-    /// It was done; in words, where the state does not say it.
+    /// It was done; with a text if the state does not show it.
     Done(String),
     /// It was not.
     Refused(StatusCode, Reason),
@@ -53,7 +53,7 @@ impl Outcome {
     }
 }
 
-/// Where calls go.
+/// The destination of calls.
 pub(super) struct Calls {
     pub access: Arc<Access>,
     pub front: FrontParts,
@@ -73,7 +73,8 @@ impl Calls {
         self.refusal.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Calls a method for somebody who comes from there. What was not done is told in the node of the last refusal.
+    /// Calls a method for a caller at this origin. If the call was not done, the node of the last refusal states
+    /// why.
     pub async fn call(
         &self,
         method: &'static Method,
@@ -165,8 +166,8 @@ impl Calls {
         Outcome::of(self.front.gateway.request(what, who(caller)).await)
     }
 
-    /// A stop or an abort. Whoever asks while one is under way, or just was, hears what came of that one where it was done; one that was
-    /// not done is asked for anew.
+    /// A stop or an abort. A caller that requests one while another is under way, or just was, receives the result
+    /// of that one if it was done. If it was not done, it is requested anew.
     async fn urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
         let mut last = self.urgent[place].lock().await;
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < TOGETHER) {
@@ -247,7 +248,7 @@ fn wrong_arguments(method: &Method) -> Outcome {
     refused("bad_request", StatusCode::BadInvalidArgument, message)
 }
 
-/// A text without what no name has; none where it is too long or no text.
+/// Returns a text without leading and trailing spaces; `None` if it is too long or no plain text.
 fn text(value: &Variant) -> Option<String> {
     let Variant::String(text) = value else { return None };
     let text = text.as_ref().trim();

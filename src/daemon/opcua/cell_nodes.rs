@@ -26,7 +26,8 @@ impl CellNodes {
     pub fn build(calls: Arc<Calls>, context: &ServerContext, space: &mut AddressSpace) -> Self {
         let namespace = {
             let mut types = context.type_tree.write();
-            // Clients ask for a condition's node by the empty path (Part 9, 5.5.2.13), which async-opcua does not know.
+            // Clients request a condition's node by the empty path (Part 9, 5.5.2.13), which async-opcua does not
+            // support.
             let condition = NodeId::from(ObjectTypeId::ConditionType);
             types.add_type_property(&condition, &condition, &[], NodeClass::Object);
             types.namespaces_mut().add_namespace(NAMESPACE)
@@ -46,7 +47,7 @@ pub(super) fn channel(context: &RequestContext) -> u32 {
     context.session.read().secure_channel_id()
 }
 
-/// Gives a call what came of it; the reason goes along where the client asks for diagnostics.
+/// Writes the result into a call; the reason is included if the client asks for diagnostics.
 pub(super) fn answer(call: &mut MethodCall, outcome: Outcome) {
     match outcome {
         Outcome::Done(words) => {
@@ -88,7 +89,7 @@ impl InMemoryNodeManagerImpl for CellNodes {
         max_age: f64,
         timestamps: TimestampsToReturn,
     ) -> Vec<DataValue> {
-        // Also where a subscription begins: it ends with its connection once the account is changed.
+        // Also recorded when a subscription begins: it ends with its connection once the account is changed.
         self.access().came_by(&context.token, channel(context));
         let space = space.read();
         nodes.iter().map(|node| space.read(context, node, max_age, timestamps)).collect()

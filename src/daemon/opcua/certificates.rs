@@ -26,15 +26,15 @@ pub(super) const TRUSTED: &str = "trusted";
 pub(super) const REJECTED: &str = "rejected";
 /// Maximum number of rejected certificates that are kept: a client that sends new ones without end must not fill the disk.
 const MOST_REJECTED: usize = 32;
-/// Ten years: clients are told once to trust it.
+/// Ten years: a client has to be configured to trust it only once.
 const DAYS: u32 = 3_650;
 const KEY_BITS: u32 = 2_048;
 
-/// Makes the folders that are missing, and the server's own certificate where there is none. Its SHA-1 thumbprint comes back, as
-/// OPC UA clients show it.
+/// Makes the folders that are missing, and the server's own certificate if there is none. Returns its SHA-1
+/// thumbprint, as OPC UA clients show it.
 ///
 /// # Errors
-/// Where the disk refuses, or a file is no certificate.
+/// If the disk refuses, or a file is no certificate.
 pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
     for name in ["own", "private", TRUSTED, REJECTED] {
         let path = folder.join(name);
@@ -92,8 +92,9 @@ pub(super) struct Trusted {
 }
 
 impl Trusted {
-    /// A client's certificate is found by a name of its own, which nobody types: what a person put there under another one, or as PEM, gets
-    /// that name. What came of each file that is new, for the log. On the calling thread, which may wait for the disk.
+    /// Gives new certificates of clients the names by which they are found. No one types such a name: a file that a
+    /// person placed under another name, or as PEM, gets it. Returns the result for each new file, for the log.
+    /// Runs on the calling thread, which may wait for the disk.
     pub fn name_new_ones(&mut self, folder: &Path) -> Vec<String> {
         let trusted = folder.join(TRUSTED);
         let found = fs::read_dir(&trusted).into_iter().flatten().flatten();
@@ -108,7 +109,7 @@ impl Trusted {
     }
 }
 
-/// Gives a certificate the name by which it is found; what came of it, where that is anything to tell.
+/// Gives a certificate the name by which it is found; returns the result, if there is anything to report.
 fn named(file: &Path, trusted: &Path) -> Option<String> {
     let read = crate::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
@@ -240,7 +241,7 @@ mod tests {
         assert!(error.contains("private.pem: it is the key of another certificate than own/cert.der"), "{error}");
     }
 
-    /// One that a person put there gets its own name; what is none is told once.
+    /// A certificate that a person placed there gets its own name; a file that is no certificate is reported once.
     #[test]
     fn a_trusted_certificate_may_have_any_name() {
         let folder = tempfile::tempdir().expect("a folder");

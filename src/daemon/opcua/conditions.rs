@@ -1,9 +1,10 @@
-//! The alarms that last, as conditions: each change is an event, a client that connects asks for all of them (ConditionRefresh), and
-//! a person acknowledges one by its event (Acknowledge).
+//! The alarms that last, as conditions: each change is an event, a client that connects requests all of them
+//! (ConditionRefresh), and a person acknowledges one by its event (Acknowledge).
 //!
-//! async-opcua has the types of conditions, and events, but no conditions of its own. So the methods, which belong to the types in the
-//! base namespace, are taken here before its own node manager sees them (`core_nodes`). A condition has a name and no node; the base
-//! namespace is told that it has the method Acknowledge, without which async-opcua lets nobody call it.
+//! async-opcua has the types of conditions, and events, but no conditions of its own. So the methods, which belong
+//! to the types in the base namespace, are handled here before its own node manager receives them (`core_nodes`). A
+//! condition has a name and no node. The base namespace therefore states that it has the method Acknowledge;
+//! otherwise async-opcua allows no client to call it.
 
 use super::address_space::node_id;
 use super::alarm_event::{AlarmEvent, Standing, event_id};
@@ -17,12 +18,12 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// All alarms are told again at most so often, whoever asks for it.
+/// Shortest time between two repetitions of all alarms, regardless of the client that requests them.
 const REFRESH: Duration = Duration::from_millis(500);
 /// What the names of conditions begin with.
 const BEGINNING: &str = "Alarm/";
 
-/// The alarms that last, as they were told last.
+/// The alarms that last, as last reported.
 #[derive(Debug, Default)]
 pub(super) struct Conditions {
     namespace: OnceLock<u16>,
@@ -58,13 +59,13 @@ impl Conditions {
         AlarmEvent::of(alarm, standing(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
     }
 
-    /// The nodes that the conditions are said to have.
+    /// Returns the nodes that are stated as those of the conditions.
     pub fn nodes(&self) -> Vec<NodeId> {
         let name = |id: &String| node_id(self.namespace(), &format!("{BEGINNING}{id}"));
         self.lock().told.keys().map(name).collect()
     }
 
-    /// The alarms that last now: tells what came, what was acknowledged and what is gone.
+    /// Updates the alarms that last now; reports the new, the acknowledged and the ended ones.
     pub fn follow(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
         let changed = self.changed(alarms, now_unix_ms());
         self.tell(&changed, subscriptions);
@@ -87,7 +88,7 @@ impl Conditions {
         subscriptions.notify_events(events.iter().map(|event| (event as &dyn Event, &source)));
     }
 
-    /// Tells all that last once more, between the events that begin and end a refresh.
+    /// Reports all lasting alarms once more, between the events that begin and end a refresh.
     pub fn refresh(&self, subscriptions: &SubscriptionCache) -> StatusCode {
         let now_unix_ms = now_unix_ms();
         let alarms: Vec<Alarm> = {
@@ -106,10 +107,10 @@ impl Conditions {
         StatusCode::Good
     }
 
-    /// The name of the alarm that is to be acknowledged by this event of this condition.
+    /// Returns the name of the alarm that is to be acknowledged by this event of this condition.
     ///
     /// # Errors
-    /// Where there is no such condition, the event is not its last one, or somebody has acknowledged it.
+    /// If there is no such condition, the event is not its last one, or it was already acknowledged.
     pub fn acknowledged(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
         let inside = self.lock();
         let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{BEGINNING}{id}"));

@@ -1,5 +1,5 @@
-//! What is read of the store and of files, beside the state that the loop tells: seldom, on a thread of its own, so that a slow disk
-//! makes old values and no other harm.
+//! The data read from the store and from files, in addition to the state that the loop reports. It is read seldom,
+//! on a thread of its own, so that a slow disk causes old values and no other harm.
 
 use super::access::Access;
 use super::certificates::{self, Rejected, Trusted};
@@ -19,14 +19,14 @@ use std::time::{Duration, Instant};
 
 /// Maximum number of rejected certificates that are logged individually.
 const MOST_TOLD: usize = 3;
-/// Calibration files are looked at so often.
+/// Interval at which calibration files are read.
 const FILES: Duration = Duration::from_secs(30);
 
 /// What is read of the store and of files.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Depth {
     pub part: PartNames,
-    /// How each grid stands that was seen, by its name.
+    /// The state of each grid that was seen, by its name.
     pub grids: Vec<GridState>,
     pub scanner: Option<Verified>,
     pub flange_camera: Option<Verified>,
@@ -62,7 +62,8 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Reads everything anew that is old enough; what cannot be read stays as it was, and the log says why.
+    /// Reads everything anew that is old enough; a value that cannot be read stays as it was, and the log states
+    /// why.
     pub fn read(&mut self, cycle: Newest) -> Depth {
         self.front.look();
         let (alarms, people) = (self.front.alarms.clone(), self.access.people().clone());
@@ -70,7 +71,7 @@ impl Reader {
         let read = people.read(|store| {
             let accounts = store.accounts()?;
             of_store(store, cycle.id, &mut now)?;
-            // All cycles are counted, and only where one has ended since.
+            // All cycles are counted, and only if one has ended since.
             if self.counted != Some(cycle) {
                 now.counts = counts(&store.verdict_counts()?);
                 self.counted = Some(cycle);

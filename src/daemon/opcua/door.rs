@@ -1,8 +1,10 @@
-//! The door before the server: how many connections there may be, of whom, and from where each comes.
+//! The door in front of the server: it limits the number of connections, in total and per address, and records the
+//! address from which each comes.
 //!
-//! async-opcua takes every connection. File descriptors are those of the whole service, so that the door takes only so many of all
-//! addresses and of each, and passes their bytes on to the server, which listens on the loopback interface alone. On their way it
-//! reads the number of the secure channel from the server's answer, by which a session is known to come from an address.
+//! async-opcua accepts every connection, but the file descriptors are those of the whole service. So the door
+//! accepts only a limited number from all addresses and from each, and passes their bytes on to the server, which
+//! listens on the loopback interface alone. In doing so it reads the number of the secure channel from the server's
+//! answer; this number links a session to an address.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -13,14 +15,14 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::sleep;
 
-/// So many connections at one time, and of one address.
+/// Largest number of connections at one time, and of one address.
 const MOST: usize = 48;
 const MOST_OF_ADDRESS: usize = 16;
-/// A peer that takes nothing for so long is gone.
+/// A peer that accepts no data for this time is gone.
 const GONE: Duration = Duration::from_secs(30);
-/// Whoever has left within this time may be the one of whom something is told.
+/// A peer that has left within this time may be the one to which a report refers.
 const RECENT: Duration = Duration::from_secs(5);
-/// The header of a message: type, chunk, size, and the channel where it has one.
+/// The header of a message: type, chunk, size, and the channel if it has one.
 const HEADER: usize = 12;
 /// The longest message before the channel is known: an acknowledgement, an error, the opening of a channel with a certificate.
 const LONGEST_OPENING: usize = 64 * 1_024;
@@ -60,7 +62,7 @@ impl Door {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for this address, where there is one.
+    /// Returns a place for this address, if there is one.
     fn enter(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
         let mut inside = self.lock();
         let of_address = inside.open.values().filter(|peer| peer.from == from).count();
@@ -109,7 +111,7 @@ impl Door {
         inside.open.values().filter(|peer| peer.channel == Some(channel)).for_each(|peer| peer.cut.notify_one());
     }
 
-    /// How many connections were turned away since this was last asked.
+    /// Returns how many connections were turned away since the last call.
     pub fn turned_away(&self) -> u64 {
         std::mem::take(&mut self.lock().turned_away)
     }
@@ -118,7 +120,7 @@ impl Door {
     pub async fn attend(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
         loop {
             let Ok((stream, from)) = listener.accept().await else {
-                // Such as no file descriptor left: whoever asks tries again.
+                // For example, no file descriptor is left: the client tries again.
                 sleep(Duration::from_millis(50)).await;
                 continue;
             };
@@ -165,7 +167,7 @@ impl Door {
     }
 }
 
-/// One message of the server before its channel is known, with the channel where it opens one.
+/// Reads one message of the server before its channel is known; returns it with the channel, if it opens one.
 async fn message(from: &mut (impl AsyncReadExt + Unpin)) -> Option<(Vec<u8>, Option<u32>)> {
     let mut header = [0; HEADER];
     from.read_exact(&mut header).await.ok()?;

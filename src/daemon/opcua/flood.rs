@@ -1,13 +1,14 @@
-//! How often each caller may call methods. Stop and abort are not counted: they are answered together where they come in a row.
+//! Limits how often each caller may call methods. Stop and abort are not counted: several in a row are answered
+//! together.
 
 use std::collections::BTreeMap;
 
 /// Calls at once, and calls a second after that.
 const AT_ONCE: f64 = 20.0;
 const A_SECOND: f64 = 5.0;
-/// So many callers are remembered; the ones that were silent for longest are forgotten first.
+/// Largest number of callers that are remembered; those that were silent for longest are forgotten first.
 const MOST_CALLERS: usize = 256;
-/// A flood is told again after so long.
+/// Time after which a flood is reported again.
 const TOLD_AGAIN_S: f64 = 60.0;
 
 /// Calls of each caller. Times are seconds of any clock that does not jump.
@@ -26,9 +27,9 @@ struct Bucket {
 pub(super) enum Turn {
     /// It is made.
     Taken,
-    /// It is one too many; whether that is to be told.
+    /// It exceeds the limit; whether this is to be reported.
     TooMany {
-        /// False where it was told lately.
+        /// False if it was reported lately.
         is_told: bool,
     },
 }
@@ -59,7 +60,8 @@ impl Flood {
 mod tests {
     use super::*;
 
-    /// By hand: 20 at once; after 2 s, 10 more; a caller beside goes on; the flood is told once in a minute.
+    /// By hand: 20 at once; after 2 s, 10 more; another caller is not affected; the flood is reported once in a
+    /// minute.
     #[test]
     fn calls_beyond_the_measure_are_too_many_and_told_once() {
         let mut flood = Flood::default();

@@ -1,4 +1,4 @@
-//! Follows the cell and tells what changed: the state five times a second, what the store has once a second.
+//! Follows the cell and reports changes: the state five times a second, the data of the store once a second.
 
 use super::cell_nodes::CellNodes;
 use super::conditions::Conditions;
@@ -20,12 +20,12 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// The loop is asked so often.
+/// Interval at which the loop is asked.
 const EVERY: Duration = Duration::from_millis(200);
-/// The store is read so often.
+/// Interval at which the store is read.
 const STORE: Duration = Duration::from_secs(1);
 
-/// Reads the store again and again, for whoever follows the cell.
+/// Reads the store repeatedly, for the follower of the cell.
 pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, tell: watch::Sender<Depth>) {
     loop {
         let of = *cycle.borrow();
@@ -64,7 +64,7 @@ impl Since {
     }
 }
 
-/// What is needed to tell.
+/// The parts needed for reporting.
 pub(super) struct Follower {
     pub gateway: Gateway,
     pub nodes: Arc<InMemoryNodeManager<CellNodes>>,
@@ -108,7 +108,7 @@ impl Follower {
         let mut changed = Vec::new();
         for ((node, id), told) in NODES.iter().zip(ids).zip(told) {
             let value = (node.value)(now);
-            // What the service itself knows is known also where its loop is silent.
+            // The service's own data is known even if its loop does not answer.
             let is_known = now.answers || node.path.starts_with("Service/");
             let next = Some((value, is_known));
             if *told != next {

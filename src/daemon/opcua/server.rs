@@ -1,4 +1,4 @@
-//! The server's thread: it listens, begins the server anew where that fails, and ends it with the service.
+//! The server's thread: it listens, begins the server anew if it fails, and ends it with the service.
 
 use super::access::Access;
 use super::calls::Calls;
@@ -50,11 +50,11 @@ pub struct OpcUaServer {
 }
 
 impl OpcUaServer {
-    /// Serves the cell; `None` where its file names no address. An address that cannot be had now, and certificates that cannot be used, are
-    /// tried again: the cell does not wait for it.
+    /// Serves the cell; `None` if its file names no address. If an address is not available now, or certificates
+    /// cannot be used, it tries again: the cell does not wait for it.
     ///
     /// # Errors
-    /// Where the system refuses a thread.
+    /// If the system refuses a thread.
     pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
         let plan = Plan { name: "opcua", what: NAME, blocking: BLOCKING, stack_bytes: Some(STACK_BYTES) };
@@ -63,7 +63,7 @@ impl OpcUaServer {
     }
 }
 
-/// Serves until it is ended. Where the server cannot be served, or ends by itself, it begins anew.
+/// Serves until it is ended. If the server cannot be served, or ends without a request, it begins anew.
 async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
     let alarms = &parts.front.alarms;
     loop {
@@ -150,7 +150,7 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
     };
     parts.front.alarms.trouble(NAME, None);
     tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
-    // Where the server goes, all that belongs to it goes too.
+    // When the server ends, all its parts end too.
     tokio::select! {
         served = server.run_with(behind) => served,
         () = read_on(reader, cycle, tell_depth) => Ok(()),
@@ -160,7 +160,7 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
     }
 }
 
-/// The server listens behind the door, and tells clients the door's port.
+/// The server listens behind the door, and reports the door's port to clients.
 async fn knows_its_port(handle: &ServerHandle, port: u16) {
     loop {
         handle.info().port.store(port, Ordering::Relaxed);

@@ -9,7 +9,7 @@ use std::net::SocketAddr;
 
 /// A session without a request for so long is over, ms.
 const SESSION_MS: u64 = 60_000;
-/// A message, and what stands in it, bytes and items.
+/// Limits of a message and its content, bytes and items.
 const MESSAGE_BYTES: usize = 256 * 1_024;
 const CHUNKS: usize = 16;
 const STRING_BYTES: usize = 64 * 1_024;
@@ -30,7 +30,7 @@ fn computer() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
-/// What the certificate says that this program is.
+/// Returns the identity of this program that its certificate states.
 pub(super) fn application_uri(host: &str) -> String {
     format!("urn:{}:panelprep", host.trim_matches(['[', ']']))
 }

@@ -14,7 +14,7 @@ pub(super) fn time(unix_ms: i64) -> DateTime {
     )
 }
 
-/// The value; a null where it is not known.
+/// Returns the value; a null if it is not known.
 pub(super) fn variant(value: &Value) -> Variant {
     match value {
         Value::Absent => Variant::Empty,
@@ -29,7 +29,7 @@ pub(super) fn variant(value: &Value) -> Variant {
     }
 }
 
-/// The value with its time. Where the service's loop does not answer, it is the last one that was known.
+/// Returns the value with its time. If the service's loop does not answer, it is the last known value.
 pub(super) fn data_value(value: &Value, is_known: bool, at: DateTime) -> DataValue {
     let status = if is_known { StatusCode::Good } else { StatusCode::UncertainLastUsableValue };
     DataValue::new_at_status(variant(value), at, status)
@@ -49,7 +49,8 @@ pub(super) fn data_type(kind: Kind) -> (DataTypeId, bool) {
     }
 }
 
-/// A unit as OPC UA names it: by its code of UNECE Recommendation 20, whose letters are the number's bytes (Part 8, 5.6.3.3).
+/// Returns a unit as OPC UA names it: by its code of UNECE Recommendation 20, whose letters are the number's bytes
+/// (Part 8, 5.6.3.3).
 pub(super) fn unit(unit: &str) -> Option<EUInformation> {
     let (code, description) = match unit {
         "s" => ("SEC", "second"),

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 pub use crate::devices::cameras::Picture as Picture2d;
 
-/// What is asked of the cameras.
+/// The requests to the cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraCommand {
@@ -14,15 +14,16 @@ pub enum CameraCommand {
     Scan,
     /// Takes a picture with the 3D camera's colour sensor.
     Picture,
-    /// Begins a film: such pictures one after the other, at most so many a second. A film that is left ends by itself.
+    /// Begins a film: such pictures one after the other, at most this many a second. A film that is not ended ends
+    /// by itself.
     BeginFilm(f64),
-    /// Takes the film's next picture. What was dropped on the way is a gap in the times.
+    /// Fetches the film's next picture. Pictures dropped before are a gap in the times.
     NextOfFilm,
     /// Ends the film.
     EndFilm,
     /// Takes a picture with the flange camera.
     CornerPicture,
-    /// Asks whether the cameras would deliver. It exposes nothing that a cycle needs.
+    /// Checks whether the cameras would deliver. It exposes nothing that a cycle needs.
     Check,
 }
 
@@ -33,7 +34,7 @@ pub enum CameraAnswer {
     Scan(OrganizedCloud<Camera>),
     /// To `Picture` and `NextOfFilm`, with the time on the camera's own clock.
     Picture(Picture2d),
-    /// To `NextOfFilm` where no picture is due yet.
+    /// To `NextOfFilm` if no picture is due yet.
     NoneDue,
     /// To `BeginFilm`: the time on the clock of the pictures, s.
     FilmBegan(f64),
@@ -55,7 +56,7 @@ impl Command for CameraCommand {
 pub struct CameraFault {
     /// Which camera.
     pub camera: &'static str,
-    /// What it says.
+    /// Its message.
     pub why: String,
 }
 
@@ -66,7 +67,7 @@ impl CameraFault {
     }
 }
 
-/// The cameras' commands as functions. They fail where the camera gives nothing.
+/// The cameras' commands as functions. They fail if the camera delivers nothing.
 pub trait CameraPort: Port<CameraCommand> {
     /// Takes a 3D shot.
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
@@ -81,14 +82,14 @@ pub trait CameraPort: Port<CameraCommand> {
         Ok(picture)
     }
 
-    /// Begins a film with at most so many pictures a second; gives the time on the clock of the pictures, s.
+    /// Begins a film with at most this many pictures a second; returns the time on the clock of the pictures, s.
     fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, CameraFault> {
         let begun = self.perform(CameraCommand::BeginFilm(pictures_per_second))?;
         let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch() };
         Ok(time_s)
     }
 
-    /// Takes the film's next picture; none where none is due yet.
+    /// Fetches the film's next picture; `None` if none is due yet.
     fn next_of_film(&mut self) -> Result<Option<Picture2d>, CameraFault> {
         match self.perform(CameraCommand::NextOfFilm)? {
             CameraAnswer::Picture(picture) => Ok(Some(picture)),
@@ -123,7 +124,7 @@ pub trait CameraPort: Port<CameraCommand> {
 
 impl<P: Port<CameraCommand> + ?Sized> CameraPort for P {}
 
-/// Where no picture is ever taken, as where an abort is cleared.
+/// For use in which no picture is ever taken, such as clearing an abort.
 #[derive(Debug)]
 pub struct NoCameras;
 

@@ -10,8 +10,8 @@ use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
 
-/// Keeps a picture, which takes longer than a loop may wait; its name in the store comes back. None where the disk is full and
-/// the picture was dropped.
+/// Stores a picture, which needs more time than a loop may wait; returns its name in the store. `None` if the disk
+/// is full and the picture was dropped.
 pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
 /// A picture that is drawn for people.
@@ -53,7 +53,7 @@ pub enum Kept {
     Figure(Picture),
 }
 
-/// What is asked of the record.
+/// The requests to the record.
 #[derive(Debug)]
 pub enum RecordCommand {
     /// Keeps what a phase leaves.
@@ -62,7 +62,7 @@ pub enum RecordCommand {
     Event(Event),
     /// Opens a motion.
     OpenIntent(Motion),
-    /// Opens a contact path, of which so many waypoints may be sent.
+    /// Opens a contact path, of which this many waypoints may be sent.
     OpenContact {
         /// The motion.
         motion: Motion,
@@ -71,9 +71,9 @@ pub enum RecordCommand {
         /// How many waypoints may be sent for now.
         permitted: u32,
     },
-    /// So many waypoints of the contact path under way may be sent.
+    /// This many waypoints of the contact path under way may be sent.
     Permit(u32),
-    /// Closes a motion: the robot stands.
+    /// Closes a motion: the robot is at rest.
     CloseIntent {
         /// The motion.
         motion: Motion,
@@ -82,11 +82,12 @@ pub enum RecordCommand {
         /// Waypoints executed.
         done: u32,
     },
-    /// Where the tool was on this panel in earlier cycles, or may have been, as far as the part is still the same.
+    /// The places where the tool was, or may have been, on this panel in earlier cycles, as far as the part is
+    /// still the same.
     AbradedBefore,
-    /// What somebody requested, with its answer. What the table was asked follows its event.
+    /// A request with its answer. A request to the table follows its event.
     Asked(RequestRecord),
-    /// What the clock says: where a cycle begins, and where it is concluded.
+    /// The clock's time: when a cycle begins, and when it is concluded.
     Clock(Clock),
     /// The cycle's end as the table has it, and why it was ended, if it was.
     Conclude {
@@ -101,14 +102,14 @@ pub enum RecordCommand {
     BetweenCycles,
     /// What the disc in use has swept, mm².
     DiscWorn,
-    /// The disc in use swept so much more, mm².
+    /// The disc in use swept this much more, mm².
     WearDisc(f64),
     /// A new disc was mounted.
     MountDisc,
     /// Whether a cycle's record would find its place; else why not.
     Check,
-    /// Whether the disk has filled since this was last asked: why, and what to delete. Pictures are dropped from then on; the
-    /// journal goes on until the cell rests.
+    /// Whether the disk has filled since the last check: why, and what to delete. From then on pictures are
+    /// dropped; the journal continues until the cell is at rest.
     Filled,
 }
 
@@ -147,14 +148,14 @@ impl RecordError {
     }
 }
 
-/// The record's commands as functions. They fail where it cannot be written or read.
+/// The record's commands as functions. They fail if it cannot be written or read.
 pub trait RecordPort: Port<RecordCommand> {
     /// A command that answers nothing else than that it is kept.
     fn keep(&mut self, command: RecordCommand) -> Result<(), RecordError> {
         self.perform(command).map(drop)
     }
 
-    /// Where the tool was on this panel in earlier cycles.
+    /// Returns the places where the tool was on this panel in earlier cycles.
     fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
         let known = self.perform(RecordCommand::AbradedBefore)?;
         let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch() };
@@ -191,7 +192,7 @@ pub trait RecordPort: Port<RecordCommand> {
         }
     }
 
-    /// That the disk has filled since this was last asked.
+    /// Returns the reason if the disk has filled since the last check.
     fn filled(&mut self) -> Option<Reason> {
         let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
         why
@@ -200,7 +201,8 @@ pub trait RecordPort: Port<RecordCommand> {
 
 impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 
-/// Where a phase leaves what it found. Each function returns when it is kept, and fails where it cannot be kept.
+/// The place in which a phase leaves its findings. Each function returns when the data is kept, and fails if it
+/// cannot be kept.
 pub trait Record {
     /// Keeps it.
     fn note(&mut self, note: Note) -> Result<(), RecordError>;

@@ -1,4 +1,4 @@
-//! Where requests come from, and what is told of them.
+//! The source of requests, and the reports about them.
 
 use super::port::{Command, Port};
 use crate::cycle::{self, Id, Refusal, State};
@@ -9,18 +9,19 @@ use crate::supervision::ThreadFault;
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 
-/// What the loop asks and tells.
+/// The loop's questions and reports.
 #[derive(Debug)]
 pub enum RequestCommand {
-    /// Asks for the next request, in this state. The answer comes within milliseconds, whatever the loop is doing.
+    /// Asks for the next request, in this state. The answer comes within milliseconds, in every state of the loop.
     Next(State),
-    /// Asks whether the result of this piece of work comes to the loop, now that it is there. A replay lets it in when it came.
+    /// Asks whether the result of this piece of work may enter the loop, now that it is available. A replay lets it
+    /// in at the recorded point.
     LetsIn(Id),
-    /// Tells something that needs no answer.
+    /// Reports something that needs no answer.
     Tell(News),
 }
 
-/// What the loop tells.
+/// The reports of the loop.
 #[derive(Debug)]
 pub enum News {
     /// The table refused this request; a reset may fail later.
@@ -33,7 +34,7 @@ pub enum News {
     Begun(CycleId, Begin),
     /// The cycle has its verdict.
     Concluded(Verdict),
-    /// A film is under way: so many seconds of it were seen.
+    /// A film is under way: this many seconds of it were seen.
     Filmed(f64),
     /// It is recorded that a new disc was mounted.
     DiscMounted,
@@ -42,7 +43,7 @@ pub enum News {
 }
 
 impl News {
-    /// Why what was requested in this state is not done, if this says so.
+    /// Returns why a request in this state was not done, if this report states it.
     pub fn why_refused(self, state: &State) -> Option<Reason> {
         match self {
             News::Refused(request, refused) => Some(words::refusal(request, refused, state)),
@@ -55,9 +56,10 @@ impl News {
 /// What is answered.
 #[derive(Debug)]
 pub enum RequestAnswer {
-    /// To `Next`: a request, or none. An error says that a thread of the program failed: the loop stops the robot and ends.
+    /// To `Next`: a request, or none. An error reports that a thread of the program failed: the loop stops the
+    /// robot and ends.
     Next(Result<Option<Request>, ThreadFault>),
-    /// To `LetsIn`: the same piece of work, where its result comes in now.
+    /// To `LetsIn`: the same piece of work, if its result enters now.
     LetsIn(Option<Id>),
     /// To `Tell`.
     Told,
@@ -72,7 +74,7 @@ pub trait RequestPort: Port<RequestCommand> {
     /// See [`RequestCommand::Next`].
     ///
     /// # Errors
-    /// Where a thread of the program failed.
+    /// If a thread of the program failed.
     fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         match self.perform(RequestCommand::Next(*state)) {
             RequestAnswer::Next(next) => next,
@@ -93,14 +95,14 @@ pub trait RequestPort: Port<RequestCommand> {
 
 impl<P: Port<RequestCommand> + ?Sized> RequestPort for P {}
 
-/// Where requests come from, for all that needs no more than this.
+/// The source of requests, for all types that need no more than this.
 pub trait Requester {
-    /// What is requested now, in this state.
+    /// Returns the present request, in this state.
     ///
     /// # Errors
-    /// Where a thread of the program failed.
+    /// If a thread of the program failed.
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
-    /// What the loop tells. Who does not care for news leaves it.
+    /// Receives the loop's reports. A requester that needs no reports leaves this out.
     fn hear(&mut self, _news: News) {}
 }
 

@@ -8,20 +8,20 @@ use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, Qu
 use crate::supervision::{ThreadFault, Watched};
 use std::time::{Duration, Instant};
 
-/// What is asked of the robot.
+/// The requests to the robot.
 #[derive(Debug)]
 pub enum RobotCommand {
     /// Queues one command.
     Send(Command),
-    /// Queues a path whole, in the active base. Where `permitted` is given, only so many points are sent before more are
-    /// permitted.
+    /// Queues a whole path, in the active base. If `permitted` is given, only this many points are sent before more
+    /// are permitted.
     Path {
         /// The points.
         points: Vec<MoveLin>,
         /// How many of them may be sent for now.
         permitted: Option<u32>,
     },
-    /// Permits commands up to this one to be sent; all of them where it is `None`.
+    /// Permits commands up to this one to be sent; all of them if it is `None`.
     Permit(Option<CommandId>),
     /// Asks for a new epoch with a number above this one.
     OpenEpoch(Epoch),
@@ -38,12 +38,12 @@ pub enum RobotCommand {
 pub enum RobotAnswer {
     /// To `Send` and `Path`: the number of the command, or of the path's last point.
     Queued(Result<CommandId, QueueError>),
-    /// To `OpenEpoch`: the epoch that was asked for.
+    /// To `OpenEpoch`: the requested epoch.
     Epoch(Result<Epoch, QueueError>),
     /// To `Permit` and `Abort`.
     Done(Result<(), QueueError>),
-    /// To `Next`: a report, or none after a while without one. An error says that the link's thread failed, so that no
-    /// report will ever come.
+    /// To `Next`: a report, or none after a while without one. An error reports that the link's thread failed, so
+    /// that no report will ever come.
     Report(Result<Option<Report>, ThreadFault>),
     /// To `Now`.
     Time(Time),
@@ -56,8 +56,8 @@ impl PortCommand for RobotCommand {
 /// An answer to another command than the one that was given; no port gives one.
 const MISMATCH: QueueError = QueueError::NotConnected;
 
-/// The robot's commands as functions. What is queued fails where there is no controller, no open epoch, or the command cannot be
-/// executed.
+/// The robot's commands as functions. Queuing fails if there is no controller, no open epoch, or the command cannot
+/// be executed.
 pub trait RobotPort: Port<RobotCommand> {
     /// Queues one command.
     fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
@@ -72,13 +72,13 @@ pub trait RobotPort: Port<RobotCommand> {
         last
     }
 
-    /// Permits commands up to this one to be sent; all of them where it is `None`.
+    /// Permits commands up to this one to be sent; all of them if it is `None`.
     fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
         let RobotAnswer::Done(done) = self.perform(RobotCommand::Permit(last)) else { return Err(MISMATCH) };
         done
     }
 
-    /// Asks for a new epoch with a number above this one, and gives its number.
+    /// Asks for a new epoch with a number above this one, and returns its number.
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         let RobotAnswer::Epoch(asked) = self.perform(RobotCommand::OpenEpoch(above)) else { return Err(MISMATCH) };
         asked
@@ -90,7 +90,7 @@ pub trait RobotPort: Port<RobotCommand> {
         done
     }
 
-    /// Waits a while for the next report. It fails where the link's thread failed.
+    /// Waits a while for the next report. It fails if the link's thread failed.
     fn next(&mut self) -> Result<Option<Report>, ThreadFault> {
         let RobotAnswer::Report(report) = self.perform(RobotCommand::Next) else { return Ok(None) };
         report
@@ -128,7 +128,7 @@ impl LinkedRobot {
         }
     }
 
-    /// Where the robot's last state can be read, now and later.
+    /// Returns the place from which the robot's last state can be read, now and later.
     pub fn last_state(&self) -> LastState {
         self.last.clone()
     }
@@ -139,7 +139,7 @@ impl LinkedRobot {
         LinkedRobot { follower: Some(follower), ..self }
     }
 
-    /// The outputs by which the controller tells a line.
+    /// Returns the outputs by which the controller informs a line.
     pub fn line(&self) -> LineOutputs {
         self.link.line()
     }

@@ -5,13 +5,13 @@ use crate::devices::acf::{ConnectedTool, ToolNews};
 use crate::force::Press;
 use serde::Serialize;
 
-/// What is asked of the tool.
+/// The requests to the tool.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ToolCommand {
     /// Presses with this from now on.
     Press(Press),
-    /// Tells what is newly known.
+    /// Reports the news.
     News,
 }
 
@@ -20,7 +20,7 @@ pub enum ToolCommand {
 pub enum ToolAnswer {
     /// To `Press`.
     Told,
-    /// To `News`: a reading or the loss of its link; none where nothing is new.
+    /// To `News`: a reading or the loss of its link; `None` if there is no news.
     News(Option<ToolNews>),
 }
 
@@ -44,7 +44,7 @@ pub trait ToolPort: Port<ToolCommand> {
 
 impl<P: Port<ToolCommand> + ?Sized> ToolPort for P {}
 
-/// A tool at the end of a link; none where the tool is a spring.
+/// A tool at the end of a link; `None` if the tool is a spring.
 #[derive(Default)]
 pub struct LinkedTool(Option<Box<dyn ConnectedTool>>);
 

@@ -19,7 +19,7 @@ use tokio_rustls::TlsConnector;
 const CONNECTS_WITHIN: Duration = Duration::from_secs(10);
 /// One file and its answer.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(60);
-/// So much of an answer is read, and so much of it is told.
+/// Largest part of an answer that is read, and largest part that is reported.
 const MOST_BYTES: usize = 16 * 1_024;
 const MOST_CHARACTERS: usize = 200;
 
@@ -32,10 +32,10 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// To where the cell's file says; the server is not asked yet.
+    /// Creates a connection to the address in the cell's file; the server is not contacted yet.
     ///
     /// # Errors
-    /// Where a file cannot be used.
+    /// If a file cannot be used.
     pub fn new(push: &Push) -> Result<Self, String> {
         let token = push.token_file.as_deref().map(trust::secret).transpose().map_err(|error| error.to_string())?;
         let authorization = token.map(|token| HeaderValue::try_from(format!("Bearer {token}"))).transpose();
@@ -46,10 +46,10 @@ impl Connection {
         Ok(Connection { to: push.to.clone(), authorization, tls, sender: None })
     }
 
-    /// Puts a file below the folder. Where a connection that was kept turns out to be closed, it is made anew.
+    /// Puts a file below the folder. If a kept connection turns out to be closed, it is made anew.
     ///
     /// # Errors
-    /// Where the server cannot be reached, or does not take it.
+    /// If the server cannot be reached, or does not accept it.
     pub async fn put(&mut self, name: &str, kind: &'static str, bytes: Bytes) -> Result<(), String> {
         let kept = self.sender.take().filter(|sender| !sender.is_closed());
         if let Some(sender) = kept
@@ -76,7 +76,7 @@ impl Connection {
         timeout(CONNECTS_WITHIN, connecting).await.map_err(late)?
     }
 
-    /// The connection is kept where it may be used again.
+    /// The connection is kept if it may be used again.
     async fn ask(
         &mut self,
         mut sender: SendRequest<Body>,
@@ -122,7 +122,7 @@ async fn begin(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> 
     Ok(sender)
 }
 
-/// The status, and what the answer says to people: its first line, or where it sends us to.
+/// Returns the status, and the answer's text for people: its first line, or the address to which it redirects us.
 async fn told(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
     let status = response.status();
     if status.is_redirection() {

@@ -1,8 +1,10 @@
-//! Signed records by HTTP to a quality system: what `panelprep record export` writes, each file put below an address of its own.
+//! Signed records by HTTP to a quality system: the files that `panelprep record export` writes, each put below an
+//! address of its own.
 //!
-//! A thread of its own, for which nothing waits. Each signature's files are put in this order: what the record names, the page, the
-//! signature, and the record itself last, so that where a record is there everything that it names is there too. A file is put again where its
-//! answer was lost; it has the same address and the same bytes then, except the page, which also shows later signatures.
+//! It runs on a thread of its own, for which nothing waits. Each signature's files are put in this order: the files
+//! that the record names, the page, the signature, and the record itself last. So if a record is present,
+//! everything that it names is present too. A file is put again if its answer was lost. It then has the same
+//! address and the same bytes, except the page, which also shows later signatures.
 
 mod connection;
 mod parts;
@@ -25,7 +27,7 @@ impl PushSender {
     /// Starts it.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system provides no thread.
     pub fn start(parts: PushParts) -> std::io::Result<Self> {
         let plan = Plan {
             name: "push",

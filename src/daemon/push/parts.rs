@@ -12,8 +12,8 @@ pub struct PushParts {
     pub push: Push,
     /// The store's folder.
     pub folder: PathBuf,
-    /// Where the pages of cycles come from.
+    /// The source of the pages of cycles.
     pub records: Arc<dyn RecordSource>,
-    /// What people are told of it.
+    /// The status that is shown to people.
     pub status: PushStatus,
 }

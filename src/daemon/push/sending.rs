@@ -20,7 +20,7 @@ use std::sync::Arc;
 const PROGRESS: &str = "push.json";
 /// What the names of pictures, recipes and calibrations begin with.
 const FILES: &str = "files/";
-/// So many of them are remembered: most records name the same recipe and calibrations.
+/// Largest number of them that is remembered: most records name the same recipe and calibrations.
 const MOST_FILES: usize = 50_000;
 const JSON: &str = "application/json";
 const PDF: &str = "application/pdf";
@@ -44,7 +44,7 @@ struct File {
     bytes: Bytes,
 }
 
-/// The page of a cycle, and what the cell signs of it.
+/// Returns the page of a cycle, and the part that the cell signs.
 fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> Vec<File> {
     let stem = signing::page_stem(cycle);
     let file = |name: String, kind, bytes: Vec<u8>| File { name, kind, bytes: bytes.into() };
@@ -95,7 +95,7 @@ impl Sender {
 
 impl Rounds for Sender {
     async fn round(&mut self) -> Result<bool, String> {
-        // Its files are read before anything is to be put: what is wrong with them is told at once.
+        // Its files are read before anything is to be put: errors in them are reported at once.
         let mut connection = match self.connection.take() {
             Some(connection) => connection,
             None => Connection::new(&self.push)?,
@@ -158,8 +158,8 @@ impl Sender {
         Ok(())
     }
 
-    /// The first file of a cycle's page that was not put yet: the PDF, and what the cell signs of it. The page is made once for
-    /// each signature.
+    /// Returns the first file of a cycle's page that was not put yet: the PDF, and the part that the cell signs.
+    /// The page is made once for each signature.
     async fn next_of_page(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
         if self.page.as_ref().is_none_or(|(number, _)| *number != row.number) {
             let (records, cycle) = (self.records.clone(), row.cycle);

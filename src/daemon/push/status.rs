@@ -1,4 +1,4 @@
-//! What people are told of the way to the quality system.
+//! The status of the way to the quality system that is shown to people.
 
 use crate::daemon::waiting::Waiting;
 use crate::verdict::Reason;
@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 const WORDS: (&str, &str) = ("signed records are not in the quality system", "they are on their way");
 
-/// How it stands; clones are the same one.
+/// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
 pub struct PushStatus(Arc<Mutex<Waiting>>);
 

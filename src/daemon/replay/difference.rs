@@ -1,4 +1,4 @@
-//! Where a replayed cycle does something else than the recorded one.
+//! Differences between a replayed cycle and the recorded one.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -23,8 +23,8 @@ impl std::fmt::Display for Difference {
     }
 }
 
-/// Each value in which two differ, by its place, such as `send.move_lin.pose.x_mm`. Numbers are the same where all their
-/// digits are.
+/// Returns each value in which the two differ, by its place, such as `send.move_lin.pose.x_mm`. Numbers are equal
+/// if all their digits are.
 pub(super) fn differences(recorded: &Value, now: &Value) -> Vec<(String, String, String)> {
     let mut found = Vec::new();
     compare(String::new(), recorded, now, &mut found);
@@ -49,7 +49,7 @@ fn compare(place: String, recorded: &Value, now: &Value, found: &mut Vec<(String
     }
 }
 
-/// How a list's entry is called: by its own name, where it has one.
+/// Returns the name of a list's entry: its own name, if it has one.
 fn name(index: usize, value: &Value) -> String {
     value.get("name").and_then(Value::as_str).map_or_else(|| index.to_string(), str::to_owned)
 }
@@ -57,7 +57,7 @@ fn name(index: usize, value: &Value) -> String {
 /// Longest text of one side.
 const LONGEST: usize = 200;
 
-/// A value as text, cut where it is long.
+/// Returns a value as text, cut if it is long.
 pub(super) fn short(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= LONGEST {

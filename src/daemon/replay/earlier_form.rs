@@ -1,8 +1,9 @@
 //! The form of a finding in recordings of earlier programs.
 //!
-//! They kept name, value, unit and limit of each number, in an order of their own, and not every number by which a gate
-//! decides. What this program finds is brought into that form before the two are compared: of each number what such a
-//! recording has of it, in the recording's order. Nothing that a recording holds is left out of the comparison.
+//! They kept name, value, unit and limit of each number, in an order of their own, and not every number by which a
+//! gate decides. A finding of this program is brought into that form before the two are compared: of each number,
+//! the parts that such a recording has, in the recording's order. Nothing that a recording holds is left out of the
+//! comparison.
 
 use crate::inspect::name as film;
 use crate::record::name;
@@ -36,7 +37,7 @@ pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
             number.remove(key);
         }
     }
-    // What an earlier program did not tell at all.
+    // Numbers that an earlier program did not report at all.
     found.retain(|number| {
         let is_new =
             number["name"].as_str().is_some_and(|name| NAMES_SINCE_CHECKS.iter().any(|new| name.starts_with(new)));

@@ -15,7 +15,7 @@ pub use recordable::{Heard, Recordable};
 use crate::record::name;
 use serde_json::Value;
 
-/// A finding as it is compared, without what a stop-watch said: that is the machine's doing.
+/// Returns a finding as it is compared, without stop-watch times: these depend on the computer.
 pub(super) fn timeless(mut finding: Value) -> Value {
     let numbers = finding.get_mut("numbers").and_then(Value::as_array_mut);
     for number in numbers.into_iter().flatten() {

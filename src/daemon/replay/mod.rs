@@ -1,9 +1,11 @@
-//! A cycle's recording: written while the cycle runs, and the cycle run again on what was recorded.
+//! A cycle's recording: written while the cycle runs, and the cycle run again on the recorded data.
 //!
-//! A `recorded_port` stands around each of the loop's ports and writes down what passes (`tape` says what that is), while the
-//! `switch` says that a cycle is recorded; `queue` takes it to a thread of its own, so that neither loop nor link ever waits
-//! for a disk. The `player` is the same ports without a cell: it answers each command with what came then, and notes where the
-//! loop now does something else (`difference`). `form` says how commands and answers stand in a recording, `earlier_form` how findings stood in those of earlier programs.
+//! A `recorded_port` surrounds each of the loop's ports and writes down the data that passes (`tape` defines it)
+//! while the `switch` reports that a cycle is recorded. The `queue` passes it to a thread of its own, so that
+//! neither loop nor link ever waits for a disk. The `player` provides the same ports without a cell: it answers
+//! each command with the recorded answer, and notes the places where the loop now acts differently (`difference`).
+//! `form` defines the commands and answers in a recording, `earlier_form` the findings in recordings of earlier
+//! programs.
 
 mod difference;
 mod earlier_form;

@@ -1,9 +1,9 @@
-//! The ports without a cell: each call of the loop is answered with what came when it was recorded.
+//! The ports without a cell: each call of the loop is answered with the data that came when it was recorded.
 //!
-//! The loop makes its calls in an order that follows from what it hears. So the recording's next entry is what the loop
-//! does next, or what comes to it next: a report only where the next entry is one, and nothing otherwise. Where the loop
-//! says something else in the same call, that is a difference and the replay goes on with what was recorded; where it
-//! makes another call, or none, the two have parted, and the replay ends there.
+//! The order of the loop's calls follows from the data that it receives. So the recording's next entry is the next
+//! call of the loop, or the next data for it: a report only if the next entry is one, and nothing otherwise. If the
+//! loop makes the same call with other content, that is a difference, and the replay continues with the recorded
+//! data. If it makes another call, or none, the two have parted, and the replay ends there.
 
 use super::difference::{Difference, differences, short};
 use super::form::{Heard, Recordable, of_film, timeless};
@@ -29,7 +29,7 @@ pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
 /// What a replay came to.
 #[derive(Debug)]
 pub struct Played {
-    /// Where it differs, in order.
+    /// The differences, in order.
     pub differences: Vec<Difference>,
     /// Whether the two went the same way to the end.
     pub to_the_end: bool,
@@ -86,7 +86,8 @@ impl<'a> Player<'a> {
             playback.part("the loop has left");
         }
         playback.leave_film(true);
-        // A look that nobody needs any more, where its work has come to its result: one may be under way when the loop leaves.
+        // A camera call that is no longer needed, if its work has reached its result: one may be under way when the
+        // loop leaves.
         let (parted, until_ns) = (playback.parted, playback.result_ns);
         let left =
             playback.peek(true).filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
@@ -155,7 +156,7 @@ impl Playback<'_> {
         })
     }
 
-    /// What comes on this topic, where it comes next.
+    /// Returns the data on this topic, if it comes next.
     fn listen(&mut self, topic: Topic, said: &Value, fits: impl Fn(&Value) -> bool) -> Option<Entry> {
         let is_next = |next: &Entry| next.topic == topic && next.said == *said && fits(&next.heard);
         if self.parted || !self.peek(false).is_some_and(is_next) {
@@ -170,7 +171,8 @@ impl Playback<'_> {
         Some(entry)
     }
 
-    /// By the wall clock a film is watched on a thread of its own, and nobody needs what it still saw when it was left.
+    /// By the wall clock a film is watched on a thread of its own, and the pictures that it still saw when it was
+    /// left are not needed.
     fn leave_film(&mut self, with_its_begin: bool) {
         let is_left = |next: &Entry| {
             let (begins, goes_on) = of_film(&next.said);
@@ -228,7 +230,8 @@ impl Playback<'_> {
     }
 }
 
-/// Whether two are the same call, whatever they say in it: the same word, or objects of the same first key.
+/// Returns whether two are the same call, regardless of their content: the same word, or objects with the same
+/// first key.
 fn same_call(recorded: &Value, now: &Value) -> bool {
     match (recorded, now) {
         (Value::Object(before), Value::Object(after)) => {

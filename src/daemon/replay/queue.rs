@@ -1,8 +1,9 @@
 //! From the loop to the disk: a bounded queue and the thread that empties it.
 //!
-//! Where time is the robot's own (lock step), a full queue is waited for as long as the disk takes anything at all: nobody
-//! keeps time. By the wall clock nobody waits: what finds no place is counted, and the recording says that it has a gap.
-//! A disk that refuses, or that has too little room left, ends the recording and nothing else.
+//! If time is the robot's own (lock step), the loop waits for a full queue as long as the disk accepts anything at
+//! all, since no clock runs. By the wall clock nothing waits: an entry that finds no place is counted, and the
+//! recording states that it has a gap. A disk that refuses, or that has too little room left, ends the recording
+//! and nothing else.
 
 use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
@@ -21,15 +22,16 @@ pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
 
 /// Pictures and points that wait to be packed, bytes: some seconds of film at full size.
 const MOST_BYTES: usize = 256 << 20;
-/// A number, a word, a list or an object in an entry takes about this much, bytes.
+/// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
-/// What was written is whole on the disk after this time, whatever comes then; so often is looked how much room is left.
+/// Time after which written data is complete on the disk, whatever comes then; also the interval at which the free
+/// space is checked.
 const FLUSH: Duration = Duration::from_secs(1);
-/// A disk that takes nothing for so long is waited for no more: for a place, and at the end.
+/// Longest wait for a disk that accepts nothing: for a place, and at the end.
 const HANGS: Duration = Duration::from_secs(2);
 const HANGS_AT_THE_END: Duration = Duration::from_secs(20);
 
-/// Where entries are put; any thread may.
+/// The entrance for entries; any thread may use it.
 #[derive(Debug, Clone)]
 pub struct Recorder(Arc<Shared>);
 
@@ -38,7 +40,8 @@ struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
     bounds: Bounds,
-    /// Says that the thread works, except while the disk does: a disk that hangs ends the recording and nothing else.
+    /// Reports that the thread works, except while the disk works: a disk that hangs ends the recording and nothing
+    /// else.
     sign: Option<Arc<Supervised>>,
 }
 
@@ -61,7 +64,7 @@ impl Bounds {
 struct Inside {
     waiting: VecDeque<Entry>,
     bytes: usize,
-    /// The loop's clock where the recording begins, and how long ago that is.
+    /// The loop's clock at the beginning of the recording, and the time since then.
     origin_ns: Option<u64>,
     now_ns: u64,
     lost: Vec<Lost>,
@@ -76,7 +79,7 @@ struct Inside {
     ended: bool,
 }
 
-/// Free space where it is written, MB.
+/// Returns the free space on the disk of the recording, MB.
 pub(super) type Room = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
 /// A recording under way; [`Recording::finish`] ends it. One that is dropped is left unfinished, as by a crash.
@@ -87,7 +90,7 @@ pub struct Recording {
     thread: JoinHandle<()>,
 }
 
-/// How a recording stands.
+/// The status of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recorded {
@@ -131,7 +134,7 @@ impl Recording {
     /// Starts the thread that opens a file of this name and writes to it.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system provides no thread.
     pub(super) fn start<W: Write + Send + 'static>(
         file: String,
         open: impl FnOnce() -> Result<Writer<W>, TapeError> + Send + 'static,
@@ -161,17 +164,17 @@ impl Recording {
         Ok(Recording { file, recorder, thread })
     }
 
-    /// Where entries are put.
+    /// Returns the entrance for entries.
     pub fn recorder(&self) -> Recorder {
         self.recorder.clone()
     }
 
-    /// How it stands.
+    /// Returns its status.
     pub fn told(&self) -> Recorded {
         self.recorder.told(&self.file)
     }
 
-    /// Ends the recording and waits until it is written, as long as the disk takes anything.
+    /// Ends the recording and waits until it is written, as long as the disk accepts anything.
     pub fn finish(self) -> Recorded {
         let Recording { file, recorder, thread } = self;
         recorder.close();
@@ -186,7 +189,7 @@ impl Recording {
     }
 }
 
-/// Says that the thread is done, however that came.
+/// Reports that the thread is done, regardless of the cause.
 struct Ends {
     shared: Arc<Shared>,
     panics: bool,
@@ -232,7 +235,8 @@ impl Recorder {
         shared.changed.notify_all();
     }
 
-    /// What the loop's clock says; true where that is new. The recording's time begins with the first reading.
+    /// Records the loop's clock; returns true if the time is new. The recording's time begins with the first
+    /// reading.
     pub fn clock(&self, now_ns: u64) -> bool {
         let mut inside = self.0.lock();
         let is_first = inside.origin_ns.is_none();
@@ -242,7 +246,7 @@ impl Recorder {
         is_new
     }
 
-    /// Whether time stands while an entry is put down.
+    /// Returns whether time stops while an entry is put in.
     pub(super) fn is_lock_step(&self) -> bool {
         self.0.bounds.waits
     }
@@ -253,7 +257,7 @@ impl Recorder {
         self.0.changed.notify_all();
     }
 
-    /// Waits for the thread's end; false where its disk hangs, and the thread is left to itself.
+    /// Waits for the thread's end; returns false if its disk hangs, and the thread is then left running.
     fn ends(&self) -> bool {
         let Shared { changed, bounds, .. } = &*self.0;
         let mut inside = self.0.lock();
@@ -271,7 +275,7 @@ impl Recorder {
         true
     }
 
-    /// How a recording in this file stands.
+    /// Returns the status of a recording in this file.
     pub(super) fn told(&self, file: &str) -> Recorded {
         let inside = self.0.lock();
         let Inside { entries, lost, stopped, .. } = &*inside;
@@ -303,7 +307,7 @@ impl Inside {
         }
     }
 
-    /// Whoever waits for a place need not wait any more.
+    /// A thread that waits for a place need not wait any more.
     fn stop(&mut self, why: String) {
         if self.stopped.is_none() {
             tracing::warn!("the recording ends: {why}");
@@ -337,13 +341,13 @@ impl Shared {
         writer.finish(&ending)?.flush().map_err(disk)
     }
 
-    /// Whether there is room for more; where there is not, the recording is stopped.
+    /// Returns whether there is room for more; if there is none, the recording is stopped.
     fn has_room(&self, room: &mut Room) -> bool {
         if let Some(sign) = &self.sign {
             sign.rests();
         }
         let free_mb = match room() {
-            // Who cannot be asked may still be written to; the disk says when it is full.
+            // If the free space cannot be read, writing is still possible; the disk reports when it is full.
             Err(_) => return true,
             Ok(free_mb) if free_mb >= RECORDING_FLOOR_MB => return true,
             Ok(free_mb) => free_mb,
@@ -353,7 +357,7 @@ impl Shared {
         false
     }
 
-    /// Writes what waits, or waits a while; false where nothing more will come.
+    /// Writes the entries that wait, or waits a while; returns false if nothing more will come.
     fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
         if let Some(sign) = &self.sign {
             sign.works();
@@ -374,7 +378,7 @@ impl Shared {
     }
 }
 
-/// Memory that an entry takes, about, bytes.
+/// Returns the approximate memory of an entry, bytes.
 fn size(entry: &Entry) -> usize {
     size_of(&entry.said) + size_of(&entry.heard) + entry.shot.as_ref().map_or(0, Shot::bytes)
 }
@@ -389,7 +393,7 @@ fn size_of(value: &Value) -> usize {
         }
 }
 
-/// Why nothing is recorded on a disk with so much room.
+/// Returns why nothing is recorded on a disk with this free space.
 pub fn too_full(free_mb: u64) -> String {
     format!("its disk has {free_mb} MB left, and a recording ends below {RECORDING_FLOOR_MB} MB; make room")
 }

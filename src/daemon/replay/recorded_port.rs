@@ -1,5 +1,5 @@
-//! A port whose commands and answers are recorded: each command goes through as it is, and is written down while the switch
-//! is on.
+//! A port with recording of its commands and answers: each command passes unchanged, and is written down while the
+//! switch is on.
 
 use super::form::{Heard, Recordable};
 use super::switch::RecordingSwitch;

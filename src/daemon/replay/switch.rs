@@ -1,8 +1,8 @@
-//! Which cycle is recorded, and where: the one switch behind all recorded ports.
+//! Which cycle is recorded, and in which file: the one switch behind all recorded ports.
 //!
-//! The command that runs one cycle records from its start on. The service goes on for months, so it records single
-//! cycles: from the moment at which the loop takes the order until it rests again, with what the loop remembered before.
-//! All that takes time — the file, its beginning, each entry — is the recording's own thread's.
+//! The command that runs one cycle records from its start on. The service runs for months, so it records single
+//! cycles: from the moment at which the loop accepts the order until it is at rest again, with the loop's memory
+//! from before. All slow work — the file, its beginning, each entry — is done by the recording's own thread.
 
 use super::super::Calibrations;
 use super::queue::{Bounds, Recorded, Recorder, Recording, Room};
@@ -19,13 +19,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// The thread that writes says at least so often that it works; to pack a picture takes less.
+/// Longest time between two reports of the writing thread that it works; packing a picture needs less.
 const LONGEST_SILENCE: Duration = Duration::from_secs(20);
 
-/// What a recording begins with, and where it goes.
+/// The beginning of a recording, and its file.
 #[derive(Debug, Clone)]
 pub struct RecordingPlan {
-    /// A new file; none where the store names it by the cycle's number.
+    /// A new file; `None` if the store names it by the cycle's number.
     pub file: Option<PathBuf>,
     /// The files that the cycle works by, by their names in the recording.
     pub files: Vec<(String, Vec<u8>)>,
@@ -43,20 +43,20 @@ struct Inside {
     lock_step: bool,
     /// The state in which the loop last asked for a request.
     state: State,
-    /// How the cycle that is being begun is to be recorded, how the table is asked, and in which state.
+    /// For the cycle that is being begun: how it is to be recorded, the request to the table, and its state.
     wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
     /// The cycle is over; what still waits to be heard belongs to it.
     is_over: bool,
-    /// Until somebody takes it.
+    /// Kept until it is taken.
     recording: Option<Recording>,
-    /// The last one, for who asks.
+    /// The last one, for status requests.
     last: Option<(String, Recorder)>,
     /// Who watches the threads that write.
     supervisor: Supervisor,
 }
 
-/// Where the recordings of a store are.
+/// Returns the folder with the recordings of a store.
 pub fn recordings(store: &Path) -> PathBuf {
     store.join("recordings")
 }
@@ -67,7 +67,7 @@ pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
 }
 
 impl RecordingSwitch {
-    /// Nothing is recorded yet; recordings without a name of their own go where this store has them.
+    /// Creates a switch with no recording yet; recordings without their own name are placed in this store's folder.
     pub fn new(store: &Path, lock_step: bool) -> Self {
         RecordingSwitch(Arc::new(Mutex::new(Inside {
             store: store.to_owned(),
@@ -90,13 +90,13 @@ impl RecordingSwitch {
     /// Records from now on in this file, which is new, until [`RecordingSwitch::finish`].
     ///
     /// # Errors
-    /// Where there is such a file already, or the disk refuses.
+    /// If such a file exists already, or the disk refuses.
     pub fn begin(&self, file: &Path, to: RecordingPlan, state: State) -> io::Result<()> {
         let out = OpenOptions::new().write(true).create_new(true).open(file)?;
         self.lock().start((file, to), state, Begin::Boot, move || Ok(out))
     }
 
-    /// Ends the recording and waits until it is written; none where nothing was recorded.
+    /// Ends the recording and waits until it is written; `None` if nothing was recorded.
     pub fn finish(&self) -> Option<Recorded> {
         let recording = {
             let mut inside = self.lock();
@@ -106,13 +106,13 @@ impl RecordingSwitch {
         Some(recording.finish())
     }
 
-    /// How the last recording stands, or why there is none.
+    /// Returns the status of the last recording, or why there is none.
     pub fn told(&self) -> Option<Recorded> {
         let inside = self.lock();
         inside.last.as_ref().map(|(file, recorder)| recorder.told(file))
     }
 
-    /// The recording of the cycle that has ended, where it has one that nobody took.
+    /// Returns the recording of the cycle that has ended, if it has one that was not taken yet.
     pub fn take(&self) -> Option<Recording> {
         let mut inside = self.lock();
         if inside.recorder.is_some() { None } else { inside.recording.take() }
@@ -154,7 +154,8 @@ impl RecordingSwitch {
         inside.is_over = inside.recorder.is_some();
     }
 
-    /// The loop listens for what is asked: what the cycle left behind has been heard, and who recorded it leaves.
+    /// The loop asks for the next request: the rest of the cycle has been received, and the recording ends with the
+    /// request to leave.
     pub(super) fn listens(&self, state: &State) {
         let mut inside = self.lock();
         inside.state = *state;
@@ -243,7 +244,7 @@ impl Write for OnDisk {
     }
 }
 
-/// Where cameras and tool are, for who looks at the recording.
+/// Returns the poses of cameras and tool, for viewers of the recording.
 fn mounted(values: &Calibrations) -> [Mounted; 3] {
     let mounted = |parent, child, pose| Mounted { parent, child, pose };
     [
@@ -265,16 +266,16 @@ fn room(file: &Path) -> Room {
     Box::new(move || free_mb(&file))
 }
 
-/// Free space on the disk where this file is, or will be, MB.
+/// Returns the free space on the disk on which this file is, or will be, MB.
 ///
 /// # Errors
-/// Where the disk cannot be asked.
+/// If the disk cannot be asked.
 pub fn free_mb(file: &Path) -> io::Result<u64> {
     let there = std::path::absolute(file)?;
     store::free_mb(there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")))
 }
 
-/// By the wall clock, a label; a clock that stands before 1970 has none.
+/// Returns the wall-clock time, as a label; a clock set before 1970 has none.
 fn unix_ns() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or_default()

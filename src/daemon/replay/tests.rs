@@ -1,4 +1,4 @@
-//! The queue when nobody empties it, and what a player says when the loop does something else.
+//! The queue when no thread empties it, and the report of a player when the loop acts differently.
 
 use super::form::told;
 use super::queue::{Bounds, Recorder};
@@ -38,7 +38,7 @@ impl Disk {
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if let Some(go) = &self.go {
-            // Once nobody holds it up any more, it writes on.
+            // Once it is no longer held up, it continues to write.
             let _ = go.lock().expect("whole").recv();
         }
         let mut written = self.written.lock().expect("whole");
@@ -137,13 +137,13 @@ fn in_lock_step_a_full_queue_is_waited_for() {
 fn a_full_disk_ends_the_recording_and_nothing_else() {
     let disk = Disk { refuses_after: 20_000, ..Disk::new() };
     let recording = recording(begun(&disk), true, || u64::MAX);
-    // It returns: a queue that nobody empties any more is not waited for.
+    // It returns: it does not wait for a queue that no thread empties any more.
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
     assert!(written.is == Stands::NotWhole && written.message.contains("no space left"), "{written:?}");
 }
 
-/// Even where time stands, a disk that takes nothing is not waited for twice.
+/// Even in lock step, a disk that accepts nothing is not waited for twice.
 #[test]
 fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     let (disk, go, writer) = hanging();
@@ -154,7 +154,7 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
 }
 
-/// Whoever ends it, as the service's end or the next cycle's page, does not hang with the disk.
+/// A caller that ends it, such as the service's end or the next cycle's page, does not hang with the disk.
 #[test]
 fn a_disk_that_hangs_at_the_end_is_left() {
     let (_disk, go, writer) = hanging();
@@ -274,7 +274,7 @@ fn heard(player: &mut Player) -> Option<Report> {
     RobotPort::next(player).expect("no thread is lost")
 }
 
-/// Whether something is asked of the table, by which a replay that has parted ends the loop.
+/// Returns whether the player makes a request to the table, by which a parted replay ends the loop.
 fn asks(player: &mut Player) -> bool {
     let next = RequestPort::next(player, &State::NEW).expect("no thread is lost");
     matches!(next, Some(Request { what: What::Table(_), .. }))
@@ -299,7 +299,7 @@ fn another_call_or_none_parts_them() {
     assert!(!left.to_the_end && left.differences[0].now.contains("left"), "{left:?}");
 }
 
-/// A look through a camera that the loop does without now is a difference, though nothing came of it then.
+/// A camera call that the loop no longer makes is a difference, although it had no result at that time.
 #[test]
 fn a_camera_that_is_not_asked_any_more_is_a_difference() {
     let look = || line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));

@@ -34,7 +34,7 @@ fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> 
     }
 }
 
-/// Somebody sends a request and waits for the reply.
+/// Sends a request as a client that waits for the reply.
 fn send(sender: &RequestSender, uid: u32, what: What) -> oneshot::Receiver<Reply> {
     let (reply, answer) = oneshot::channel();
     let who = Who { front: Front::Socket, uid: Some(uid), user: None };
@@ -42,7 +42,7 @@ fn send(sender: &RequestSender, uid: u32, what: What) -> oneshot::Receiver<Reply
     answer
 }
 
-/// Two signals: a stop, an abort; a third asks nothing. The service leaves once the cell is at rest.
+/// Two signals: a stop, an abort; a third requests nothing. The service leaves once the cell is at rest.
 #[test]
 fn signals_stop_then_abort_and_leave_at_rest() {
     let (sender, mut handler) = handler();
@@ -73,8 +73,9 @@ fn a_page_is_due_once_the_cell_rests() {
     assert_eq!(pages.try_iter().map(|ended| ended.id).collect::<Vec<_>>(), [CycleId(7)], "once");
 }
 
-/// Two screens show review 1. One person accepts, the cell goes on and is held with review 2; the other, on the stale screen, accepts:
-/// the table never hears it, and the refusal says what changed. A decision upon the step that is shown goes through.
+/// Two screens show review 1. One person accepts, the cell continues and is held with review 2. The other person
+/// accepts on the stale screen: the table never receives it, and the refusal states what changed. A decision on the
+/// step that is shown is executed.
 #[test]
 fn a_decision_is_good_for_the_step_that_was_shown() {
     let (sender, mut handler) = handler();
@@ -142,8 +143,8 @@ fn each_request_has_one_reply() {
     }
 }
 
-/// A reset that fails before its reply is due tells what was found wrong, and so does the state afterwards. A request that comes
-/// after the reset was answered has a reply of its own.
+/// A reset that fails before its reply is due reports the problem found, and so does the state afterwards. A
+/// request that comes after the reset was answered has a reply of its own.
 #[test]
 fn a_reset_that_fails_at_once_tells_what_was_found() {
     let (sender, mut handler) = handler();
@@ -172,7 +173,7 @@ fn a_reset_that_fails_at_once_tells_what_was_found() {
     assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
 }
 
-/// Whoever asks for the state without end takes no turn from a stop.
+/// A client that requests the state without end does not delay a stop.
 #[test]
 fn a_stop_is_taken_in_the_round_in_which_it_comes() {
     let (sender, mut handler) = handler();
@@ -184,7 +185,7 @@ fn a_stop_is_taken_in_the_round_in_which_it_comes() {
     assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()), "and the others in the next one");
 }
 
-/// A thread that is lost ends the loop, whatever else is asked.
+/// A thread that is lost ends the loop, regardless of other requests.
 #[test]
 fn a_lost_thread_is_told_to_the_loop() {
     let (_sender, queue) = request_queue();
@@ -198,7 +199,8 @@ fn a_lost_thread_is_told_to_the_loop() {
     assert!(matches!(handler.next_request(&idle), Err(fault) if fault.thread == "socket"));
 }
 
-/// Where a cycle is held, its phase is the one in which it goes on; a path tells its waypoints, a film its seconds.
+/// If a cycle is held, its phase is the one in which it continues; a path reports its waypoints, a film its
+/// seconds.
 #[test]
 fn the_state_tells_how_far_the_work_is() {
     let (_sender, mut handler) = handler();

@@ -32,7 +32,7 @@ impl Rule {
         self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))
     }
 
-    /// Why this user may not request it; `None` where it is allowed.
+    /// Returns why this user may not request it; `None` if it is allowed.
     pub fn refusal(self, who: &Who, what: &What) -> Option<Reason> {
         let role = self.role_of(who)?;
         let needed = needed(what)?;
@@ -50,7 +50,7 @@ impl Rule {
     }
 }
 
-/// What a role must be allowed for this request; `None` where everybody may.
+/// Returns the permission that a role needs for this request; `None` if every user may make it.
 fn needed(what: &What) -> Option<Permission> {
     match what {
         What::Table(Request::Stop | Request::Abort) => None,

@@ -1,4 +1,4 @@
-//! What a host asks of the cell, and the line of the audit trail that says what came of it.
+//! The requests of a host to the cell, and the line of the audit trail that states the result.
 
 use crate::accounts::{AuditEntry, Role};
 use crate::daemon::gateway::Gateway;
@@ -9,17 +9,17 @@ use crate::record::{Front, Who};
 use crate::sparkplug::{AuditNote, NodeCommand};
 use std::sync::Arc;
 
-/// Where commands and lines of the audit trail go.
+/// The destinations of commands and of lines of the audit trail.
 #[derive(Clone)]
 pub(super) struct Asking {
     pub gateway: Gateway,
     pub people: Arc<People>,
-    /// From where they come, in the audit trail.
+    /// The origin of the commands, in the audit trail.
     pub from: String,
 }
 
 impl Asking {
-    /// Asks the cell, by the same request and gates as the operator's page, and keeps what came of it.
+    /// Asks the cell, by the same request and gates as the operator's page, and records the result.
     pub async fn ask(self, command: NodeCommand, is_noted: bool) {
         let Some(request) = command.request() else { return };
         let reply = self.gateway.request(What::Table(request), Who::by(Front::Sparkplug)).await;
@@ -34,7 +34,7 @@ impl Asking {
     /// Keeps a line of the audit trail, on a thread that may wait for the disk.
     pub async fn note(self, note: AuditNote) {
         let AuditNote { what, subject, refused } = note;
-        // The role by which the cell's file lets hosts ask; who of them asked nobody knows.
+        // The role with which the cell's file lets hosts make requests; it is not known which host made this one.
         let role = refused.is_none().then_some(Role::Operator);
         let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
         #[expect(

@@ -7,7 +7,8 @@ use rumqttc::{LastWill, MqttOptions, QoS, TlsConfiguration, Transport};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A connection that is silent for so long is asked whether it lives; the broker tells the death after one and a half times that.
+/// A connection that is silent for this time is checked; the broker reports the death after one and a half times
+/// this time.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 /// The largest message that is taken from the broker, and the largest that is sent, in bytes. A command is far smaller.
 const MOST_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
@@ -18,10 +19,10 @@ pub(super) struct Broker {
 }
 
 impl Broker {
-    /// Reads what `[sparkplug]` names.
+    /// Reads the files that `[sparkplug]` names.
     ///
     /// # Errors
-    /// Where a file cannot be read or is not what it must be.
+    /// If a file cannot be read or is not what it must be.
     pub fn read(node: &SparkplugNode) -> Result<Self, TrustError> {
         let client_id = format!("{}/{}", node.group_id, node.edge_node_id);
         let mut options = MqttOptions::new(client_id, node.broker.clone(), node.port);

@@ -27,17 +27,18 @@ pub struct SparkplugParts {
     pub front: FrontParts,
 }
 
-/// The edge node while it is served. Dropping it tells the broker its death, and ends it.
+/// The edge node while it is served. Dropping it reports its death to the broker, and ends it.
 #[derive(Debug)]
 pub struct SparkplugEdge {
     _background: Background,
 }
 
 impl SparkplugEdge {
-    /// Connects the cell to its broker, and again where the connection is lost or a file cannot be used: the cell does not wait for it.
+    /// Connects the cell to its broker, and again if the connection is lost or a file cannot be used: the cell does
+    /// not wait for it.
     ///
     /// # Errors
-    /// Where the system refuses a thread.
+    /// If the system refuses a thread.
     pub fn serve(SparkplugParts { node, front }: SparkplugParts) -> std::io::Result<Self> {
         let plan = Plan { name: "sparkplug", what: NAME, blocking: BLOCKING, stack_bytes: None };
         let begin = async move |leave: &mut oneshot::Receiver<()>| run((&node, &front), leave).await;

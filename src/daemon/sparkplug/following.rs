@@ -1,5 +1,5 @@
-//! How the cell stands, for the broker: the loop is asked twice a second, and the store where something has changed or a minute
-//! has passed.
+//! The cell's state for the broker: the loop is asked twice a second, and the store if something has changed or ten
+//! seconds have passed.
 
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
@@ -15,12 +15,13 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// The loop is asked so often.
+/// Interval at which the loop is asked.
 const EVERY: Duration = Duration::from_millis(500);
-/// The store is read at least so often: the record of a cycle's end may come a little after its state, and ages go on.
+/// Longest time between two readings of the store: the record of a cycle's end may come a little after its state,
+/// and ages increase.
 const STORE_EVERY: Duration = Duration::from_secs(10);
 
-/// Looks at the cell again and again, until nobody listens.
+/// Reads the cell repeatedly, until no receiver is left.
 pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (KeptView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
@@ -37,14 +38,14 @@ pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellVie
     }
 }
 
-/// Whether the store may say something else now: a phase, a state or a cycle began.
+/// Returns whether the store may contain something else now: a phase, a state or a cycle began.
 fn is_another(was: &LoopView, now: &LoopView) -> bool {
     let key = |view: &LoopView| (view.table.map(|state| state.at), view.phase.clone(), view.cycle, view.pass);
     key(was) != key(now)
 }
 
 fn loop_view(reply: Reply) -> LoopView {
-    // Where the loop does not answer nothing is known of it, and nothing former is told as if it were.
+    // If the loop does not answer, its state is unknown, and no former value is reported as the present one.
     if reply.state.is_none() {
         return LoopView::default();
     }
@@ -61,8 +62,8 @@ fn loop_view(reply: Reply) -> LoopView {
     }
 }
 
-/// What the store and the disk say, on the calling thread, which may wait for the disk. Where the store cannot be read, nothing of it
-/// is told.
+/// Returns the data of the store and the disk; runs on the calling thread, which may wait for the disk. If the
+/// store cannot be read, none of its data is reported.
 fn kept_view(parts: &FrontParts) -> KeptView {
     parts.look();
     match parts.people.read(|store| read(store, &parts.alarms)) {

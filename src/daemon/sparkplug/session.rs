@@ -12,14 +12,14 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-/// So many messages wait for the connection. Where they are not taken the connection is given up: its data may be lost, their
-/// order may not.
+/// Largest number of messages that wait for the connection. If they are not accepted, the connection is given up:
+/// its data may be lost, their order must not.
 const MOST_WAITING: usize = 64;
 /// Packets of the broker that wait for the node; the rest waits in the broker.
 const MOST_PACKETS: usize = 16;
-/// The cell is looked at so often.
+/// Interval at which the cell is read.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
-/// How long the broker has to answer a connection, in s, and to take the last messages of it.
+/// Time limit for the broker to answer a connection, in s, and to accept its last messages.
 const CONNECT_WITHIN_S: u64 = 10;
 const LEAVE_WITHIN: Duration = Duration::from_secs(2);
 
@@ -50,7 +50,7 @@ pub(super) struct Parts {
 pub(super) const NAME: &str = "MQTT Sparkplug";
 
 impl Parts {
-    /// There is no connection, for this reason: told once, until there was one.
+    /// There is no connection, for this reason: reported once, until a connection existed again.
     pub fn fails(&self, why: &str) {
         let problem = format!("no connection to {}: {why}", self.address);
         if self.alarms.trouble(NAME, Some(&problem)) {

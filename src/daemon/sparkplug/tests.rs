@@ -1,4 +1,4 @@
-//! Brokers that do not do what a broker does: the connection ends with a reason, and nothing is asked of the cell.
+//! Brokers that behave wrongly: the connection ends with a reason, and the cell receives no request.
 
 use super::asking::Asking;
 use super::broker::Broker;
@@ -20,7 +20,7 @@ use tempfile::TempDir;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{oneshot, watch};
 
-/// A node that knows the cell's state, and what came of its requests.
+/// A node with the cell's state, and the results of its requests.
 struct Edge {
     parts: Parts,
     broker: Broker,
@@ -111,7 +111,7 @@ fn stop() -> Vec<u8> {
     Payload { timestamp: Some(1), metrics: vec![metric], seq: None }.encode_to_vec()
 }
 
-/// The CONNECT packet asks for a clean session, and has a will of quality 1 that is not retained.
+/// The CONNECT packet requests a clean session, and has a will of quality 1 that is not retained.
 #[test]
 fn the_connection_has_a_will() {
     let mut edge = Edge::new();
@@ -138,7 +138,7 @@ fn a_broker_that_refuses_is_told_in_words() {
     assert!(why.contains("does not let the cell subscribe to spBv1.0/G/NCMD/cell"), "{why}");
 }
 
-/// A stop comes through at once, a kept one not; and a topic that nobody asked for leads nowhere.
+/// A stop comes through at once, a retained one does not; and a topic that was not subscribed has no effect.
 #[test]
 fn what_the_broker_delivers_is_looked_at() {
     let mut edge = Edge::new();
@@ -157,8 +157,8 @@ fn what_the_broker_delivers_is_looked_at() {
     assert_eq!(edge.was_asked(), ["stop"]);
 }
 
-/// Bytes that are no MQTT, or nearly: whatever they are, the connection ends with a reason, nothing panics, and the cell is asked
-/// for nothing. The topic of commands has another name here, so that no chance makes a stop.
+/// Bytes that are not MQTT, or nearly: in every case the connection ends with a reason, nothing panics, and the
+/// cell receives no request. The topic of commands has another name here, so that random bytes cannot form a stop.
 #[test]
 fn no_bytes_of_a_broker_do_harm() {
     let mut edge = Edge::new();

@@ -16,7 +16,7 @@ fn compliant() -> Fake {
     fake
 }
 
-/// It presses with what the recipe says, and the record has the force at the robot's poses.
+/// It presses with the force of the recipe, and the record has the force at the robot's poses.
 #[test]
 fn a_cycle_with_a_compliant_tool_passes() {
     let story = compliant().run(Asks::one_cycle());
@@ -33,7 +33,7 @@ fn a_cycle_with_a_compliant_tool_passes() {
     assert!((force(name::FORCE_MEAN) - 20.0).abs() < 2.0 && force(name::FORCE_MOST) < 25.0, "{abraded:?}");
 }
 
-/// What is expected of a fault: the code by which it is told.
+/// Returns the code by which a fault is expected to be reported.
 fn code(fault: ToolFault) -> &'static str {
     match fault {
         ToolFault::LinkCut | ToolFault::Silent | ToolFault::Late(_) | ToolFault::Garbage | ToolFault::OtherId => {
@@ -58,8 +58,8 @@ fn every_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(1);
 }
 
-/// Every fault at each `step`th waypoint: the tool is off within 500 ms of the fault, or of the first touch after it; it is told by its
-/// name, the cycle is held, and the record says how far the path came.
+/// Every fault at each `step`th waypoint: the tool is off within 500 ms of the fault, or of the first touch after
+/// it. The fault is reported by its name, the cycle is held, and the record states how far the path was executed.
 fn faults_end_contact_in_time(step: u32) {
     let begun = AtContact::of(compliant());
     let whole = begun.run(0, None);
@@ -89,7 +89,8 @@ fn faults_end_contact_in_time(step: u32) {
             }
             let found = end.findings.iter().find(|finding| finding.kind == Kind::Tool);
             let Some(found) = found else {
-                // Nothing was pressed any more, or a tool that is stuck where it should be pressed as it should.
+                // No pressing followed any more, or the tool is stuck at a place at which the pressing is as it
+                // should be.
                 assert!(end.done == Some(begun.waypoints()), "{at}");
                 assert!(fault == ToolFault::Stuck || from + 5 > begun.waypoints(), "{at}");
                 continue;
@@ -130,7 +131,7 @@ fn recipe_and_tool_must_agree() {
     };
     assert!(says(TOOL, "").contains("states no [path] force_n"));
     assert!(says("", FORCE).contains("force_n = 20, which has no effect"));
-    // By hand: 1.5 kg weigh 14.7 N, so that with the band of 5 N a tool of 100 N has 80.3 N left where it points up.
+    // By hand: 1.5 kg weigh 14.7 N, so that with the band of 5 N a tool of 100 N has 80.3 N left when it points up.
     let told = says(TOOL, "[path]\nforce_n = 80.5\n");
     assert!(told.contains("with its band of 5 N and the weight of its payload, 14.7 N"), "{told}");
     assert!(told.contains("it exceeds [tool] max_force_n, 100"), "{told}");
@@ -138,7 +139,7 @@ fn recipe_and_tool_must_agree() {
     assert_eq!(says(TOOL, FORCE), "");
 }
 
-/// The stroke does not take up the error at the tool: rejected before the panel is wet.
+/// The stroke does not absorb the error at the tool: rejected before the panel is wet.
 #[test]
 fn a_stroke_that_is_too_short_is_rejected() {
     let mut fake = compliant();

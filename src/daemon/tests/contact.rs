@@ -1,4 +1,5 @@
-//! Contact on the record: what is permitted, what a lost link leaves, what counts of earlier cycles, who asked what.
+//! Contact on the record: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier
+//! cycles, and the authors of requests.
 
 use super::fake::{Asks, Cell as Fake};
 use super::serving::Script;
@@ -31,8 +32,8 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
     assert_eq!((path.pass, story.clocks.len()), (1, 2));
 }
 
-/// Nobody tells how far the path came: no abrasion is booked, and the disc stays worn by the whole path, also once a
-/// person has cleared it.
+/// It is not reported how far the path was executed: no abrasion is booked, and the disc stays worn by the whole
+/// path, even after a person has cleared the abort.
 #[test]
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
@@ -49,7 +50,7 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
 }
 
-/// An abort in contact, whose end the robot tells: what was done of it is booked.
+/// An abort in contact with a reported end: the executed part is booked.
 #[test]
 fn an_abort_in_contact_is_booked_with_its_motion() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, cycle::Request::Abort));
@@ -59,7 +60,8 @@ fn an_abort_in_contact_is_booked_with_its_motion() {
     assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
 }
 
-/// R21: a feedback that goes off in contact ends the path, and what was done of it is booked. The contrary output is told by name.
+/// R21: a feedback that goes off in contact ends the path, and the executed part is booked. The contradicting
+/// output is reported by name.
 #[test]
 fn a_feedback_that_goes_off_in_contact_holds() {
     for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
@@ -76,7 +78,7 @@ fn a_feedback_that_goes_off_in_contact_holds() {
     }
 }
 
-/// A dead cable of a sensor: the cycle is aborted as late, and the finding beside it says what was waited for.
+/// A dead cable of a sensor: the cycle is aborted as late, and a finding in addition states the missing feedback.
 #[test]
 fn a_feedback_that_never_comes_is_named() {
     for (bit, name, asked) in
@@ -119,7 +121,8 @@ fn what_may_have_been_abraded_before_counts() {
     }
 }
 
-/// Anybody may ask for a stop at any time: one that changes nothing is refused each time, and is on the record once a second.
+/// Anyone may request a stop at any time: one that changes nothing is refused each time, and is on the record once
+/// a second.
 #[test]
 fn a_stop_that_is_refused_again_and_again_is_one_line() {
     let rests = |state: &State| state.at == At::Stopped;
@@ -129,7 +132,7 @@ fn a_stop_that_is_refused_again_and_again_is_one_line() {
     assert_eq!(story.asked.len(), 1, "{:?}", story.asked);
 }
 
-/// Requests without end take no turn from the robot and the deadlines: the cycle beside them goes on to its end.
+/// Requests without end do not delay the robot and the deadlines: the cycle continues to its end.
 #[test]
 fn a_flood_of_requests_does_not_hold_up_the_cycle() {
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle().without_end(cycle::Request::Reset));

@@ -38,8 +38,8 @@ fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
 const REMOVAL: &str = "[path]\nfeed_mm_s = 120\n[removal]\nmethod = \"scheduled\"\ntarget_um = 30\nmax_um = 60\n\
                        force_n = 20\neven_percent = 100\n";
 
-/// The robot moves much slower than planned (its override), so that the disc takes off far more than the part may lose. The next film
-/// would pass, and is never seen: the part is rejected.
+/// The robot moves much slower than planned (its override), so that the disc removes far more than the part may
+/// lose. The next film would pass, but it is never watched: the part is rejected.
 #[test]
 fn a_path_that_removed_too_much_rejects_the_part() {
     let mut fake = Fake::new(Scene::Good).whose_contact_takes(700);
@@ -53,8 +53,8 @@ fn a_path_that_removed_too_much_rejects_the_part() {
     assert_eq!(judgement.reasons[0].code, "removal_too_deep", "{judgement:?}");
 }
 
-/// A hold in contact stays one: that a rest of the path is left is no review, and the tool that the hold itself switched off is no trouble,
-/// however long the arm takes to stand.
+/// A hold in contact stays a hold. The remaining part of the path is no reason for a review. The tool that the hold
+/// itself switched off is no trouble, however long the arm needs to come to rest.
 #[test]
 fn a_hold_in_contact_finds_nothing_wrong() {
     let in_contact =
@@ -68,12 +68,13 @@ fn a_hold_in_contact_finds_nothing_wrong() {
     assert_eq!(codes(&story, Kind::Abrade), ["part"], "{story}");
 }
 
-/// An air-run needs no disc, takes nothing off and presses on nothing: what would forbid the contact is no reason against it.
+/// An air-run needs no disc, removes nothing and presses on nothing: conditions that forbid the contact are no
+/// reason against it.
 #[test]
 fn an_air_run_is_judged_by_its_motion_alone() {
     let worn_out = || {
         let mut fake = Fake::new(Scene::Good);
-        // No model: what the disc takes off is not known. And the disc has done ten times its life.
+        // No model: the removal by the disc is not known. And the disc has done ten times its life.
         (fake.more_recipe, fake.worn_mm2) = (REMOVAL, 1e9);
         fake
     };

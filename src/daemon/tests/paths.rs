@@ -20,7 +20,7 @@ fn number(story: &fake::Story, kind: Kind, name: &str) -> f64 {
     finding.number(name).unwrap_or_else(|| panic!("{name}: {finding:?}"))
 }
 
-/// A wall stands before the panel: no grid is reached, which is known before any water runs.
+/// A wall is in front of the panel: no grid can be reached, which is known before any water runs.
 #[test]
 fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     let mut fake = Fake::new(Scene::Good);
@@ -33,7 +33,7 @@ fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
     assert!(!wet, "{story}");
 }
 
-/// A post before its lower left grids: a person may go on, since perhaps none of those fails.
+/// A post in front of its lower left grids: a person may continue, since perhaps none of those fails.
 #[test]
 fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
     let mut fake = Fake::new(Scene::Clean);
@@ -47,7 +47,7 @@ fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
     assert!(number(&story, Kind::Reach, "grids within the arm's reach") > 2.0);
 }
 
-/// The cell's file states an upper arm 10 mm longer than the one that stands there: nothing moves in lines.
+/// The cell's file states an upper arm 10 mm longer than the real one: nothing moves in lines.
 #[test]
 fn an_arm_that_is_another_one_does_not_move() {
     let mut fake = Fake::new(Scene::Good);
@@ -60,9 +60,9 @@ fn an_arm_that_is_another_one_does_not_move() {
     assert_eq!((story.lines, codes(&story, Kind::Gate)), (0, vec!["arm_model".to_owned()]), "{story}");
 }
 
-/// By hand: lines of 10 mm at most that take 200 ms to plan go 50 mm/s at most, and slower where that makes the time under
-/// the disc even; corners are rounded by a fifth of the
-/// shorter line beside them, and paths stop at their ends alone.
+/// By hand: lines of at most 10 mm that need 200 ms to plan have a feed of at most 50 mm/s, and less if that makes
+/// the time under the disc even. Corners are rounded by a fifth of the shorter adjacent line, and paths stop only
+/// at their ends.
 #[test]
 fn each_line_brings_its_feed_and_rounding() {
     let mut fake = Fake::new(Scene::Good);
@@ -104,7 +104,8 @@ impl OnOneGrid {
     }
 }
 
-/// Whatever a person accepted, a plan that its own gate rejects is not sent; one about which a person was asked is.
+/// A plan that its own gate rejects is not sent, whatever a person accepted; a plan that was submitted to a person
+/// is sent.
 #[test]
 fn no_plan_is_sent_that_its_gate_rejects() {
     let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::of(&Fake::new(Scene::Good));
@@ -130,7 +131,8 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     }
 }
 
-/// Where the flange is at a waypoint of contact, with the tool lifted off by this much along its axis, and about what the axes are there.
+/// Returns the pose of the flange at a waypoint of contact, with the tool lifted by this much along its axis, and
+/// the approximate axes there.
 fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
     let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::of(fake);
     let lifted = routes::lifted(&plan, lifted_mm);
@@ -139,7 +141,8 @@ fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>,
     (base_from_flange, joints[at])
 }
 
-/// After a stop in contact the tool touches: the axes do not move from there. Jogged 80 mm off, the arm goes on by itself.
+/// After a stop in contact the tool touches the panel: the axes do not move from there. Jogged 80 mm off, the arm
+/// continues automatically.
 #[test]
 fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
     let fake = Fake::new(Scene::Clean);
@@ -155,8 +158,9 @@ fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
 }
 
-/// A panel that bows by 0.6 mm since it was taught: the path follows its surface of today, and the record says how far that lies from the
-/// taught one. On the taught surface the points of contact would lie apart by more than the bow's half.
+/// A panel that has bowed by 0.6 mm since it was taught: the path follows its present surface, and the record
+/// states the distance from the taught one. On the taught surface the distances of the points of contact would
+/// differ by more than half the bow.
 #[test]
 fn the_path_follows_the_panel_as_it_lies_there_today() {
     let spread_mm = |story: &fake::Story| {
@@ -197,14 +201,15 @@ fn what_was_executed_is_looked_at() {
     assert!(number(&story, Kind::Abrade, "poses reported on the way") > 10.0);
     let contact_mm = number(&story, Kind::Abrade, "way in contact");
     assert!((story.worn_mm2 - 30.0 * contact_mm).abs() < 1e-6 && contact_mm > 100.0);
-    // The whole path is counted before a motion is open; what was really swept takes its place while it still is.
+    // The whole path is counted before a motion is open; the area really swept replaces it while the motion is
+    // still open.
     let [(planned_mm2, false), (correction_mm2, true)] = story.wears.as_slice() else {
         panic!("{:?}", story.wears)
     };
     assert!(*planned_mm2 > 1_000.0 && correction_mm2.abs() < 0.05 * planned_mm2, "{:?}", story.wears);
 }
 
-/// The disc has 100 mm² left of its life: a new one is asked for before the panel is wet.
+/// The disc has 100 mm² left of its life: a new one is requested before the panel is wet.
 #[test]
 fn a_worn_disc_is_asked_for_before_the_panel_is_wet() {
     let mut fake = Fake::new(Scene::Good);
@@ -215,7 +220,7 @@ fn a_worn_disc_is_asked_for_before_the_panel_is_wet() {
     assert!(story.motions(Path::Contact).is_empty());
 }
 
-/// The pad's stroke does not take up the error at the tool: rejected before the panel is wet.
+/// The pad's stroke does not absorb the error at the tool: rejected before the panel is wet.
 #[test]
 fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     let mut fake = Fake::new(Scene::Good);
@@ -250,7 +255,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
         "{second_first:?}"
     );
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
-    // A thing where the camera would look from.
+    // An object at the place of the camera.
     let eye = (place * corners[1].teaching.panel_from_camera).origin();
     let obstacles = Arc::new(Obstacles::default().with("what the scan saw", [eye]));
     let refused = at(&[0, 1], Some(&obstacles)).expect_err("in the way");
@@ -262,8 +267,8 @@ fn the_arm_stands_where_its_own_corners_lead() {
     );
 }
 
-/// A smooth correction says nothing outside of the volume over which it was measured: there is no contact there, and no view
-/// of a corner that is measured by.
+/// A smooth correction is valid only inside the volume over which it was measured: outside there is no contact, and
+/// no view of a corner that is used for measuring.
 #[test]
 fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
     let fake = Fake::new(Scene::Good);

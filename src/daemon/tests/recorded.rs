@@ -45,8 +45,8 @@ fn a_cycle_of_the_service_replays_without_a_difference() {
     assert!(asked.len() == 2 && asked[0].contains("start") && asked[1].contains("leave"), "{asked:?}");
 }
 
-/// Who asks from outside is part of what was heard: a new disc, a review that a person accepts, an order out of turn, a
-/// hold.
+/// Requests from outside are part of the recording: a new disc, a review that a person accepts, an order out of
+/// turn, a hold.
 #[test]
 fn what_is_asked_meanwhile_is_replayed_too() {
     let mut fake = Fake::new(Scene::Good);
@@ -74,8 +74,8 @@ fn what_is_asked_meanwhile_is_replayed_too() {
     }
 }
 
-/// By the wall clock the robot goes on telling while something is computed; the result comes in where it came in. The
-/// cycle is stopped in the middle of its film.
+/// By the wall clock the robot continues to report while something is computed; the result enters at the recorded
+/// point. The cycle is stopped in the middle of its film.
 #[test]
 fn by_the_wall_clock_results_come_when_they_came() {
     let mut fake = Fake::new(Scene::Clean);
@@ -93,7 +93,7 @@ fn by_the_wall_clock_results_come_when_they_came() {
             .leave_when(|state| matches!(state.at, At::Stopped | At::Aborted { .. }) || complete(state))
     });
     assert_eq!(verdict, Some(Verdict::Aborted));
-    // While the scan was looked at, the robot told its state.
+    // While the scan was evaluated, the robot reported its state.
     let results: Vec<usize> =
         entries.iter().enumerate().filter(|(_, e)| e.topic == Topic::Result).map(|(i, _)| i).collect();
     let scan = entries.iter().position(|entry| entry.said == "scan").expect("a scan");
@@ -102,7 +102,8 @@ fn by_the_wall_clock_results_come_when_they_came() {
     assert!(told > 0, "{scan} {located}");
 }
 
-/// What the compliant tool is told and says is part of what passed; with it the cycle comes to the same again.
+/// The commands and reports of the compliant tool are part of the recording; with it the cycle gives the same
+/// result again.
 #[test]
 fn a_cycle_with_a_compliant_tool_replays_without_a_difference() {
     let mut fake = Fake::new(Scene::Good).step_by_step();

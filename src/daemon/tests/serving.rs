@@ -17,7 +17,7 @@ use std::time::Duration;
 
 type When = Box<dyn FnMut(&State) -> bool>;
 
-/// Asks each thing when its time has come, then leaves.
+/// Makes each request when its time has come, then leaves.
 #[derive(Default)]
 pub struct Script {
     steps: VecDeque<(When, What)>,
@@ -106,7 +106,7 @@ fn a_new_disc_goes_on_after_a_review() {
     assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
 }
 
-/// Once for each way out of rest, for as long as the cell says, and off again before the arm moves.
+/// Once for each start from rest, for the time that the cell states, and off again before the arm moves.
 #[test]
 fn the_cell_warns_before_it_moves() {
     let mut cell = Fake::new(Scene::Clean);
@@ -120,7 +120,8 @@ fn the_cell_warns_before_it_moves() {
     assert_eq!(silent.warning_ms.0, [], "a cell without the output");
 }
 
-/// A stop is on the wire before the loop takes it: a command that comes between them is no fault, and the table stops.
+/// A stop is on the wire before the loop receives it: a command that comes between them is no fault, and the table
+/// stops.
 #[test]
 fn a_command_after_a_stop_on_the_wire_is_no_fault() {
     let cell = Fake::new(Scene::Clean);
@@ -143,7 +144,7 @@ fn a_command_after_a_stop_on_the_wire_is_no_fault() {
     assert_eq!((script.refusals, script.verdicts), (vec![], vec![Verdict::Aborted]));
 }
 
-/// Without a stop that ended it, an epoch that is not open is a fault, and the cycle does not go on.
+/// Without a stop that ended it, an epoch that is not open is a fault, and the cycle does not continue.
 #[test]
 fn a_command_without_an_epoch_is_a_fault() {
     let cell = Fake::new(Scene::Clean);
@@ -197,11 +198,11 @@ fn where_it_is_computed_does_not_matter() {
 /// Cameras with a fault of their own.
 struct Odd {
     cameras: FakeCameras,
-    /// The first scan takes until somebody lets it go on.
+    /// The first scan lasts until the test releases it.
     go_on: Option<Receiver<()>>,
     /// What a check finds.
     wrong: Vec<CameraFault>,
-    /// Pictures of each film that nobody takes over in time.
+    /// Pictures of each film that are not fetched in time.
     drops: Range<u64>,
     taken: u64,
 }
@@ -217,7 +218,7 @@ impl Port<CameraCommand> for Odd {
         match command {
             CameraCommand::Scan => {
                 if let Some(go_on) = self.go_on.take() {
-                    // Far longer than the test takes: where the loop waits for this scan, it is not let go on.
+                    // Far longer than the test lasts: if the loop waits for this scan, the scan is not released.
                     let why = |_| CameraFault { camera: "the scanner", why: "the loop waited for it".to_owned() };
                     go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
                 }
@@ -242,7 +243,8 @@ impl Port<CameraCommand> for Odd {
     }
 }
 
-/// By the wall clock nobody asks for a film's next picture: it is looked at when the camera has it, whatever the robot does.
+/// By the wall clock the film's next picture is not requested by the loop: it is evaluated when the camera has it,
+/// regardless of the robot.
 #[test]
 fn a_film_goes_on_without_the_robot() {
     let fake = Fake::new(Scene::Clean);
@@ -271,7 +273,7 @@ fn a_film_goes_on_without_the_robot() {
     assert!(computing.ready(Duration::from_millis(200)).is_none(), "nobody waits for it any more");
 }
 
-/// The next result, where one comes within a time that is long even on a busy machine.
+/// Returns the next result, if one comes within a time that is long even on a busy machine.
 fn worked(computing: &mut Computing) -> Option<Worked> {
     computing.ready(Duration::from_secs(60))?;
     computing.take()
@@ -284,7 +286,8 @@ fn watched_s(worked: &Worked) -> Option<f64> {
     }
 }
 
-/// What the camera dropped is missing in its times: the film is no test, whatever it shows, and says how many.
+/// Pictures that the camera dropped are missing in its times: the film is no test, whatever it shows, and reports
+/// how many.
 #[test]
 fn dropped_pictures_are_a_gap_in_time() {
     let cell = Fake::new(Scene::Clean);
@@ -369,7 +372,8 @@ fn a_self_test_names_all_that_is_wrong() {
     assert!(failed(&script) && codes(&script) == ["disk_full"], "{:?}", script.noted);
 }
 
-/// The disk fills while the cell works: it is held where it rests and says so, and goes on only once there is room.
+/// The disk fills while the cell works: the cell is held at the next rest and reports this, and continues only once
+/// there is room.
 #[test]
 fn a_full_disk_holds_the_cell_until_there_is_room() {
     let held = |state: &State| matches!(state.at, At::Held(Hold { why: Why::Trouble(Trouble::DiskFull), .. }));

@@ -1,4 +1,5 @@
-//! The loop says what a stage says that is called on the same picture: a command on files calls it so.
+//! The loop reports the same as a stage that is called on the same picture: a command on files calls it in this
+//! way.
 
 use super::*;
 use crate::geometry::KukaPose;
@@ -25,7 +26,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     let by_command = locate::locate((&panel, &model), view, &recipe);
     let story = fake.run(Asks::one_cycle());
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Locate).expect("located");
-    // The loop adds how long it took.
+    // The loop adds its elapsed time.
     let (elapsed, checks) = by_loop.checks.split_last().expect("numbers");
     assert_eq!(elapsed.name, name::SCAN_TO_VERDICT);
     assert!(checks.len() > 20 && by_command.obstacles().is_some());
@@ -35,7 +36,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     assert_eq!(by_loop.details["base_from_panel"], serde_json::json!(pose));
 }
 
-/// The region's points in the scan of this cell, where a command locates the panel in it.
+/// Returns the region's points in the scan of this cell, in which a command locates the panel.
 fn todays_points(fake: &Fake) -> Vec<TodaysPoint> {
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
@@ -84,7 +85,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     assert_eq!(by_loop.judgement, by_command.judgement);
 }
 
-/// Without what a stop-watch and the loop's own moves say.
+/// Returns the checks without the stop-watch times and the values of the loop's own moves.
 fn of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
     let of_the_loop =
         [name::PER_PICTURE, "pictures that were dropped", name::MOVES, "corner from where it was looked for"];

@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub(super) enum Access {
     /// Everybody, logged in or not.
     Open,
-    /// Whose role has this permission.
+    /// Visitors with a role that has this permission.
     Needs(Permission),
 }
 

@@ -115,7 +115,7 @@ pub(super) struct AcknowledgeForm {
     raised_unix_ms: String,
 }
 
-/// Keeps that the person has seen an alarm, and says so in the audit trail.
+/// Records that the person has seen an alarm, and writes this to the audit trail.
 pub(super) async fn acknowledge(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -132,7 +132,7 @@ pub(super) async fn acknowledge(
     }
 }
 
-/// False where there is no such alarm, or somebody has acknowledged it already.
+/// Returns false if there is no such alarm, or it was already acknowledged.
 fn kept(web: &Web, line: AuditEntry, form: &AcknowledgeForm, who: String) -> Result<bool, StoreError> {
     let Ok(raised_unix_ms) = form.raised_unix_ms.parse() else { return Ok(false) };
     // What arose between cycles names none.

@@ -1,4 +1,4 @@
-//! The audit trail: who did what, when and from where.
+//! The audit trail: who did what, when and from which address.
 
 use super::downloads;
 use super::guard::By;
@@ -63,7 +63,7 @@ pub(super) async fn page(
     Ok(frame.page(&body))
 }
 
-/// All of it as a file.
+/// Returns the whole trail as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let lines = reading(&web, &visitor, |store| store.audit(None, FILE)).await?;
     Ok(downloads::csv(&visitor, "audit", &table(&lines)))

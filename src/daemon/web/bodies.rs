@@ -1,4 +1,4 @@
-//! The body of a request has to come in time: whoever sends a head alone keeps nothing.
+//! The body of a request has to come in time: a client that sends only a head keeps no place.
 
 use axum::body::{Body, HttpBody};
 use axum::extract::Request;
@@ -10,7 +10,7 @@ use tokio::time::{Instant, timeout_at};
 /// The whole body comes within this time after its head.
 pub(super) const WITHIN: Duration = Duration::from_secs(5);
 
-/// A request whose body ends with an error where it does not come in time.
+/// Returns a request with a body that ends with an error if it does not come in time.
 pub(super) async fn in_time(request: Request) -> Request {
     let until = Instant::now() + WITHIN;
     request.map(|body| match body.is_end_stream() {

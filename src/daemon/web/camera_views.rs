@@ -3,7 +3,7 @@
 use crate::devices::cameras::{Conditions, PictureQuality};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The last picture of a camera that somebody asked for on the page.
+/// The last picture of a camera that was requested on the page.
 pub(super) struct View {
     pub jpeg: Vec<u8>,
     pub unix_ms: i64,

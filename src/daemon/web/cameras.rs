@@ -1,4 +1,5 @@
-//! What both cameras see between cycles, with the figures of the picture. While a cycle is under way nothing is taken, and why not is told.
+//! The view of both cameras between cycles, with the figures of the picture. While a cycle is under way no picture
+//! is taken, and the reason is shown.
 
 use super::camera_views::View;
 use super::guard::{By, not_found, refusal};
@@ -73,7 +74,7 @@ fn shown(words: Language<'_>, name: &str, view: &View) -> Markup {
     }
 }
 
-/// The figures of a picture: those that `panelprep shoot` tells.
+/// Returns the figures of a picture: those that `panelprep shoot` reports.
 fn figures(view: &View) -> Vec<(&'static str, String)> {
     let View { quality, conditions, .. } = view;
     let percent = |share: f64| format!("{} %", fixed(100.0 * share, 2));
@@ -99,7 +100,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
     }
 }
 
-/// Has a camera take a picture, where the cell rests without a cycle.
+/// Has a camera take a picture, if the cell is at rest without a cycle.
 pub(super) async fn take(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,

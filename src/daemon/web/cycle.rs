@@ -1,4 +1,4 @@
-//! The record of one cycle: to read, to take along, and to sign.
+//! The record of one cycle: to read, to download, and to sign.
 
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
@@ -216,13 +216,14 @@ pub(super) async fn sign(
 
 /// Why a record was not signed.
 enum NotSigned {
-    /// The account pauses for so many seconds more.
+    /// Log-in to the account is blocked for this many more seconds.
     Pauses(f64),
     /// In words.
     Problem(String),
 }
 
-/// The signature's number. The account signs as it is now, and only where it is as the person logged in with it.
+/// Returns the signature's number. The account signs as it is now, and only if it has not changed since the person
+/// logged in with it.
 fn signed(web: &Web, signs: PersonSigns, person: &Person, password: &str) -> Result<u64, NotSigned> {
     let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
     match web.front.people.tried(&signs.user, password) {

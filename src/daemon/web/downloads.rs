@@ -8,7 +8,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-/// The form in which something is asked for.
+/// The requested format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     Page,
@@ -21,10 +21,10 @@ pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
     csv_file(name, table).unwrap_or_else(|error| failed(visitor, &error))
 }
 
-/// The same for whoever tells a failure otherwise.
+/// Returns the same for callers that report a failure differently.
 ///
 /// # Errors
-/// Where a row is not as long as the names of the columns.
+/// If a row does not have the same length as the names of the columns.
 pub(in crate::daemon) fn csv_file(name: &str, table: &Table) -> Result<Response, csv::Error> {
     let named = format!("attachment; filename=\"{name}.csv\"");
     let headers =

@@ -86,7 +86,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
     Ok(([(header::CONTENT_TYPE, "image/png")], png.await?).into_response())
 }
 
-/// What the recipe says is drawn.
+/// Returns the drawing of the recipe's content.
 pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
     let drawn = with(&web, move |source| {
         let text = source.recipe(&name)?.text;
@@ -95,7 +95,7 @@ pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String
     Ok(Json(drawn.await?).into_response())
 }
 
-/// The recipe's text with what was drawn, where nothing is wrong with it; nothing is written.
+/// Returns the recipe's text with the drawn changes, if it has no errors; nothing is written.
 pub(super) async fn propose(
     State(web): State<Arc<Web>>,
     Path(name): Path<String>,

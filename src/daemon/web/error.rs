@@ -13,7 +13,7 @@ pub enum PageError {
     Listen {
         /// As the cell's file has it.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's message.
         source: std::io::Error,
     },
     /// A file.

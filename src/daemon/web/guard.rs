@@ -1,4 +1,5 @@
-//! What stands before each route: who asks, whether the request comes from our own page, and whether the role may.
+//! The checks before each route: who makes the request, whether it comes from our own page, and whether the role
+//! permits it.
 
 use super::access::{Access, Method, Route};
 use super::sessions::Session;
@@ -32,12 +33,12 @@ pub(in crate::daemon) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Optio
     each.find(|(found, _)| *found == name).map(|(_, value)| value)
 }
 
-/// What a refused request is told.
+/// Returns the answer to a refused request.
 pub(super) fn refusal(status: StatusCode, code: &str, message: &str) -> Response {
     (status, Json(json!({ "code": code, "message": message }))).into_response()
 }
 
-/// Finds out who asks, and lets pass what may.
+/// Identifies the visitor, and lets permitted requests pass.
 pub(super) async fn pass(
     State((web, route)): State<(Arc<Web>, &'static Route)>,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
@@ -67,7 +68,7 @@ pub(super) async fn pass(
     next.run(request).await
 }
 
-/// What a page asks for without a person: it keeps no session alive.
+/// Returns whether a page makes this request without a person: such a request keeps no session alive.
 fn is_by_itself(path: &str) -> bool {
     ["/events", "/frame.jpg", "/now.json", "/review"].contains(&path) || path.starts_with("/assets/")
 }
@@ -89,8 +90,8 @@ fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) ->
     }
 }
 
-/// What a change is told that does not come from our own page: a browser says where it comes from, or names the page's own host as the origin; and of a
-/// person who is logged in the page knows the session's token.
+/// Returns the refusal of a change that does not come from our own page. A browser states where the request comes
+/// from, or names the page's own host as the origin; and for a logged-in person the page has the session's token.
 fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Response> {
     let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text("host").unwrap_or("");
@@ -105,7 +106,8 @@ fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Res
     if text("content-type").is_none_or(|kind| !kind.starts_with("application/json")) {
         return Some(refusal(StatusCode::UNSUPPORTED_MEDIA_TYPE, "content_type", "a change is sent as JSON"));
     }
-    // Whoever needs no session needs no token of one: a stop from a page whose session has ended goes on.
+    // A request that needs no session needs no session token either: a stop from a page with an ended session is
+    // still executed.
     match &visitor.person {
         Some(person) if access != Access::Open && text(CSRF) != Some(&person.csrf) => {
             Some(refusal(StatusCode::FORBIDDEN, "token", visitor.language().word("refused.token")))
@@ -168,5 +170,5 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
     response
 }
 
-/// Who asks, in a handler.
+/// The visitor, in a handler.
 pub(super) type By = Extension<Visitor>;

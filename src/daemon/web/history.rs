@@ -68,7 +68,7 @@ impl SearchForm {
         })
     }
 
-    /// As it stands in an address.
+    /// Returns the query as written in an address.
     fn address(&self) -> String {
         let fields = [
             ("part", &self.part),

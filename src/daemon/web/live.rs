@@ -1,4 +1,4 @@
-//! How the cell stands, for everybody who looks on: asked for once, told to all.
+//! The state of the cell for all viewers: requested once, sent to all.
 
 use super::frame::Frames;
 use super::live_state::Live;
@@ -16,19 +16,20 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// The loop is asked so often.
+/// Interval at which the loop is asked.
 const EVERY: Duration = Duration::from_millis(200);
-/// Without a change, a page hears at least so often that all is well.
+/// Without a change, longest time until a page is informed that all is well.
 const SIGN: Duration = Duration::from_secs(1);
 
-/// Asks the loop again and again, and tells what changed, until nobody listens.
+/// Asks the loop repeatedly, and reports changes, until no receiver is left.
 pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::Sender<Arc<Live>>) {
     let mut told = tokio::time::Instant::now();
     loop {
         let reply = gateway.request(What::State, Who::by(Front::Page)).await;
         let was = tell.borrow().clone();
         let now = match reply.state {
-            // Nobody looks on where the page itself is the only one that listens: then no picture is asked for, and none is made.
+            // There is no viewer if the page itself is the only receiver: then no picture is requested, and none is
+            // made.
             Some(_) if tell.receiver_count() <= 1 => Live::of(reply, (was.frame, was.frame_name.clone())),
             Some(_) => Live::of(reply, frames.newest()),
             // What was last known stays, with the time when it was.
@@ -44,9 +45,9 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
     }
 }
 
-/// The events of a page: how the cell stands, now and at each change. A browser that does not read holds nothing but its
-/// connection: it gets the newest state when it reads again. Where too many look on, the one that does so for longest gives way;
-/// a browser comes again by itself.
+/// The events of a page: the state of the cell, now and at each change. A browser that does not read uses nothing
+/// but its connection: it gets the newest state when it reads again. If there are too many viewers, the one that
+/// has watched for longest gives way; a browser reconnects automatically.
 pub(super) async fn events(
     State(web): State<Arc<Web>>,
     ConnectInfo(from): ConnectInfo<SocketAddr>,

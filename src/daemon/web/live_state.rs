@@ -1,11 +1,11 @@
-//! How the cell stands, as a page shows it.
+//! The state of the cell, as a page shows it.
 
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::reply::Reply;
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
 
-/// How the cell stands.
+/// The state of the cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(super) struct Live {
     /// The service's clock when the loop answered last, ms since 1970.
@@ -25,7 +25,7 @@ pub(super) struct Live {
     pub cycle: Option<i64>,
     pub verdict: Option<Verdict>,
     pub reasons: Vec<Reason>,
-    /// What the table would take now.
+    /// The requests that the table would accept now.
     pub possible: Vec<&'static str>,
     pub is_review: bool,
     pub grids: Vec<String>,

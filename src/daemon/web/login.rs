@@ -60,7 +60,7 @@ pub(super) struct Credentials {
     password: String,
 }
 
-/// Begins a session where name and password are right.
+/// Begins a session if name and password are right.
 pub(super) async fn log_in(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -160,7 +160,7 @@ pub(super) async fn change_password(
 
 /// Why a password was not changed.
 enum NotChanged {
-    /// The account pauses for so many seconds more.
+    /// Log-in to the account is blocked for this many more seconds.
     Pauses(f64),
     /// The old one is wrong.
     WrongPassword,

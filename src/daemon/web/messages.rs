@@ -27,7 +27,8 @@ pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
     reasons.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// Reasons by their codes: what each code means and what to do stands once, beside all of its sentences.
+/// Shows reasons by their codes: the meaning of each code and the remedy are shown once, next to all of its
+/// sentences.
 pub(super) fn by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     let mut codes: Vec<(&str, Vec<&str>)> = Vec::new();
     for reason in reasons {
@@ -54,7 +55,7 @@ pub(super) fn explained(words: Language<'_>, code: &str, messages: &[&str]) -> M
     }
 }
 
-/// A text in which what stands between backticks is set as code.
+/// Shows a text in which the parts between backticks are set as code.
 fn prose(text: &str) -> Markup {
     html! {
         @for (at, part) in text.split('`').enumerate() {

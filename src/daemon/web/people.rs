@@ -100,7 +100,7 @@ pub(super) async fn save(
     let (shared, line, name) = (web.clone(), entry(&visitor, "change account"), changed.name.clone());
     match hashing(&web, move || kept(&shared, line, changed)).await {
         Some(Ok(())) => {
-            // What a person may do has changed: the old role must not go on.
+            // The person's permissions have changed: the old role must not remain in use.
             web.sessions().end_all_of(&name);
             Json(json!({ "message": visitor.language().word("saved") })).into_response()
         }
@@ -134,7 +134,7 @@ fn account(changed: &Changed, former: Option<&Account>) -> Result<Account, Strin
     Account::checked((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
 
-/// Whether nobody could change accounts any more.
+/// Returns whether no one could change accounts any more.
 fn leaves_nobody(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
     let may = |account: &Account| account.is_enabled && account.role.may(Permission::ManagePeople);
     !may(changed) && !accounts.values().any(|other| other.name != changed.name && may(other))

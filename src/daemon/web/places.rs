@@ -3,15 +3,17 @@
 use crate::daemon::slots::{Most, Slots};
 use std::net::{IpAddr, Ipv6Addr};
 
-/// Connections at one time. Where there is no room, the one that has been silent for longest gives way to a new one.
+/// Largest number of connections at one time. If there is no room, the one that has been silent for longest gives
+/// way to a new one.
 pub(super) const CONNECTIONS: Most = Most { of_one: 256, of_all: 512 };
 /// Of them, those that look on at the events, which have no end.
 pub(super) const LOOKERS: Most = Most { of_one: 64, of_all: 192 };
 
-/// Places of connections by whose they are.
+/// Places of connections, by their owners.
 pub(super) type Places = Slots<IpAddr>;
 
-/// Whose a connection from this address is: one host of IPv4, one network of IPv6, whose hosts choose addresses as they like.
+/// Returns the owner of a connection from this address: one host of IPv4, or one network of IPv6, since its hosts
+/// choose addresses freely.
 pub(super) fn owner(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V4(address) => IpAddr::V4(address),

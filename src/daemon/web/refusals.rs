@@ -1,5 +1,5 @@
-//! Refused requests of people who are logged in, as the audit trail has them: a page that asks again and again writes a few lines and
-//! one that counts the others, so that no disk is kept busy by what nobody may do.
+//! Refused requests of logged-in people in the audit trail. A page that repeats such requests writes a few lines
+//! and one that counts the others, so that requests that are not permitted keep no disk busy.
 
 use crate::accounts::{AuditEntry, LineLimit, MostLines};
 use std::collections::BTreeMap;

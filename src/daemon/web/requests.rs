@@ -65,7 +65,7 @@ pub(super) async fn clear(
     requested(&web, &visitor, What::Decided { request: cycle::Request::Clear, step }).await
 }
 
-/// Takes the result that waits for review as good.
+/// Accepts the result that waits for review as good.
 pub(super) async fn accept(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -107,7 +107,7 @@ pub(super) struct Unhold {
     step: u64,
 }
 
-/// Goes on after a hold.
+/// Continues after a hold.
 pub(super) async fn unhold(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,

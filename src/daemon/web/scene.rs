@@ -1,5 +1,6 @@
-//! The newest cycle in three dimensions: the scan's points as bytes, the planned paths and how far they were executed as JSON, and
-//! the part of a page that shows them. Where the browser cannot draw it, the text beside it says the same.
+//! The newest cycle in three dimensions: the scan's points as bytes, the planned paths and their executed parts as
+//! JSON, and the part of a page that shows them. If the browser cannot draw it, the text next to it states the
+//! same.
 
 use super::guard::not_found;
 use super::reading::{Answer, reading};
@@ -17,7 +18,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// The number of the newest cycle, where it is asked for.
+/// Returns the number of the newest cycle, if that one is requested.
 fn newest(web: &Web, number: &str) -> Option<CycleId> {
     let asked: i64 = number.parse().ok()?;
     web.live.borrow().cycle.filter(|newest| *newest == asked).map(CycleId)
@@ -32,7 +33,7 @@ pub(super) async fn points(State(web): State<Arc<Web>>, Path(number): Path<Strin
     }
 }
 
-/// The planned paths with what was executed of each, as the robot told it.
+/// Returns the planned paths with the executed part of each, as the robot reported it.
 pub(super) async fn paths(
     State(web): State<Arc<Web>>,
     Extension(visitor): Extension<Visitor>,
@@ -66,7 +67,7 @@ fn executed(record: &CycleRecord, plan: u64) -> u32 {
     of_plan.filter_map(|motion| motion.contact.as_ref()).map(|contact| contact.told).max().unwrap_or(0)
 }
 
-/// The part of a page that shows it, once it is opened; of no cycle where the script says which.
+/// Returns the part of a page that shows it, once it is opened; with no cycle if the script names the cycle.
 pub(super) fn shown(words: Language<'_>, cycle: Option<CycleId>) -> Markup {
     let word = |key| words.word(key);
     html! {

@@ -44,7 +44,7 @@ const LAST_WORD: Duration = Duration::from_millis(50);
 const PATIENCE: Duration = Duration::from_secs(10);
 /// An address that could not be had is tried again after this time.
 const AGAIN: Duration = Duration::from_secs(1);
-/// A peer that takes nothing for so long is gone.
+/// A peer that accepts no data for this time is gone.
 const GONE: Duration = Duration::from_secs(30);
 /// Threads that wait for the store's disk, hash passwords and encode pictures.
 const BLOCKING: usize = 4;
@@ -68,18 +68,18 @@ pub struct PageParts {
 pub struct OperatorPage {
     /// What people open.
     pub url: String,
-    /// The fingerprint of the program's own certificate, where it shows that one.
+    /// The fingerprint of the program's own certificate, if it presents that one.
     pub fingerprint: Option<String>,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl OperatorPage {
-    /// Serves the page; `None` where the cell's file names no address. An address that cannot be had now, since another program has
-    /// it or the network is not there, is tried again: the cell does not wait for its page.
+    /// Serves the page; `None` if the cell's file names no address. If an address is not available now, since
+    /// another program uses it or the network is down, it tries again: the cell does not wait for its page.
     ///
     /// # Errors
-    /// Where the certificate or the file of words cannot be used, or the system refuses.
+    /// If the certificate or the file of words cannot be used, or the system refuses.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
         let PageParts { page, folder, front, view, records } = parts;
         let gateway = front.gateway.clone();
@@ -166,7 +166,8 @@ fn run(
     });
 }
 
-/// Tries until the address is free and the network is there, as after a power cut: the cell goes on without a page meanwhile.
+/// Tries until the address is free and the network is up, as after a power cut: the cell continues without a page
+/// meanwhile.
 async fn bound(address: SocketAddr) -> TcpListener {
     loop {
         sleep(AGAIN).await;
@@ -203,13 +204,13 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
                     drop((place, attended));
                 });
             }
-            // Such as no file descriptor left: whoever asks tries again.
+            // For example, no file descriptor is left: the client tries again.
             Err(_) => sleep(Duration::from_millis(50)).await,
         }
     }
 }
 
-/// The pages of one connection, which say when it was heard.
+/// The pages of one connection, and the handle that marks it as active.
 type Heeded = (Router, Heard<IpAddr>);
 
 async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Heeded) {

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// A session ends so long after the person logged in, whatever they do, s.
 const LONGEST_S: f64 = 12.0 * 3_600.0;
-/// So many sessions of all accounts.
+/// Largest number of sessions of all accounts.
 const MOST: usize = 200;
 
 /// A session.
@@ -39,7 +39,8 @@ pub struct Holder {
     pub stamp: String,
 }
 
-/// The hash of a token: whoever reads the memory's copy cannot log in by it, and looking it up tells nothing by its time.
+/// The hash of a token: with a copy of the memory no one can log in, and the time of a lookup reveals nothing about
+/// the token.
 type Key = [u8; 32];
 
 /// All sessions. Times are seconds of a clock that does not jump.
@@ -55,7 +56,8 @@ fn key(token: &str) -> Key {
 }
 
 impl Sessions {
-    /// No session; one ends after so many seconds without a request, and an account has so many at most.
+    /// Creates an empty set; a session ends after this many seconds without a request, and an account has at most
+    /// this many sessions.
     pub fn new(idle_s: f64, of_account: usize) -> Self {
         Sessions { open: BTreeMap::new(), idle_s, of_account }
     }
@@ -80,7 +82,7 @@ impl Sessions {
         oldest.and_then(|key| self.open.remove(&key));
     }
 
-    /// The session of this token. What a person does keeps it alive; a page that asks by itself does not.
+    /// Returns the session of this token. Actions of a person keep it alive; automatic requests of a page do not.
     pub fn find(&mut self, token: &str, now_s: f64, is_action: bool) -> Option<Session> {
         self.forget(now_s);
         let session = self.open.get_mut(&key(token))?;

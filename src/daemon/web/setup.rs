@@ -115,14 +115,14 @@ pub(super) async fn recipe(
     Ok(Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body))
 }
 
-/// Which offer of the office stands in the form, by the hash of its text.
+/// The offer of the office that is in the form, by the hash of its text.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Taken {
     offer: String,
 }
 
-/// What the office offers, by whom and why, how it differs, and the way to take it over into the form.
+/// Shows the office's offer, its author and reason, its difference, and the link that copies it into the form.
 fn offered(words: Language<'_>, (name, text): (&str, &str), offer: &RecipeOffer) -> Markup {
     html! {
         section.review {
@@ -147,7 +147,7 @@ pub(super) struct Text {
     text: String,
     #[serde(default)]
     why: String,
-    /// SHA-256 of the text that was changed into this one; empty where that is not known.
+    /// SHA-256 of the text that was changed into this one; empty if that is not known.
     #[serde(default)]
     before: String,
 }
@@ -184,7 +184,7 @@ pub(super) async fn save(
     let after = content_hash(line.after.as_deref().unwrap_or_default().as_bytes());
     let kept = blocking(move || kept(&web, &name, line, (&read, &changed)));
     match kept.await {
-        // The form goes on from what was saved.
+        // The form continues from the saved text.
         Some(Ok(_)) => {
             let told = json!({ "message": visitor.language().word("saved"), "fields": { "before": after } });
             Json(told).into_response()
@@ -194,10 +194,11 @@ pub(super) async fn save(
     }
 }
 
-/// Keeps the text after this line's change as the recipe: compared with what was read, told to the audit trail and written as one, so
-/// that of two people who save at one time the second is told. Nothing is written that the audit trail does not have.
+/// Stores the text after this line's change as the recipe. It is compared with the text that was read, reported to
+/// the audit trail and written as one step. So of two people who save at one time the second is informed. Nothing
+/// is written that the audit trail does not have.
 fn kept(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) -> Result<(), String> {
-    // Whoever panicked here has left nothing half done: a file is written whole.
+    // A thread that panicked here has left nothing half done: a file is written whole.
     let _turn = web.saving.lock().unwrap_or_else(PoisonError::into_inner);
     let setup = &web.front.setup;
     let text = line.after.clone().unwrap_or_default();

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
-/// The accounts are read at most so often for this, s, unless one has changed.
+/// Shortest time between two readings of the accounts for this, s, unless one has changed.
 const EVERY_S: f64 = 1.0;
 
 /// The accounts as they were read last; none before they were.
@@ -43,7 +43,7 @@ impl Stamps {
                 let stamps = enabled.map(|account| (account.name.clone(), stamp(account))).collect();
                 known.insert(Known { read_s, stamps }).has(person)
             }
-            // A store that cannot be read ends nobody's session: what was known last holds.
+            // A store that cannot be read ends no session: the last known data remains valid.
             failed => {
                 if let Ok(Err(error)) = failed {
                     tracing::warn!("the accounts could not be read: {error}");

@@ -27,17 +27,17 @@ pub(super) struct Web {
     pub records: Arc<dyn RecordSource>,
     /// Whether the page goes by TLS.
     pub is_tls: bool,
-    /// The hosts by which a page without TLS may be asked for.
+    /// The hosts by which a page without TLS may be requested.
     pub hosts: Option<[String; 2]>,
-    /// Whoever has the cell looked at from the bottom up.
+    /// Held while a person has the whole cell examined.
     pub examining: Semaphore,
     /// What the cameras saw last between cycles.
     pub views: Views,
-    /// Whoever looks on at the events.
+    /// The viewers of the events.
     pub lookers: Places,
     /// The accounts as they were read last.
     pub stamps: Stamps,
-    /// Whoever saves a recipe.
+    /// Held while a recipe is saved.
     pub saving: Mutex<()>,
     refusals: Mutex<Refusals>,
     sessions: Mutex<Sessions>,
@@ -88,7 +88,8 @@ impl Web {
         self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Keeps a line of the audit trail about a refused request, or counts it where there are many; on the calling thread.
+    /// Writes a line of the audit trail about a refused request, or counts it if there are many; on the calling
+    /// thread.
     pub fn audit_refusal(&self, line: &AuditEntry) {
         let now_ms = self.now_ms();
         self.count_refusals(now_ms);
@@ -113,29 +114,29 @@ impl Web {
         (self.now_s() * 1_000.0) as u64
     }
 
-    /// Reads the store, on the calling thread, which may wait for the disk.
+    /// Reads the store on the calling thread, which may wait for the disk.
     ///
     /// # Errors
-    /// Where the store cannot be opened or read.
+    /// If the store cannot be opened or read.
     pub fn read<T>(&self, read: impl FnOnce(&Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
         self.front.people.read(read)
     }
 
-    /// Writes a row that no cycle waits for, on the calling thread, which may wait for the disk.
+    /// Writes a row for which no cycle waits, on the calling thread, which may wait for the disk.
     ///
     /// # Errors
-    /// Where the store cannot be opened or written.
+    /// If the store cannot be opened or written.
     pub fn write<T>(&self, write: impl FnOnce(&mut Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
         self.front.people.write(write)
     }
 
-    /// Keeps a line of the audit trail; where the disk refuses, the service's log has it.
+    /// Writes a line of the audit trail; if the disk refuses, the line is in the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         self.front.people.audit(entry);
     }
 }
 
-/// In which words an account's password may not be tried for so many seconds more, after wrong ones.
+/// Returns the text that an account's password may not be tried for this many more seconds, after wrong ones.
 pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
     format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil())
 }
@@ -146,7 +147,7 @@ pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
     AuditEntry::done(who, role, visitor.from.clone(), what)
 }
 
-/// Runs work that may wait for a disk or take long beside the page's runtime.
+/// Runs work that may wait for a disk or need long, outside the page's runtime.
 pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     tokio::task::spawn_blocking(work).await.ok()
 }

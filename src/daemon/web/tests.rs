@@ -41,7 +41,7 @@ use tempfile::TempDir;
 use tower::ServiceExt;
 
 pub(super) const PASSWORD: &str = "correct horse";
-/// One hash for all: it takes a while.
+/// One hash for all, since it needs a while.
 static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nobody", [3; 16]).expect("allowed"));
 
 /// A recipe that is right, with a comment that stays.
@@ -85,7 +85,7 @@ impl SetupSource for Source {
         if let Some(problem) = self.problems(name, text).pop() {
             return Err(problem);
         }
-        // A disk takes its time.
+        // A disk needs some time.
         thread::sleep(Duration::from_millis(50));
         *self.door.lock().expect("whole") = Some(text.to_owned());
         Ok(Some("before".to_owned()))
@@ -154,7 +154,7 @@ impl Told {
     }
 }
 
-/// Somebody with a browser.
+/// A person with a browser.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Browser {
     pub cookie: Option<String>,

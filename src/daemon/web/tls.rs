@@ -20,14 +20,15 @@ const OWN: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
 pub struct Certificate {
     /// The server's side of TLS.
     pub config: Arc<ServerConfig>,
-    /// The SHA-256 of the certificate, as browsers show it, where it is the program's own.
+    /// The SHA-256 of the certificate, as browsers show it, if it is the program's own.
     pub fingerprint: Option<String>,
 }
 
-/// Reads the certificate that the cell's file names; without one, the program's own, which is made where it is missing.
+/// Reads the certificate that the cell's file names; without one, the program's own, which is made if it is
+/// missing.
 ///
 /// # Errors
-/// Where a file cannot be read or written, or is not a certificate and its key.
+/// If a file cannot be read or written, or is not a certificate and its key.
 pub fn certificate(
     given: Option<&[PathBuf; 2]>,
     folder: &Path,
@@ -64,7 +65,8 @@ pub fn certificate(
     Ok(Certificate { config: Arc::new(config), fingerprint })
 }
 
-/// Makes a certificate for this computer, for ten years: browsers are told once to trust its fingerprint.
+/// Makes a certificate for this computer, for ten years: a browser has to be configured to trust its fingerprint
+/// only once.
 fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileError> {
     let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let mut names = vec![host, "localhost".to_owned(), "127.0.0.1".to_owned()];

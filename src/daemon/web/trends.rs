@@ -1,4 +1,4 @@
-//! Trends: how a number of a panel developed over its cycles, and where its film breaks.
+//! Trends: the development of a panel's number over its cycles, and the places at which its film breaks.
 
 use super::downloads;
 use super::guard::By;
@@ -188,7 +188,7 @@ fn fields(words: Language<'_>, shown: &Shown) -> Markup {
     }
 }
 
-/// The unusual values in words: what the triangles say.
+/// Shows the unusual values in words: the meaning of the triangles.
 fn hints(words: Language<'_>, trend: &Trend) -> Markup {
     let of = |at: usize| trend.points.get(at);
     html! {

@@ -1,4 +1,4 @@
-//! Who sent a request to the page: a person with a role, or somebody who is not logged in.
+//! The sender of a request to the page: a person with a role, or a visitor who is not logged in.
 
 use super::words::{Language, Words};
 use crate::accounts::{Permission, Role};
@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub(super) struct Visitor {
     /// From which address.
     pub from: String,
-    /// The person, where somebody is logged in.
+    /// The person, if one is logged in.
     pub person: Option<Person>,
     /// The language that was chosen, and those that the browser prefers.
     pub chosen: Option<String>,
@@ -41,7 +41,8 @@ impl Visitor {
         Who { front: Front::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
     }
 
-    /// Whether the visitor's role may do it; somebody who is not logged in may nothing that needs a role.
+    /// Returns whether the visitor's role permits it; a visitor who is not logged in may do nothing that needs a
+    /// role.
     pub fn may(&self, permission: Permission) -> bool {
         self.person.as_ref().is_some_and(|person| person.role.may(permission))
     }

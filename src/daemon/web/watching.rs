@@ -4,7 +4,7 @@ use super::state::{Web, blocking};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// It is looked so often.
+/// Interval at which the cell is checked.
 const EVERY: Duration = Duration::from_secs(60);
 
 /// Looks again and again, as long as the page is served.

@@ -40,10 +40,10 @@ pub struct Language<'w> {
 }
 
 impl Words {
-    /// The program's own table, with the columns of a further one, where there is one.
+    /// Reads the program's own table, with the columns of a further one, if there is one.
     ///
     /// # Errors
-    /// Where a table is no CSV, or lacks a key that the program's own one has.
+    /// If a table is no CSV, or lacks a key that the program's own one has.
     pub fn read(more: Option<&str>) -> Result<Self, WordsError> {
         let mut words = Self::parsed(TABLE)?;
         for more in MORE {
@@ -126,7 +126,7 @@ fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
 }
 
 impl<'w> Language<'w> {
-    /// What this code means, and what to do; none where it is not in the manual.
+    /// Returns the meaning of this code, and its remedy; `None` if it is not in the manual.
     pub fn message(&self, code: &str) -> Option<(&'w str, &'w str)> {
         let word = |what: &str| {
             let row = self.words.table.get(&format!("{MESSAGE}{code}.{what}"))?;
@@ -140,7 +140,7 @@ impl<'w> Language<'w> {
         self.name() == "en"
     }
 
-    /// The word for this key; the key itself where there is none, so that a test finds it.
+    /// Returns the word for this key; the key itself if there is none, so that a test finds it.
     pub fn word(&self, key: &'w str) -> &'w str {
         self.words.table.get(key).and_then(|row| row.get(self.column)).map_or(key, String::as_str)
     }

@@ -1,4 +1,4 @@
-//! The link to a tool over TCP: a thread of its own, which nobody waits for.
+//! The link to a tool over TCP: a thread of its own, for which nothing waits.
 
 use super::tool::{ConnectedTool, ToolNews, session_limits};
 use crate::cell::{CompliantTool, ToolAddress};
@@ -12,13 +12,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long a connection may take to be made.
+/// Time limit for making a connection.
 const CONNECT: Duration = Duration::from_millis(1_000);
 /// A lost link is tried again after this time.
 const AGAIN: Duration = Duration::from_millis(300);
-/// The thread looks after this time at the latest, so that what it is told goes out.
+/// Longest time until the thread checks for new commands and sends them.
 const LOOK: Duration = Duration::from_millis(5);
-/// The thread says at least so often that it works.
+/// Longest time between two reports of the thread that it works.
 const LONGEST_SILENCE: Duration = Duration::from_secs(5);
 
 /// Why no link was started.
@@ -61,7 +61,7 @@ impl AcfLink {
     /// Starts to connect to the tool that listens there.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system provides no thread.
     pub fn start(tool: &CompliantTool, address: &ToolAddress) -> Result<Self, AcfStartError> {
         let (sign, watched) = supervised("compliant tool", LONGEST_SILENCE);
         let shared = Arc::new(Shared::default());
@@ -133,7 +133,7 @@ impl Kept {
                 Ok(stream) => self.keep(stream, sign, &mut told),
                 Err(error) => Some(Loss::Unreachable { problem: error.to_string() }),
             };
-            // What is the same each time is told once.
+            // A loss that is the same each time is reported once.
             if let Some(loss) = loss.filter(|loss| told.as_ref() != Some(loss)) {
                 self.shared.lock().loss = Some(loss.clone());
                 told = Some(loss);

@@ -1,8 +1,10 @@
-//! A mock of the tool: bytes in, bytes out, and an actuator between them. It shares nothing with the session but the format.
+//! A mock of the tool: bytes in, bytes out, and an actuator between them. It shares nothing with the session but
+//! the format.
 //!
-//! The actuator goes out or back at a bounded speed, until its stroke or the panel ends it. In contact it presses with what it is
-//! told, with the weight of its payload added by its attitude. Its sensor says the actuator's force, off by a small zero, with
-//! noise that depends on the time alone, so that two runs are the same.
+//! The actuator moves out or back at a bounded speed, until its stroke or the panel ends the motion. In contact it
+//! presses with the commanded force, to which the weight of its payload is added according to its attitude. Its
+//! sensor reports the actuator's force, off by a small zero error, with noise that depends on the time alone, so
+//! that two runs are the same.
 
 use crate::cell::CompliantTool;
 
@@ -20,7 +22,8 @@ const GRAVITY_M_S2: f64 = 9.806_65;
 pub struct Surrounding {
     /// The time, ms.
     pub time_ms: u64,
-    /// So far out the disc touches, mm; infinite where nothing is before it, negative where the arm pushes it against its stop.
+    /// The extension at which the disc touches, mm; infinite if nothing is in front of it, negative if the arm
+    /// pushes it against its stop.
     pub touches_at_mm: f64,
     /// How far the tool points down, −1…1.
     pub downwards: f64,
@@ -31,19 +34,19 @@ pub struct Surrounding {
 pub enum ToolFault {
     /// The connection is cut.
     LinkCut,
-    /// It takes commands and does not answer.
+    /// It accepts commands and does not answer.
     Silent,
-    /// It answers, so many ms late.
+    /// It answers this many ms late.
     Late(u64),
     /// It answers with what is no reply.
     Garbage,
     /// It answers with another tool's number.
     OtherId,
-    /// It says that this is wrong, as bits.
+    /// It reports these errors, as bits.
     Errors(u8),
-    /// It presses with so much more, N, than it is told.
+    /// It presses with this much more, N, than commanded.
     ForceOff(f64),
-    /// It says that there is no contact, whatever there is.
+    /// It reports that there is no contact, whatever the truth is.
     NoContact,
     /// Its actuator does not move any more.
     Stuck,
@@ -82,17 +85,17 @@ impl MockAcf {
         }
     }
 
-    /// Does this wrong from now on; nothing where there is none.
+    /// Has this fault from now on; `None` means no fault.
     pub fn breaks(&mut self, fault: Option<ToolFault>) {
         self.fault = fault;
     }
 
-    /// Whether somebody can connect.
+    /// Returns whether a client can connect.
     pub fn is_reachable(&self) -> bool {
         self.fault != Some(ToolFault::LinkCut)
     }
 
-    /// Somebody connects.
+    /// A client connects.
     pub fn connect(&mut self) {
         (self.is_logged_in, self.heard, self.sends) = (false, Vec::new(), Vec::new());
     }
@@ -164,7 +167,7 @@ impl MockAcf {
         format!("{id} {:.2} {:.2} {contact} {errors}k", self.sensor_n, self.position_mm).into_bytes()
     }
 
-    /// What it has sent by now; `None` where the connection is cut.
+    /// Returns the bytes that it has sent by now; `None` if the connection is cut.
     pub fn sent(&mut self, now_ms: u64) -> Option<Vec<u8>> {
         if self.fault == Some(ToolFault::LinkCut) {
             return None;

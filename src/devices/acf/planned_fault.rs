@@ -3,7 +3,7 @@
 use super::mock::ToolFault;
 use std::str::FromStr;
 
-/// How late an answer is where no time is named, ms, and how much force is off, N.
+/// Delay of an answer if no time is named, ms, and error of the force, N.
 const LATE_MS: u64 = 130;
 const FORCE_OFF_N: f64 = 12.0;
 
@@ -12,7 +12,7 @@ const FORCE_OFF_N: f64 = 12.0;
 pub struct PlannedToolFault {
     /// What goes wrong.
     pub fault: ToolFault,
-    /// So many waypoints in contact were executed before.
+    /// Number of waypoints in contact that were executed before.
     pub from: u32,
 }
 

@@ -21,10 +21,10 @@ pub struct MockAcfServer {
 }
 
 impl MockAcfServer {
-    /// Starts to listen, with the panel so far out before the tool, mm, and the tool level.
+    /// Starts to listen, with the panel this far in front of the tool, mm, and the tool level.
     ///
     /// # Errors
-    /// Where there is no port or thread.
+    /// If there is no port or thread.
     pub fn start(tool: &CompliantTool, touches_at_mm: f64) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
         listener.set_nonblocking(true)?;
@@ -44,7 +44,7 @@ impl MockAcfServer {
         Ok(MockAcfServer { address, fault, ends, thread: Some(thread) })
     }
 
-    /// Where it listens.
+    /// Returns the address at which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }

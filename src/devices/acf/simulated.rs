@@ -17,9 +17,9 @@ const AGAIN_MS: u64 = 500;
 /// A disc that is farther beside the panel's outline than this has nothing before it, mm.
 const BESIDE_MM: f64 = 15.0;
 
-/// What says where the tool is.
+/// The source of the tool's surroundings.
 pub trait Surroundings: Send {
-    /// What is around it now; none where that is not known yet.
+    /// Returns its present surroundings; `None` if they are not known yet.
     fn now(&mut self) -> Option<Surrounding>;
     /// The fault that it has now.
     fn fault(&mut self) -> Option<ToolFault> {
@@ -135,7 +135,8 @@ impl SimulatedPanel {
         SimulatedPanel { world, arm, flange_from_tool, stroke_mm, planned: None }
     }
 
-    /// The same tool with a fault on the way; a controller of another process does not tell how far it came, and then it has none.
+    /// Returns the same tool with a fault on the way. A controller in another process does not report how far it
+    /// came; the tool then has no fault.
     #[must_use]
     pub fn failing(self, planned: Option<PlannedToolFault>) -> Self {
         SimulatedPanel { planned, ..self }

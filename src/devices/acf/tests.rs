@@ -17,7 +17,7 @@ fn started(server: &MockAcfServer) -> AcfLink {
     AcfLink::start(&tool(), &address).expect("a thread")
 }
 
-/// What comes within two seconds that is asked for, and how long it took.
+/// Returns the wanted news that comes within four seconds, and the time until then.
 fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolNews) -> bool) -> (ToolNews, Duration) {
     let began = Instant::now();
     while began.elapsed() < Duration::from_secs(4) {
@@ -29,7 +29,7 @@ fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolNews) -> bool) -> (ToolNews, Du
     panic!("nothing came");
 }
 
-/// A tool that is told to press presses, with its force and position read back.
+/// A tool that is commanded to press presses, with its force and position read back.
 #[test]
 fn a_tool_over_a_socket_presses_as_it_is_told() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
@@ -44,7 +44,8 @@ fn a_tool_over_a_socket_presses_as_it_is_told() {
     assert!(reading.contact && (reading.position_mm - 15.0).abs() < 0.1 && age_ms < 200, "{reading:?} {age_ms}");
 }
 
-/// Each fault of the link is told by its name within the reply's deadline and what a busy machine adds; the link comes back.
+/// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; the
+/// link comes back.
 #[test]
 fn each_fault_of_the_link_is_told_and_mended() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
@@ -69,7 +70,8 @@ fn each_fault_of_the_link_is_told_and_mended() {
     wait(&mut link, reads);
 }
 
-/// By hand: out at 250 mm/s, 15 mm take 60 ms; then it presses with 20 N and, pointing down, with its 1.5 kg: 34.7 N.
+/// By hand: out at 250 mm/s, 15 mm need 60 ms; then it presses with 20 N and, pointing down, with its 1.5 kg: 34.7
+/// N.
 #[test]
 fn the_mocks_actuator_goes_out_until_it_touches() {
     let mut mock = MockAcf::new(&tool());
@@ -81,7 +83,7 @@ fn the_mocks_actuator_goes_out_until_it_touches() {
     mock.advance(at(70, 0.0));
     assert!((mock.position_mm() - 15.0).abs() < 1e-9 && mock.contact);
     mock.advance(at(80, 1.0));
-    // The sensor says the actuator's force.
+    // The sensor reports the actuator's force.
     assert!((mock.sensor_n - 20.0).abs() <= 0.2, "{}", mock.sensor_n);
     mock.breaks(Some(ToolFault::ForceOff(12.0)));
     mock.advance(at(90, 0.0));

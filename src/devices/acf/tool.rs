@@ -1,4 +1,4 @@
-//! A compliant tool as the loop knows it: what it is told, and what is newly known of it.
+//! A compliant tool as the loop uses it: its commands, and its news.
 
 use crate::cell::CompliantTool;
 use crate::force::{Loss, Press, Reading, SessionLimits};
@@ -9,22 +9,22 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ToolNews {
-    /// It says this; it came so long ago, ms.
+    /// Its report, with its age, ms.
     Reading {
-        /// What it says.
+        /// Its report.
         reading: Reading,
         /// When, ms ago.
         age_ms: u32,
     },
-    /// Its link is lost; told once.
+    /// Its link is lost; reported once.
     Lost(Loss),
 }
 
 /// A compliant tool at the end of a link. No call waits for it.
 pub trait ConnectedTool: Send {
-    /// Tells it what to press with from now on.
+    /// Commands the force with which it presses from now on.
     fn press(&mut self, press: Press);
-    /// What is newly known of it; none where nothing is.
+    /// Returns the news about it; `None` if there is none.
     fn news(&mut self) -> Option<ToolNews>;
 }
 

@@ -1,14 +1,14 @@
-//! The simulated cell's cameras before calibration boards: held by hand, on the flange, or standing still.
+//! The simulated cell's cameras in front of calibration boards: held by hand, on the flange, or fixed.
 //!
-//! The arm is the mock controller's where it moves; without one a simulated person brings it to a new pose for each picture. The
-//! truth of the boards stays in here.
+//! The arm is the mock controller's if it moves; without one a simulated person brings it to a new pose for each
+//! picture. The truth about the boards stays in here.
 
 use super::CameraError;
 use crate::devices::mock::MockHandle;
 use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::sim::BoardCell;
 
-/// Which camera looks, and where the board is.
+/// Which camera is used, and the place of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoardView {
     /// The fixed camera; a person holds the board before it.
@@ -17,7 +17,7 @@ pub enum BoardView {
     FlangeByHand,
     /// The fixed camera; the board is on the flange.
     Fixed,
-    /// The camera on the flange; the board stands still.
+    /// The camera on the flange; the board is fixed.
     Flange,
 }
 
@@ -37,15 +37,16 @@ pub struct SimulatedBoards {
 }
 
 impl SimulatedBoards {
-    /// A camera of this cell. Where there is an arm, its pose decides what is seen.
+    /// Creates a camera of this cell. If there is an arm, its pose decides the view.
     pub fn new(cell: BoardCell, view: BoardView, arm: Option<MockHandle>) -> Self {
         SimulatedBoards { cell, view, arm, taken: 0 }
     }
 
-    /// The next picture, and what the controller says of the flange where the board or the camera is on it.
+    /// Returns the next picture, and the flange pose that the controller reports if the board or the camera is on
+    /// the flange.
     ///
     /// # Errors
-    /// Where the arm moves.
+    /// If the arm moves.
     pub fn capture(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), CameraError> {
         let number = self.taken;
         self.taken += 1;

@@ -27,19 +27,19 @@ pub struct Picture {
 pub struct FlangePicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// Where the flange was at that instant, where the camera's source knows it; a camera alone does not.
+    /// The pose of the flange at that instant, if the camera's source knows it; a camera alone does not.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
     /// When, s.
     pub time_s: f64,
 }
 
-/// What a camera reports about its last shot, each where it reports it.
+/// The data that a camera reports about its last shot, each value if it reports it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
     /// How long it was exposed, µs; of several exposures all together.
     pub exposure_us: Option<f64>,
-    /// The temperature of its lens or, where it has no such sensor, of its housing, °C.
+    /// The temperature of its lens or, if it has no such sensor, of its housing, °C.
     pub camera_c: Option<f64>,
     /// How long the camera paused before the shot because it is hot, ms.
     pub throttled_ms: Option<f64>,
@@ -47,45 +47,47 @@ pub struct Conditions {
 
 /// The fixed 3D camera.
 pub trait Scanner: Send {
-    /// Points and colours of the scene, by the camera's own light.
+    /// Takes points and colours of the scene, by the camera's own light.
     ///
     /// # Errors
-    /// Where the camera does not deliver.
+    /// If the camera does not deliver.
     fn capture_3d(&mut self) -> Result<Shot, CameraError>;
 
-    /// A colour picture by the cell's light, as of the film.
+    /// Takes a colour picture by the cell's light, as for the film.
     ///
     /// # Errors
-    /// Where the camera does not deliver.
+    /// If the camera does not deliver.
     fn capture_2d(&mut self) -> Result<Picture, CameraError>;
 
-    /// Begins a clip: such pictures one after the other, at most so many a second. Any other capture ends it. Gives the time,
-    /// on the clock of the pictures: what is missing from then on is missing in the clip.
+    /// Begins a clip: such pictures one after the other, at most this many a second. Any other capture ends it.
+    /// Returns the time, on the clock of the pictures: a picture missing from then on is missing in the clip.
     ///
     /// # Errors
-    /// Where the camera does not begin.
+    /// If the camera does not begin.
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError>;
 
-    /// The clip's next picture; none where none is due yet. A camera that takes them by itself is waited for, and drops
-    /// the oldest of those that nobody takes over in time: what the times say is when each was taken.
+    /// Returns the clip's next picture; `None` if none is due yet. A camera that takes pictures automatically is
+    /// waited for. It drops the oldest of the pictures that are not fetched in time: the times state when each was
+    /// taken.
     ///
     /// # Errors
-    /// Where the camera does not deliver, or no clip is being taken.
+    /// If the camera does not deliver, or no clip is being taken.
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError>;
 
-    /// Ends the clip; how many of its pictures were dropped.
+    /// Ends the clip; returns how many of its pictures were dropped.
     ///
     /// # Errors
-    /// Where the camera does not say so, or no clip is being taken.
+    /// If the camera does not report this, or no clip is being taken.
     fn end_clip(&mut self) -> Result<u64, CameraError>;
 
-    /// Whether the camera would deliver. Takes no shot that a cycle needs.
+    /// Checks whether the camera would deliver. Takes no shot that a cycle needs.
     ///
     /// # Errors
-    /// Where it would not.
+    /// If it would not.
     fn check(&mut self) -> Result<(), CameraError>;
 
-    /// Waits while the camera is being started, which may take minutes; how it stands then is for [`Scanner::check`].
+    /// Waits while the camera is being started, which may need minutes; its state after that is reported by
+    /// [`Scanner::check`].
     fn warm(&mut self) {}
 
     /// What it reports about its last shot.
@@ -96,16 +98,16 @@ pub trait Scanner: Send {
 
 /// The colour camera on the flange, with a lamp of its own.
 pub trait FlangeCamera: Send {
-    /// A picture from where the flange is.
+    /// Takes a picture from the present pose of the flange.
     ///
     /// # Errors
-    /// Where the camera does not deliver.
+    /// If the camera does not deliver.
     fn capture(&mut self) -> Result<FlangePicture, CameraError>;
 
-    /// Whether the camera would deliver. Takes no shot that a cycle needs.
+    /// Checks whether the camera would deliver. Takes no shot that a cycle needs.
     ///
     /// # Errors
-    /// Where it would not.
+    /// If it would not.
     fn check(&mut self) -> Result<(), CameraError>;
 
     /// What it reports about its last shot.

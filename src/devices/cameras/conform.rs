@@ -1,4 +1,4 @@
-//! What every scanner does, whichever it is: the same tests run on the simulated one and on the Zivid's.
+//! The behaviour common to all scanners: the same tests run on the simulated one and on the Zivid's.
 
 use super::Scanner;
 use crate::geometry::PinholeCamera;
@@ -45,8 +45,8 @@ pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     }
 }
 
-/// A clip: pictures whose times rise, none before it began or after its end; another capture ends it too. `pass` lets
-/// some time pass.
+/// Tests a clip: the times of its pictures rise, none is before its beginning or after its end; another capture
+/// ends it too. `pass` lets some time pass.
 pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnMut()) {
     assert!(scanner.next_of_clip().is_err() && scanner.end_clip().is_err(), "none has begun");
     let began_s = scanner.begin_clip(10.0).expect("begun");

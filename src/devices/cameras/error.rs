@@ -46,7 +46,7 @@ pub enum CameraError {
     RanOut {
         /// The recording.
         folder: PathBuf,
-        /// What was asked for.
+        /// The item that was requested.
         what: &'static str,
         /// How many there were.
         played: usize,
@@ -69,7 +69,7 @@ pub enum CameraError {
         /// Why not.
         reason: String,
     },
-    /// A picture of a clip that nobody began, or that has ended.
+    /// A picture of a clip that was not begun, or that has ended.
     #[error("the {which} takes no clip of which this could be a picture")]
     NoClip {
         /// Which.
@@ -89,7 +89,7 @@ pub enum CameraError {
     /// The service has the cameras, and gives no picture.
     #[error("the service, which has the cameras: {problem}")]
     Service {
-        /// What it says, or what became of the connection to it.
+        /// Its message, or the state of the connection to it.
         problem: String,
     },
     /// The service has the cameras, and the cell is at work.
@@ -120,7 +120,7 @@ pub enum FileError {
     /// A picture.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// Where the flange was.
+    /// The pose of the flange.
     #[error(transparent)]
     Pose(#[from] PoseError),
     /// The times of the pictures.

@@ -15,18 +15,19 @@ use std::time::Instant;
 #[derive(Debug)]
 pub struct GigeFlangeCamera {
     camera: GigeCamera,
-    /// Of each picture, µs: as the cell's file says, which the camera has confirmed.
+    /// Exposure of each picture, µs: as stated in the cell's file and confirmed by the camera.
     exposure_us: f64,
     conditions: Conditions,
     began: Instant,
 }
 
 impl GigeFlangeCamera {
-    /// Begins to look for the camera that the cell's file names; its pictures must have the size of `calibrated`,
-    /// the camera with this `serial`, where that is known. That it is not there yet is reported by [`FlangeCamera::check`].
+    /// Begins to search for the camera that the cell's file names; its pictures must have the size of `calibrated`,
+    /// the camera with this `serial`, if that is known. If it is not present yet, [`FlangeCamera::check`] reports
+    /// this.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system provides no thread.
     pub fn open(cell: &Gige, calibrated: &PinholeCamera, serial: Option<String>) -> Result<Self, CameraError> {
         let which = match (&cell.serial, &cell.address) {
             (_, Some(address)) => gige::Which::Address(address.clone()),
@@ -85,7 +86,7 @@ impl FlangeCamera for GigeFlangeCamera {
 /// The serial number of the simulated flange camera.
 const SERIAL: &str = "SIMULATED";
 
-/// The simulated flange camera, whose pictures go over GigE Vision through the loopback interface.
+/// The simulated flange camera, with its pictures sent over GigE Vision through the loopback interface.
 pub struct LoopbackFlangeCamera {
     // Dropped in this order: a camera that is gone is waited for.
     camera: GigeCamera,
@@ -99,8 +100,8 @@ impl LoopbackFlangeCamera {
     /// Starts it; its pictures have the size of `camera`.
     ///
     /// # Errors
-    /// Where the loopback camera's port is taken, it cannot have that size, or the system's sockets have no room for a
-    /// picture.
+    /// If the loopback camera's port is in use, it cannot have that size, or the system's sockets have no room for
+    /// a picture.
     pub fn start(simulated: SimulatedFlangeCamera, camera: &PinholeCamera) -> Result<Self, CameraError> {
         let size_px = [camera.width_px, camera.height_px];
         let needed = gige::burst_bytes(size_px, gige::PACKET_BYTES);
@@ -160,7 +161,8 @@ impl FlangeCamera for LoopbackFlangeCamera {
     }
 }
 
-/// Where the system gives sockets a smaller receive buffer than these bytes: what it gives and what to do.
+/// If the system gives sockets a smaller receive buffer than these bytes: returns the size that it gives and what
+/// to do.
 fn socket_buffer_short_of(bytes: usize) -> Option<String> {
     let given = gige::rmem_max().filter(|given| *given < bytes)?;
     Some(format!("net.core.rmem_max is {given}, needed are {bytes}: sysctl -w net.core.rmem_max={bytes}"))

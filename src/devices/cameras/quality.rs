@@ -13,7 +13,7 @@ const DARK: u8 = 10;
 /// The steepest pixels.
 const STEEPEST: f64 = 0.001;
 
-/// What a picture's pixels say.
+/// The quality of a picture, from its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureQuality {
     /// Slope at the steepest thousandth of the pixels, grey levels a pixel.
@@ -27,7 +27,7 @@ pub struct PictureQuality {
 }
 
 impl PictureQuality {
-    /// Of a picture; all zero where it has no inner pixel.
+    /// Returns the quality of a picture; all zero if it has no inner pixel.
     pub fn of(picture: &ColorPicture) -> Self {
         let gray = picture.to_gray();
         let (width, height) = (gray.width, gray.height);
@@ -53,7 +53,7 @@ impl PictureQuality {
     }
 }
 
-/// What a scan's points say.
+/// The quality of a scan, from its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanQuality {
     /// Pixels that have a point.
@@ -79,7 +79,7 @@ impl ScanQuality {
     }
 }
 
-/// The value below which this share of all lies; `None` where there are none.
+/// Returns the value below which this share of all lies; `None` if there are no values.
 fn below(values: &mut [f64], share: f64) -> Option<f64> {
     let index = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)

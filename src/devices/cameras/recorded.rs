@@ -64,7 +64,7 @@ impl RecordedScanner {
     /// Opens a folder; `camera` is the calibration that its shots must fit.
     ///
     /// # Errors
-    /// Where there is no such folder, or its `clip.csv` is none.
+    /// If there is no such folder, or its `clip.csv` is invalid.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
         let clouds = files_of(folder, &CLOUDS, Which::Scanner)?;
         let list = folder.join("clip.csv");
@@ -98,7 +98,7 @@ impl Scanner for RecordedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.takes_clip = false;
         let file = self.clouds.next()?;
-        // What takes the scan holds it against the lens: here that may be one that was not calibrated.
+        // The user of the scan compares it with the lens: here that lens may not be calibrated.
         let size_px = (self.camera.width_px, self.camera.height_px);
         let cloud = match files::read_any_cloud(&read(&file)?, Some(size_px)) {
             Err(CloudFileError::Size { width, height, .. }) => {
@@ -117,7 +117,7 @@ impl Scanner for RecordedScanner {
         self.picture()
     }
 
-    /// Each picture is there at once, with the time that was recorded.
+    /// Each picture is available at once, with its recorded time.
     fn begin_clip(&mut self, _: f64) -> Result<f64, CameraError> {
         self.takes_clip = true;
         self.pictures.check()?;
@@ -151,7 +151,7 @@ impl RecordedFlangeCamera {
     /// Opens a folder; `camera` is the calibration that its pictures must fit.
     ///
     /// # Errors
-    /// Where there is no such folder.
+    /// If there is no such folder.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
         let pictures = files_of(folder, &PICTURES, Which::Flange)?;
         Ok(RecordedFlangeCamera { camera, pictures: Reel::new(folder, "picture", pictures) })

@@ -23,12 +23,12 @@ impl Arm {
         }
     }
 
-    /// The same for whoever takes no picture; none where nothing was heard of it yet.
+    /// Returns the same for callers that take no picture; `None` if nothing was received from the controller yet.
     pub(in crate::devices) fn moment_now(&self) -> Option<Moment> {
         self.moment(Which::Flange).ok()
     }
 
-    /// Where the tool was, up to that moment.
+    /// Returns the path of the tool, up to that moment.
     fn trace(&self, until_ms: u64) -> Vec<Sample> {
         match self {
             Arm::Mock(robot) => robot.with(|controller| {
@@ -77,7 +77,7 @@ pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, Simula
     )
 }
 
-// The arm is asked first and let go: a mock controller calls the world while it is held.
+// The arm is asked first and released: a mock controller calls the world while it is locked.
 
 impl SimulatedScanner {
     fn picture(&self) -> Result<Picture, CameraError> {
@@ -109,7 +109,7 @@ impl Scanner for SimulatedScanner {
         Ok(began_ms as f64 / 1e3)
     }
 
-    /// In lock step time stands while somebody waits for a picture, so nobody does: it is taken when it is due.
+    /// In lock step time stops during a wait for a picture, so nothing waits: the picture is taken when it is due.
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
         let now_ms = self.arm.moment(Which::Scanner)?.time_ms();
         let clip = self.clip()?;

@@ -1,19 +1,20 @@
-//! Which frames are taken: complete, of the expected form, newer than the last, and the next in sequence.
+//! Which frames are accepted: complete, of the expected form, newer than the last, and the next in sequence.
 //!
-//! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they go on; 0 is no
-//! number. Which of the two a camera does shows when the first number above 65535 comes. A frame that was lost whole leaves a
-//! gap: of a stream that is counted, of a still it is a refusal, since nobody knows which exposure the frame shows.
+//! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they
+//! continue; 0 is no number. Which of the two a camera uses shows when the first number above 65535 comes. A frame
+//! that was lost completely leaves a gap. In a stream the gap is counted. For a still it is a refusal, since it is
+//! not known which exposure the frame shows.
 
 use super::format::PixelFormat;
 
 /// How a frame arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// Every packet is there.
+    /// Every packet arrived.
     Complete,
     /// Packets are missing and were not sent again in time.
     MissingPackets,
-    /// The rest of it did not come in time.
+    /// The remaining packets did not come in time.
     TimedOut,
     /// It is larger than announced.
     SizeMismatch,
@@ -36,8 +37,8 @@ impl Delivery {
 /// What is known of a frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
-    /// How it arrived. Of a frame that is not complete nothing but its number holds, and that only where its first packet
-    /// came: else it is an earlier frame's, or 0.
+    /// How it arrived. Of a frame that is not complete only its number is valid, and only if its first packet came;
+    /// otherwise the number is that of an earlier frame, or 0.
     pub delivery: Delivery,
     /// Its number.
     pub id: u64,
@@ -109,7 +110,7 @@ pub enum Refused {
         /// Bytes that its size needs.
         expected: usize,
     },
-    /// The camera's clock says that it is no newer than the last.
+    /// By the camera's clock it is no newer than the last.
     #[error("frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last, {last_ns} ns")]
     NotNewer {
         /// Its number.
@@ -142,7 +143,8 @@ impl Refused {
     }
 }
 
-/// How far a frame is ahead of the last one: 1 is the next. None where it is an earlier one, the same, or has no number.
+/// Returns how far a frame is ahead of the last one: 1 is the next. `None` if it is an earlier one, the same, or
+/// has no number.
 pub fn ahead(last: u64, id: u64) -> Option<u64> {
     const CYCLE: u64 = 65_535;
     match (last, id) {
@@ -161,7 +163,7 @@ pub struct Acceptance {
     last_id: Option<u64>,
     /// The last taken frame.
     last_time_ns: Option<u64>,
-    /// Of the frame before, where it was refused as no newer than that.
+    /// The time of the previous frame, if that frame was refused as no newer than the last accepted one.
     older_time_ns: Option<u64>,
     clock_steps: u64,
     last_pixels: Vec<u8>,
@@ -185,7 +187,7 @@ impl Acceptance {
         }
     }
 
-    /// A new stream begins: its numbers may begin anywhere. The camera's clock goes on.
+    /// A new stream begins: its numbers may begin anywhere. The camera's clock continues.
     pub fn new_stream(&mut self) {
         (self.last_id, self.unnumbered) = (None, 0);
     }
@@ -205,17 +207,17 @@ impl Acceptance {
         self.clock_steps
     }
 
-    /// Whether a time that is no newer than the last is a clock's that was set back, as PTP does where a new master takes over:
-    /// the frame before was refused for its time, this one is newer than that. A camera that shows one old frame again
-    /// and again never gets there.
+    /// Returns whether the camera's clock was set back, as PTP does when a new master takes over. This is so if the
+    /// previous frame was refused for its time and this frame is newer than that one. A camera that shows one old
+    /// frame again and again never satisfies this.
     fn is_clock_step(&self, camera_time_ns: u64) -> bool {
         self.older_time_ns.is_some_and(|older_ns| camera_time_ns > older_ns)
     }
 
-    /// Takes the frame, or says why not.
+    /// Accepts the frame or returns why not.
     ///
     /// # Errors
-    /// Where it must not be used.
+    /// If the frame must not be used.
     pub fn judge(&mut self, facts: &Facts, pixels: &[u8]) -> Result<(), Refused> {
         let Facts { id, delivery, camera_time_ns, size_px, format } = *facts;
         let before = self.last_id;
@@ -327,8 +329,8 @@ mod tests {
         assert_eq!(acceptance.judge(&restarted, &pixels(1)), Ok(()));
     }
 
-    /// By hand: after 8 µs the clock goes on from 1 µs. The first frame of the new time is refused, the next one taken, and from
-    /// then on the new time holds. The same old frame once more is never taken.
+    /// By hand: after 8 µs the clock continues from 1 µs. The first frame with the new time is refused, the next
+    /// one accepted, and from then on the new time is valid. The same old frame is never accepted again.
     #[test]
     fn a_clock_that_is_set_back_costs_one_picture() {
         let at = |id: u64, camera_time_ns: u64| Facts { camera_time_ns, ..frame(id) };

@@ -1,12 +1,12 @@
-//! From one colour a pixel to three, and back.
+//! Converts one colour per pixel to three, and back.
 //!
-//! The two colours that a pixel's filter keeps out are estimated from its neighbours by linear filters that add to the
-//! bilinear mean a part of the known colour's curvature there:
+//! Each pixel's filter blocks two colours. Linear filters estimate these from the neighbours: they add to the
+//! bilinear mean a part of the known colour's curvature at that pixel:
 //!     G at R = mean of 4 G + ½ ΔR,   R at B = mean of 4 R + ¾ ΔB,   R at G = mean of 2 R + ⅝ ΔG,             (1)
-//! as 5×5 kernels in sixteenths. A grey ramp comes out unchanged; an edge stays where it is and as sharp as it was, which
-//! the bilinear mean alone would blur. Beyond the picture's rim its rows and columns are mirrored, which keeps the filters'
-//! order. What leaves 0…255 is cut off there.
-//! Source: Malvar, He, Cutler, High-quality linear interpolation for demosaicing, ICASSP 2004.
+//! as 5×5 kernels in sixteenths. A grey ramp comes out unchanged. An edge keeps its position and its sharpness,
+//! which the bilinear mean alone would blur. Beyond the picture's border its rows and columns are mirrored, which
+//! keeps the filters' order. Values outside 0…255 are clipped. Source: Malvar, He, Cutler, High-quality linear
+//! interpolation for demosaicing, ICASSP 2004.
 
 use super::format::PixelFormat;
 use crate::geometry::ColorPicture;
@@ -22,8 +22,8 @@ pub fn mosaic(picture: &ColorPicture, format: PixelFormat) -> Vec<u8> {
     picked.unwrap_or_else(gray)
 }
 
-/// The picture of a sensor's raw bytes, one a pixel, row by row; none where they are not `width` × `height`, or fewer than
-/// three columns or rows of a colour sensor.
+/// Returns the picture of a sensor's raw bytes, one per pixel, row by row. `None` if they are not `width` ×
+/// `height`, or if a colour sensor has fewer than three columns or rows.
 pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) -> Option<ColorPicture> {
     if raw.len() != width * height {
         return None;
@@ -73,7 +73,7 @@ fn three(format: PixelFormat, [column, row]: [usize; 2], around: impl Fn(usize, 
         Some(1) => {
             let along = byte(10 * own + 8 * beside - 2 * (far_beside + diagonal) + far_above);
             let across = byte(10 * own + 8 * above - 2 * (far_above + diagonal) + far_beside);
-            // Whose filters share this row with green.
+            // Selects the colour that shares this row with green.
             match format.filter(column + 1, row) {
                 Some(0) => [along, own_byte, across],
                 _ => [across, own_byte, along],
@@ -107,7 +107,7 @@ mod tests {
         raw[12] = 160;
         let seen = demosaic(&raw, [5, 5], PixelFormat::BayerRG8).expect("fits");
         assert_eq!(seen.rgb[12], [160, 80, 120]);
-        // Beside it green takes half of the two reds, 80; blue is cut off below zero.
+        // Next to it, green is half of the two reds, 80; blue is clipped at zero.
         assert_eq!(seen.rgb[11], [80, 0, 0]);
         assert_eq!(PixelFormat::BayerRG8.filter(2, 2), Some(0));
         assert_eq!(PixelFormat::BayerGB8.filter(0, 0), Some(1));

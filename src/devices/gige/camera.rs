@@ -28,11 +28,11 @@ static LIBRARY: Mutex<()> = Mutex::new(());
 /// A frame that was taken.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// What is known of it.
+    /// The frame's facts.
     pub facts: Facts,
     /// Its pixels, one byte each, row by row.
     pub pixels: Vec<u8>,
-    /// The camera's temperature at that time, °C, where it reports one.
+    /// The camera's temperature at that time, °C, if the camera reports one.
     pub camera_c: Option<f64>,
 }
 
@@ -45,7 +45,8 @@ pub(super) struct Connected {
 }
 
 impl Connected {
-    /// Finds the camera, sets it, and waits for its first whole picture; gives up where `is_ending` becomes true.
+    /// Finds the camera, configures it, and waits for its first complete picture. Gives up if `is_ending` becomes
+    /// true.
     pub fn open(settings: &Settings, is_ending: Arc<AtomicBool>) -> Result<Self, GigeError> {
         let wanted = settings.which.to_string();
         let device = {

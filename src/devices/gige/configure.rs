@@ -119,7 +119,7 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
     }
 }
 
-/// What limits an exposure: the camera's frame rate, where it reports one.
+/// The frame rate that limits the exposure, in words, if the camera reports one.
 fn at_its_rate(camera: &aravis::Camera, node: &str) -> String {
     let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
     rate.map_or(String::new(), |rate| format!(" at its {rate:.3} pictures a second, the fewest that it takes"))

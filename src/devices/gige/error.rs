@@ -20,7 +20,7 @@ pub enum GigeError {
     NotOpened {
         /// Which one.
         wanted: String,
-        /// What Aravis says.
+        /// The message from Aravis.
         why: String,
     },
     /// Another program has it.
@@ -32,14 +32,14 @@ pub enum GigeError {
     /// Settings that this camera cannot have.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A value that it does not take.
+    /// A value that the camera does not accept.
     #[error("the camera does not take {node} = {value}: {why}")]
     NotTaken {
         /// The node.
         node: &'static str,
         /// The value.
         value: String,
-        /// What it allows, or says.
+        /// The allowed values, or the camera's message.
         why: String,
     },
     /// It is another one than the calibrated camera.
@@ -68,18 +68,18 @@ pub enum GigeError {
          Last: {last}"
     )]
     NothingWhole {
-        /// How many were asked for.
+        /// The number of pictures requested.
         tries: u32,
         /// Size of a packet, bytes.
         packet_bytes: u16,
-        /// The largest receive buffer that the system gives, bytes, where it says so.
+        /// The largest receive buffer that the system grants, bytes, if the system reports it.
         rmem_max: String,
-        /// What is asked of it, bytes.
+        /// The requested receive buffer, bytes.
         wanted_bytes: usize,
         /// What came of the last.
         last: String,
     },
-    /// What it sends is in another form than it was set to, and says that it is.
+    /// The camera sends another format than configured, and reports the format that it sends.
     #[error(
         "the camera took pixel format {} and sends {found}: {last}; name in [flange_camera] pixel_format one that it sends as it \
          is named, or give it other firmware", expected.name()

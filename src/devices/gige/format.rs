@@ -26,7 +26,7 @@ impl PixelFormat {
         self.into()
     }
 
-    /// The number that stands in a frame's leader.
+    /// Returns the format's number in a frame's leader.
     pub fn code(self) -> u32 {
         match self {
             PixelFormat::Mono8 => 0x0108_0001,
@@ -42,7 +42,8 @@ impl PixelFormat {
         Self::ALL.iter().copied().find(|format| format.name() == name)
     }
 
-    /// A format's name by its code, also of one that this program does not take: as GenICam's naming convention has it.
+    /// Returns a format's name by its code, according to GenICam's naming convention. This includes formats that
+    /// this program does not accept.
     pub fn name_of(code: u32) -> String {
         let ours = Self::ALL.iter().copied().find(|format| format.code() == code).map(Self::name);
         let other = || match code {
@@ -59,9 +60,9 @@ impl PixelFormat {
         ours.or_else(other).map_or_else(|| format!("format {code:#010x}"), str::to_owned)
     }
 
-    /// The colour that a pixel's filter passes, 0 red, 1 green, 2 blue; none where there is no filter.
+    /// Returns the colour that a pixel's filter passes: 0 red, 1 green, 2 blue. `None` if there is no filter.
     pub fn filter(self, column: usize, row: usize) -> Option<usize> {
-        // Where red is: the column and row of the first one.
+        // Column and row of the first red pixel.
         let [red_column, red_row] = match self {
             PixelFormat::Mono8 => return None,
             PixelFormat::BayerRG8 => [0, 0],

@@ -1,8 +1,9 @@
-//! The camera's thread: it owns the connection, takes pictures on request, and reconnects when the camera was lost.
+//! The camera's thread: it owns the connection, takes pictures on request, and reconnects after the camera was
+//! lost.
 //!
-//! A camera may be unplugged, reboot, or never have been there. The program's log reports this once, when it begins and when it is
-//! over; meanwhile every request for a picture is refused at once with the reason. Nobody waits for a camera that is known to be
-//! away.
+//! A camera may be unplugged, may reboot, or may never have been connected. The program's log reports this once at
+//! its start and once at its end. Meanwhile every request for a picture is refused at once with the reason. No
+//! client waits for a camera that is known to be away.
 
 use super::camera::{Connected, Frame, WARM_UP};
 use super::error::{GigeError, whole_ms};
@@ -16,20 +17,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long the first search may take before a picture is refused, besides the first pictures.
+/// Time limit for the first search before a picture is refused, in addition to the time for the first pictures.
 const SEARCH: Duration = Duration::from_secs(5);
-/// How long a camera that does not answer may take to be let go, besides the tries of one picture.
+/// Time limit for releasing a camera that does not answer, in addition to the attempts for one picture.
 const SLACK: Duration = Duration::from_secs(15);
-/// Between looks at a camera that nobody asks anything of.
+/// Interval between checks of a camera that has no request.
 const TICK: Duration = Duration::from_millis(100);
 /// From one search for a lost camera to the next, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
-/// How the camera stands.
+/// The state of the camera's link.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Standing {
-    /// The first search goes on.
+    /// The first search continues.
     Searching,
     /// It delivers.
     Connected,
@@ -58,7 +59,7 @@ pub struct GigeCamera {
     opened: Instant,
     /// Which camera, in words.
     which: String,
-    /// How long the first search may take, and one picture in all.
+    /// Time limits for the first search and for one picture in total.
     search: Duration,
     longest: Duration,
     is_ending: Arc<AtomicBool>,
@@ -66,10 +67,10 @@ pub struct GigeCamera {
 }
 
 impl GigeCamera {
-    /// Begins to look for the camera. That it is not there is not an error here: it may come.
+    /// Begins to search for the camera. A missing camera is not an error here: it may appear later.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system cannot start a thread.
     pub fn open(settings: Settings) -> std::io::Result<Self> {
         let (asks, asked) = mpsc::channel();
         let standing = Standing::Searching;
@@ -94,10 +95,10 @@ impl GigeCamera {
         Ok(GigeCamera { asks, shared, opened, which, search, longest, is_ending, thread })
     }
 
-    /// A still; of a free running camera the next picture.
+    /// Returns a still, or the next picture of a free running camera.
     ///
     /// # Errors
-    /// Where the camera is away or gives none that may be used.
+    /// If the camera is away or delivers no usable picture.
     pub fn picture(&mut self) -> Result<Frame, GigeError> {
         self.check()?;
         let lost = || GigeError::Lost { why: "its thread has ended".to_owned() };
@@ -120,10 +121,10 @@ impl GigeCamera {
         }
     }
 
-    /// Whether the camera would deliver; waits for the first search.
+    /// Checks that the camera can deliver. Waits for the first search.
     ///
     /// # Errors
-    /// Where it is away.
+    /// If the camera is away.
     pub fn check(&mut self) -> Result<(), GigeError> {
         loop {
             match self.standing() {
@@ -138,7 +139,7 @@ impl GigeCamera {
         }
     }
 
-    /// How the camera stands now.
+    /// Returns the link's present state.
     pub fn standing(&self) -> Standing {
         lock(&self.shared).standing.clone()
     }
@@ -148,18 +149,18 @@ impl GigeCamera {
         lock(&self.shared).statistics
     }
 
-    /// How it stands and what was counted, to be read elsewhere.
+    /// Returns a handle to the link's state and counters, to be read elsewhere.
     pub fn gauge(&self) -> Gauge {
         Gauge(self.shared.clone())
     }
 }
 
-/// A window on a camera's link, for whoever tells of it while another has the camera.
+/// A read-only view of a camera's link, to report its state while another thread has the camera.
 #[derive(Debug, Clone)]
 pub struct Gauge(Arc<Mutex<Shared>>);
 
 impl Gauge {
-    /// How the camera stands now.
+    /// Returns the link's present state.
     pub fn standing(&self) -> Standing {
         lock(&self.0).standing.clone()
     }
@@ -283,11 +284,11 @@ impl Link {
         let Some(connected) = self.connected.take() else { return };
         self.before = self.before.and(connected.statistics());
         self.next_search = Instant::now() + self.pause;
-        // Takes seconds where it is gone and answers nothing.
+        // This needs seconds if the camera is gone and does not answer.
         drop(connected);
     }
 
-    /// Tells once that the camera is away; why may change meanwhile.
+    /// Reports once that the camera is away; the reason may change meanwhile.
     fn away(&mut self, why: GigeError) {
         if self.away_since.is_none() {
             match why {

@@ -1,12 +1,13 @@
-//! A camera without hardware: Aravis's fake GigE Vision camera, which sends our pictures as packets over the loopback
-//! interface.
+//! A camera without hardware: Aravis's fake GigE Vision camera, which sends our pictures as packets over the
+//! loopback interface.
 //!
-//! It answers control packets and sends stream packets as a camera does, at UDP port 3956 of one address of this machine, so
-//! that there is one of them at a time. Aravis shares that port with whoever asks, and a client would then speak to either; so the
-//! TCP port of the same number, which GigE Vision does not use, is held as a lock between programs. Its pictures come from
-//! a function that is called for each exposure, in its thread.
-//! What it says of itself is `test_camera.xml`: the features of a LUCID Triton that this program uses. Most of them change
-//! nothing in it; they keep what was written. It does not send packets again.
+//! It answers control packets and sends stream packets as a camera does. It uses UDP port 3956 of one address of
+//! this machine, so only one can exist at a time. Aravis shares that port with every program that requests it, and
+//! a client would then talk to either camera. Therefore the TCP port of the same number, which GigE Vision does not
+//! use, is held as a lock between programs. A function supplies its pictures; it is called for each exposure, in
+//! the camera's thread. The camera's description is `test_camera.xml`: the features of a LUCID Triton that this
+//! program uses. Most of them have no effect on the fake camera; they keep the value that was written. It does not
+//! resend packets.
 
 use super::format::PixelFormat;
 use aravis::GvFakeCamera;
@@ -38,13 +39,13 @@ pub enum Register {
     ExposureAuto = 0x4008,
     /// 0 for off.
     BalanceWhiteAuto = 0x4010,
-    /// 1 where the frame rate is limited.
+    /// 1 if the frame rate is limited.
     AcquisitionFrameRateEnable = 0x4014,
-    /// 1 where it is ready for a trigger.
+    /// 1 if the camera is ready for a trigger.
     TriggerArmed = 0x4018,
-    /// 1 where data come beside the picture.
+    /// 1 if data are sent with the picture.
     ChunkModeActive = 0x401c,
-    /// 1 where its clock is set by the network.
+    /// 1 if the network sets the camera's clock.
     PtpEnable = 0x4020,
     /// Its temperature, tenths of a degree.
     DeviceTemperature = 0x4024,
@@ -69,12 +70,12 @@ pub enum NoLoopback {
         "no GigE Vision camera can be simulated at {ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
     )]
     Taken,
-    /// It does not take its size.
+    /// The fake camera does not accept its size.
     #[error("the simulated GigE Vision camera is {sensor_px} px wide and high at most, asked are {}×{}", size_px[0], size_px[1])]
     TooLarge {
         /// Width and height of its sensor, px.
         sensor_px: usize,
-        /// What was asked, px.
+        /// The requested size, px.
         size_px: [usize; 2],
     },
     /// Its description cannot be handed to Aravis.
@@ -105,16 +106,16 @@ pub struct LoopbackCamera {
 }
 
 impl LoopbackCamera {
-    /// Starts it.
+    /// Starts the fake camera.
     ///
     /// # Errors
-    /// Where its port is taken, or it cannot have that size.
+    /// If its port is in use, or it cannot have that size.
     pub fn start(serial: &str, size_px: [usize; 2], format: PixelFormat, fill: Fill) -> Result<Self, NoLoopback> {
         Self::start_as(DESCRIPTION, serial, size_px, format, fill)
     }
 
-    /// Starts one that took `format` and sends `sent` instead, a code of a format of up to two bytes a pixel, while its payload is
-    /// still told as one byte a pixel.
+    /// Starts a camera that accepts `format` but sends `sent`, the code of a format of up to two bytes per pixel.
+    /// Its payload size is still reported for one byte per pixel.
     ///
     /// # Errors
     /// As [`LoopbackCamera::start`].
@@ -144,7 +145,7 @@ impl LoopbackCamera {
             return Err(NoLoopback::TooLarge { sensor_px, size_px });
         }
         let lock = TcpListener::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
-        // Another program's, that knows nothing of the lock.
+        // A camera of another program, which does not know the lock.
         UdpSocket::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
         // Aravis reads it while it starts.
         let no_file = |error: std::io::Error| NoLoopback::NoDescription(error.to_string());
@@ -189,8 +190,8 @@ impl LoopbackCamera {
         self.fake.set_gvsp_lost_ratio(share);
     }
 
-    /// Makes its picture smaller under the feet of whoever has it open, as where a camera is set from elsewhere; a larger
-    /// size is not taken.
+    /// Makes the camera's picture smaller while a client has the camera open, as if another program changed its
+    /// settings. A larger size is ignored.
     pub fn shrink(&self, size_px: [usize; 2]) {
         let camera = self.exposures.camera();
         let registers = [ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH, ffi::ARV_FAKE_CAMERA_REGISTER_HEIGHT];
@@ -203,7 +204,7 @@ impl LoopbackCamera {
     }
 }
 
-/// Has the fake camera ask `exposures` for its pictures.
+/// Makes the fake camera request its pictures from `exposures`.
 #[allow(unsafe_code, reason = "the bindings leave this one function out; its callback and data are C's")]
 fn set_fill(exposures: &Arc<Exposures>) {
     let data = Arc::as_ptr(exposures).cast_mut().cast::<c_void>();
@@ -224,9 +225,10 @@ unsafe extern "C" fn filled(
     if buffer.is_null() || data.is_null() {
         return;
     }
-    // SAFETY: `data` is what `set_fill` gave. The buffer is the fake camera's own, used by no one else during the call. Aravis
-    // has just found it no smaller than the payload by the registers of now; this thread alone makes them larger. The size
-    // that the buffer itself tells here is none (0).
+    // SAFETY: `data` is the pointer that `set_fill` passed. The buffer belongs to the fake camera and nothing else
+    // uses it during the call. Aravis has just checked that it is not smaller than the payload according to the
+    // present registers; only this thread makes them larger. The size that the buffer itself reports here is not
+    // valid (0).
     unsafe {
         let exposures = &*data.cast::<Exposures>();
         let mut told = 0;

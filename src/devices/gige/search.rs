@@ -11,10 +11,10 @@ pub struct FoundCamera {
     pub address: String,
 }
 
-/// Asks every network interface of this machine for GigE Vision cameras.
+/// Searches every network interface of this machine for GigE Vision cameras.
 ///
 /// # Errors
-/// Where there is nothing to ask with, in words.
+/// If no interface can be searched; the reason in words.
 #[cfg(feature = "gige")]
 pub fn search() -> Result<Vec<FoundCamera>, String> {
     use aravis::prelude::*;

@@ -1,9 +1,9 @@
-//! What a camera is set to, as steps over the nodes that it has.
+//! The settings of a camera, as steps over the nodes that it has.
 //!
-//! Cameras differ in what they offer, and the names of some nodes have changed over the years (GenICam's Standard Features
-//! Naming Convention). A plan takes what is needed under whichever name is there, and leaves out what only switches off
-//! something that this camera does not have. Size and place of the picture on the sensor are the user set's and are never
-//! changed: they are part of what was calibrated.
+//! Cameras differ in their features, and the names of some nodes have changed over the years (GenICam's Standard
+//! Features Naming Convention). A plan uses the name that the camera has for each needed setting. It omits steps
+//! that only switch off a feature that this camera does not have. Size and position of the picture on the sensor
+//! come from the user set and are never changed: they are part of the calibration.
 
 use super::format::PixelFormat;
 use std::time::Duration;
@@ -46,7 +46,7 @@ pub enum Exposing {
 pub struct Settings {
     /// Which camera.
     pub which: Which,
-    /// The serial number that its calibration is of, where that is known.
+    /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
     /// The set of values kept in the camera that all else starts from.
     pub user_set: String,
@@ -90,7 +90,7 @@ pub enum Step {
     Number(&'static str, f64),
     /// Set a switch.
     Switch(&'static str, bool),
-    /// Set a limit: this number, or the camera's own largest where that is smaller.
+    /// Set a limit: this number, or the camera's own maximum if that is smaller.
     Limit(&'static str, f64),
 }
 
@@ -124,18 +124,20 @@ pub enum PlanError {
     },
 }
 
-/// A camera's longest exposure is one picture's time less what it needs between two: so much of that time is exposed.
+/// The exposed share of one picture's time. The longest exposure is that time minus the time that the camera needs
+/// between two pictures.
 const EXPOSED_SHARE: f64 = 0.9;
 
-/// What to set on a camera that has the nodes `has` knows, in this order.
+/// Returns the settings for a camera that has the nodes `has` knows, in this order.
 ///
-/// A camera's longest exposure is the time of one picture at its frame rate, in triggered mode, too. So the rate is limited to
-/// what the exposure allows before the exposure is set, and once more after it, since an exposure that was long
-/// before limits the rate in its turn. Data beside the picture (chunks) are switched off: a picture comes alone.
-/// So is PTP, which sets the camera's clock while it runs: that clock tells newer pictures from older ones.
+/// A camera's longest exposure is the time of one picture at its frame rate, also in triggered mode. Therefore the
+/// rate is limited to the value that the exposure allows before the exposure is set. It is limited again
+/// afterwards, since a previous long exposure limits the rate in turn. Data with the picture (chunks) are switched
+/// off: a picture comes alone. PTP is also switched off, because it sets the camera's clock while it runs, and that
+/// clock distinguishes newer pictures from older ones.
 ///
 /// # Errors
-/// Where something is asked for that the camera has no node for, or an exposure is longer than one picture's time.
+/// If a requested setting has no node on the camera, or an exposure is longer than one picture's time.
 pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>, PlanError> {
     let mut steps = Vec::new();
     let choose = |node: &'static str, entry: &str| Step::Choose(node, entry.to_owned());

@@ -1,18 +1,18 @@
-//! What a picture that comes in one burst of packets needs of the system's sockets, and what the system says of its network.
+//! The socket buffers that a picture in one burst of packets needs, and the system's information about its network.
 
 #[cfg(feature = "gige")]
 use super::subnet::{Subnet, subnets};
 
-/// What is asked for at least, bytes: two pictures of an ordinary camera.
+/// The minimum request, bytes: two pictures of an ordinary camera.
 const LEAST_BYTES: usize = 8 << 20;
 
-/// What is asked of the system for such pictures, bytes. Granted up to `net.core.rmem_max`.
+/// Returns the buffer requested from the system for such pictures, bytes. Granted up to `net.core.rmem_max`.
 pub fn socket_buffer_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
     burst_bytes(size_px, packet_bytes).max(LEAST_BYTES)
 }
 
-/// What a socket's receive buffer must be for a picture that comes in one burst, bytes: the kernel counts each packet with its
-/// own overhead, and grants twice what it is asked for.
+/// Returns the receive buffer that a socket needs for a picture in one burst, bytes. The kernel counts each packet
+/// with its own overhead, and grants twice the requested size.
 pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
     // IP, UDP and GVSP headers of a packet; what the kernel counts for one of these sizes, by powers of two.
     const HEADERS: usize = 36;
@@ -22,17 +22,18 @@ pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
     packets * each / 2
 }
 
-/// The largest receive buffer that the system gives, bytes, where it says so.
+/// Returns the largest receive buffer that the system grants, bytes, if the system reports it.
 pub fn rmem_max() -> Option<usize> {
     if let Ok(text) = std::fs::read_to_string("/proc/sys/net/core/rmem_max") {
         return text.trim().parse().ok();
     }
-    // The service sees no such file (`ProcSubset=pid`); a socket that asks for all gets that much, counted twice.
+    // The service cannot see this file (`ProcSubset=pid`). A socket that requests the maximum is granted this size,
+    // counted twice.
     let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).ok()?;
     largest(&socket)
 }
 
-/// What a socket gets that asks for as much as can be said.
+/// Returns the buffer that a socket is granted when it requests the largest possible size.
 fn largest(socket: &std::net::UdpSocket) -> Option<usize> {
     let socket = socket2::SockRef::from(socket);
     socket.set_recv_buffer_size(i32::MAX as usize / 2).ok()?;
@@ -49,7 +50,7 @@ pub(super) fn subnets_here() -> Vec<Subnet> {
 mod tests {
     use super::*;
 
-    /// A socket tells what the kernel's file tells.
+    /// A socket reports the same value as the kernel's file.
     #[test]
     fn the_largest_buffer_is_found_without_the_kernels_file() {
         let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).expect("a socket");
@@ -57,7 +58,8 @@ mod tests {
         assert_eq!(largest(&socket), file.trim().parse().ok());
     }
 
-    /// 3,145,728 bytes in packets of 1,364: 2,307 and two more, for each of which 2,048 + 256 bytes are counted and half asked.
+    /// 3,145,728 bytes in packets of 1,364: 2,307 packets and two more. For each of them 2,048 + 256 bytes are
+    /// counted and half of that is requested.
     #[test]
     fn a_burst_is_its_packets_as_the_kernel_counts_them() {
         assert_eq!(burst_bytes([2_048, 1_536], 1_400), 2_309 * 2_304 / 2);

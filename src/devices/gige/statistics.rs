@@ -13,13 +13,13 @@ pub struct Statistics {
     pub timeouts: u64,
     /// Stills that were triggered once more.
     pub retries: u64,
-    /// Triggers given to a camera that did not say that it was ready.
+    /// Triggers given to a camera that did not report that it was ready.
     pub unarmed: u64,
     /// Times that the camera's clock was set back.
     pub clock_steps: u64,
     /// Packets that came.
     pub packets: u64,
-    /// Packets that came only after they had been asked for again.
+    /// Packets that arrived only after a resend request.
     pub resent_packets: u64,
     /// Packets that never came.
     pub missing_packets: u64,

@@ -12,13 +12,13 @@ pub const TRIES: u32 = 3;
 
 /// A camera that exposes on demand.
 pub trait Shutter {
-    /// Why it cannot go on: the camera is gone.
+    /// Why the camera cannot continue: it is gone.
     type Gone;
 
-    /// Exposes once; what came before is thrown away.
+    /// Exposes once; earlier frames are discarded.
     ///
     /// # Errors
-    /// Where the camera is gone; likewise for the others.
+    /// If the camera is gone; likewise for the other methods.
     fn trigger(&mut self) -> Result<(), Self::Gone>;
 
     /// The frame that comes, or none in time.
@@ -50,7 +50,7 @@ pub enum NoStill<G> {
 /// Takes a still.
 ///
 /// # Errors
-/// Where none of the tries delivers a usable frame.
+/// If no attempt delivers a usable frame.
 pub fn take<S: Shutter>(
     shutter: &mut S,
     acceptance: &mut Acceptance,
@@ -108,7 +108,7 @@ mod tests {
         Gone,
     }
 
-    /// A camera whose every exposure has its fate; the pixels say which exposure they show.
+    /// A camera with a scripted result for each exposure; the pixels show the number of the exposure.
     struct Scripted {
         fates: VecDeque<Fate>,
         exposures: u64,

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// Pictures that Aravis may fill before the first is fetched.
 const BUFFERS: usize = 8;
-/// How long the rest of a picture is waited for, and a packet that was asked for once more, µs.
+/// Timeouts for the rest of a picture, and for a packet that was requested again, µs.
 const FRAME_RETENTION_US: u32 = 200_000;
 const PACKET_TIMEOUT_US: u32 = 20_000;
 /// The wait for a picture looks this often whether the camera is still there.
@@ -23,7 +23,7 @@ const GLANCE: Duration = Duration::from_millis(50);
 const POLL: Duration = Duration::from_millis(2);
 /// The node that reports it, of cameras that have one.
 const ARMED: &str = "TriggerArmed";
-/// Some models say that they are ready only after the first trigger, and some never: so often it is waited for.
+/// Some models report ready only after the first trigger, and some never: the maximum number of waits.
 const MOST_UNARMED: u64 = 3;
 /// Room for pictures of two bytes a pixel, so that one of a deeper format than was set arrives complete and reports its name.
 const ROOM: usize = 2;
@@ -40,11 +40,11 @@ pub(super) struct Streaming {
     patience: Duration,
     tells_armed: bool,
     tells_temperature: bool,
-    /// Triggers given to a camera that did not say that it was ready.
+    /// Triggers given to a camera that did not report that it was ready.
     pub unarmed: u64,
     /// The camera has reported that it is gone.
     pub lost: Arc<AtomicBool>,
-    /// Nobody asks any more.
+    /// No more pictures are requested.
     is_ending: Arc<AtomicBool>,
     /// What streams that have ended counted.
     ended: Packets,
@@ -105,7 +105,7 @@ impl Streaming {
         self.camera.start_acquisition().map_err(gone)
     }
 
-    /// Whether the camera is there, and anybody asks.
+    /// Checks that the camera is present and that pictures are still requested.
     pub fn check(&self) -> Result<(), GigeError> {
         let lost = |why: &str| Err(GigeError::Lost { why: why.to_owned() });
         match () {
@@ -120,13 +120,14 @@ impl Streaming {
         self.ended.and(self.stream.as_ref().map(Packets::of).unwrap_or_default())
     }
 
-    /// The camera's temperature, °C, where it reports one.
+    /// Returns the camera's temperature, °C, if the camera reports one.
     pub fn temperature_c(&self) -> Option<f64> {
         self.tells_temperature.then(|| self.camera.float(TEMPERATURE).ok()).flatten()
     }
 
-    /// A trigger that comes while the sensor is read out is ignored by most cameras. One that does not say in time that it is
-    /// ready is triggered all the same, which is counted: a trigger that is ignored is found by its missing picture.
+    /// Waits until the camera is ready, because most cameras ignore a trigger during sensor readout. If the camera
+    /// does not report ready in time, it is triggered anyway, and this is counted. An ignored trigger is detected
+    /// by its missing picture.
     fn wait_until_armed(&mut self) -> Result<(), GigeError> {
         let begun = Instant::now();
         while self.tells_armed && !self.camera.boolean(ARMED).map_err(gone)? {
@@ -217,7 +218,8 @@ impl Packets {
     }
 }
 
-/// A frame's facts, and where it is whole its pixels: of others Aravis knows neither size nor format.
+/// Returns a frame's facts, and its pixels if it is complete. For other frames Aravis knows neither size nor
+/// format.
 fn read(buffer: &aravis::Buffer) -> (Facts, Vec<u8>) {
     let is_image = buffer.payload_type() == BufferPayloadType::Image;
     let delivery = match buffer.status() {

@@ -1,8 +1,9 @@
-//! Which addresses this computer reaches without a router, and what to say of one that it does not.
+//! The addresses that this computer reaches without a router, and the explanation for an address that it does not
+//! reach.
 //!
-//! A GigE Vision camera and the port that it is plugged into must be in one IPv4 subnet. One that is not may answer a search and
-//! never open, or not answer at all. The kernel's table of routes names the subnets: its lines without a gateway. Text in,
-//! words out.
+//! A GigE Vision camera and the port that it is plugged into must be in one IPv4 subnet. A camera in another subnet
+//! may answer a search and never open, or not answer at all. The kernel's routing table names the subnets: its
+//! lines without a gateway. The input is text, the output is words.
 
 use std::net::Ipv4Addr;
 
@@ -39,7 +40,7 @@ pub fn subnets(routes: &str) -> Vec<Subnet> {
     routes.lines().skip(1).filter_map(of_line).collect()
 }
 
-/// What keeps a camera at this address from being reached; `None` where nothing in the address does.
+/// Returns why a camera at this address cannot be reached; `None` if the address is not the reason.
 pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
     let address: Ipv4Addr = address.parse().ok()?;
     if address.is_loopback() || subnets.iter().any(|subnet| subnet.holds(address)) {

@@ -114,7 +114,7 @@ fn numbered(pictures: Vec<Vec<u8>>) -> impl Fn(u64, &mut [u8]) + Send + Sync + C
     }
 }
 
-/// The number of the exposure that a frame shows; fails where a single byte of it is not that exposure's.
+/// Returns the number of the exposure that a frame shows. Fails if a single byte differs from that exposure.
 fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
     let number = u64::from_be_bytes(frame.pixels[..8].try_into().expect("eight bytes"));
     let mut sent = vec![0; frame.pixels.len()];

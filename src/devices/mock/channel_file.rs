@@ -41,14 +41,14 @@ pub(super) enum Environment {
 pub(super) struct Element {
     /// As in the file.
     pub(super) tag: String,
-    /// `None` where the element only sets a flag.
+    /// `None` if the element only sets a flag.
     pub(super) kind: Option<Kind>,
-    /// Where it differs from the channel's.
+    /// Only if it differs from the channel's order.
     pub(super) order: Option<ReadOrder>,
     /// $FLAG and $OUT that are set when it has arrived.
     pub(super) set_flag: Option<u16>,
     pub(super) set_out: Option<u16>,
-    /// Where `/@` stands in the tag.
+    /// The position of `/@` in the tag.
     split: Option<usize>,
 }
 
@@ -73,7 +73,7 @@ impl Element {
 pub struct ChannelFile {
     /// Most entries of a tag's memory; one more closes the connection.
     pub(super) limit_entries: usize,
-    /// Which entry is read first, where a tag does not say otherwise.
+    /// Which entry is read first, unless a tag states otherwise.
     pub(super) order: ReadOrder,
     /// Most bytes that may wait for the end of their document.
     pub(super) limit_bytes: usize,
@@ -97,7 +97,7 @@ impl ChannelFile {
     /// Reads a file's text.
     ///
     /// # Errors
-    /// Where it is no XML, lacks RECEIVE or SEND elements, or holds a number or word that is none.
+    /// If the text is not XML, lacks RECEIVE or SEND elements, or contains an invalid number or word.
     pub fn parse(text: &str) -> Result<Self, FileProblem> {
         // The controller's defaults: 16 entries, 16384 bytes, port 54600.
         let mut file = ChannelFile {
@@ -233,7 +233,7 @@ fn word(name: &'static str, found: &str, allowed: &'static str) -> FileProblem {
 mod tests {
     use super::*;
 
-    /// What config/kuka says of the channels, by eye.
+    /// The channel settings in config/kuka, read by eye.
     #[test]
     fn the_shipped_files_are_read() {
         let commands = ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read");

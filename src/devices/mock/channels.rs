@@ -10,7 +10,8 @@ use super::submit::REOPEN_MS;
 use super::wire::Channel;
 
 impl Controller {
-    /// A client wants to connect: the channel is opened afresh. False where it has a client already, or does not listen.
+    /// Connects a client: the channel is opened anew. Returns false if the channel already has a client or does not
+    /// listen.
     pub fn connect(&mut self, channel: Channel) -> bool {
         let (now_ms, unplugged) = (self.now_ms, self.troubles.unplugged());
         if self.running.is_some() {
@@ -94,7 +95,7 @@ impl Controller {
         }
     }
 
-    /// How many documents these bytes completed; `None` where the channel is or was closed.
+    /// Returns how many documents these bytes completed; `None` if the channel is or was closed.
     fn receive(&mut self, channel: Channel, bytes: &[u8]) -> Option<u32> {
         if self.troubles.unplugged() {
             self.troubles.behind_cable[channel as usize].extend_from_slice(bytes);

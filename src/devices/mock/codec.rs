@@ -1,8 +1,8 @@
-//! Documents to values and back, in the tags and the order of the channel's file.
+//! Converts documents to values and back, in the tags and the order of the channel's file.
 //!
-//! Received: an attribute or node that the file names becomes a value, everything else is passed over. Sent: a
-//! document with every tag of the file, in its order, opened and closed, `%f` of a 32-bit float; a tag that the
-//! program did not set is there and empty.
+//! Received: an attribute or node named in the file becomes a value, everything else is skipped. Sent: a document
+//! with every tag of the file, in its order, opened and closed, `%f` of a 32-bit float. A tag that the program did
+//! not set is present and empty.
 
 use super::channel_file::{Element, Kind};
 use super::error::EkiFault;
@@ -22,7 +22,8 @@ pub(super) enum Value {
     Frame([f32; 6]),
 }
 
-/// An element of the file that a document holds, by its place there; without a value where it is empty or has no type.
+/// An element of the file that a document contains, identified by its position in the file. It has no value if it
+/// is empty or has no type.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Arrival {
     pub(super) element: usize,
@@ -168,7 +169,7 @@ enum Piece {
 struct Node {
     name: String,
     attributes: Vec<(String, String)>,
-    /// The tag whose value is this node's text.
+    /// The tag that supplies this node's text.
     text: Option<String>,
     children: Vec<Node>,
 }
@@ -311,7 +312,7 @@ mod tests {
         assert_eq!(values[7], Some(Value::Frame([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])));
     }
 
-    /// Text of elements, BOOL and STRING, with the five entities that XML itself knows.
+    /// Text of elements, BOOL and STRING, with the five entities that XML predefines.
     #[test]
     fn element_text_is_a_value_too() {
         let elements = [("S/Name", Kind::Text), ("S/On", Kind::Bool), ("S/N", Kind::Int)]

@@ -24,7 +24,7 @@ pub(super) struct Contact {
 enum Retract {
     #[default]
     No,
-    /// To begin as soon as the arm stands.
+    /// Begins as soon as the arm has stopped.
     Due,
     Runs,
 }
@@ -62,13 +62,13 @@ impl Contact {
         }
     }
 
-    /// A stop: away from the panel as soon as the arm stands, where it may.
+    /// Stops: the tool retracts from the panel as soon as the arm has stopped, if this is allowed.
     pub(super) fn stop(&mut self, front: Option<&Move>, may_retract: bool) {
         self.behind = self.touches(front);
         self.retract = if may_retract && self.behind { Retract::Due } else { Retract::No };
     }
 
-    /// A new epoch: a tool that an e-stop left on the panel is jogged off by hand. A retract goes on.
+    /// Begins a new epoch: a tool that an e-stop left on the panel is jogged off by hand. A retract continues.
     pub(super) fn forget(&mut self) {
         if !self.wants_retract() {
             *self = Contact::default();
@@ -88,7 +88,7 @@ impl Contact {
         self.retract == Retract::Runs
     }
 
-    /// The retract that is due, from where the tool stands.
+    /// Returns the retract that is due, from the tool's present position.
     pub(super) fn begin_retract(&mut self, tool_at: impl Fn(&Rigid<Flange, Tool>) -> Pose) -> Option<Move> {
         if self.retract != Retract::Due {
             return None;

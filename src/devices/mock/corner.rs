@@ -1,8 +1,9 @@
-//! The tool's path: straight lines between poses, and the parabola that C_DIS puts in place of a corner.
+//! The tool's path: straight lines between poses, and the parabola with which C_DIS replaces a corner.
 //!
-//! A blend leaves the incoming line d before the corner and meets the outgoing one d after it, d at most half of either
-//! line: position B(t) = (1−t)² start + 2t(1−t) corner + t² end, orientation the same construction on arcs. Along a
-//! path one measure counts: millimetres, or turning at the allowed rate where that takes longer.
+//! A blend leaves the incoming line at distance d before the corner and joins the outgoing line at distance d after
+//! it. d is at most half of either line. Position: B(t) = (1−t)² start + 2t(1−t) corner + t² end; orientation: the
+//! same construction on arcs. One measure applies along a path: millimetres, or the rotation at the allowed rate if
+//! that needs more time.
 
 use crate::geometry::{Base, Rigid, Tool};
 use nalgebra::{Isometry3, Translation3};
@@ -23,7 +24,7 @@ pub(super) fn distance_mm(from: &Pose, to: &Pose) -> f64 {
     from.origin().distance_mm(to.origin())
 }
 
-/// The measure of the way between two poses, where a turn of one degree counts as `mm_per_deg`.
+/// Returns the measure of the path between two poses; a rotation of one degree counts as `mm_per_deg`.
 pub(super) fn measure_mm(from: &Pose, to: &Pose, mm_per_deg: f64) -> f64 {
     let turn_deg = from.isometry().rotation.angle_to(&to.isometry().rotation).to_degrees();
     distance_mm(from, to).max(turn_deg * mm_per_deg)
@@ -42,9 +43,9 @@ pub(super) struct Bend {
     pub(super) whole_in_mm: f64,
     /// The corner.
     pub(super) vertex: Pose,
-    /// Where the outgoing line ends.
+    /// The end of the outgoing line.
     pub(super) next: Pose,
-    /// The blend distance asked for, mm.
+    /// The requested blend distance, mm.
     pub(super) blend_mm: f64,
     /// What a degree counts.
     pub(super) mm_per_deg: f64,
@@ -65,7 +66,7 @@ pub(super) struct Corner {
 }
 
 impl Corner {
-    /// `None` where the corner must be stopped at.
+    /// Returns `None` if the arm must stop at the corner.
     pub(super) fn new(bend: &Bend) -> Option<Self> {
         let whole_out_mm = distance_mm(&bend.vertex, &bend.next);
         let blend_mm = bend.blend_mm.min(bend.whole_in_mm / 2.0).min(whole_out_mm / 2.0);
@@ -85,7 +86,8 @@ impl Corner {
         }
         let turned_mm = measure_mm(&start, &vertex, bend.mm_per_deg) + measure_mm(&vertex, &end, bend.mm_per_deg);
         let chords_mm = 2.0 * blend_mm;
-        // Position and turning share one pace; where turning does not slow the lines it does not slow the corner.
+        // Position and rotation share one pace. If rotation does not slow down the lines, it does not slow down the
+        // corner.
         corner.length_mm = corner.arc_mm[PARTS] * (turned_mm / chords_mm).max(1.0);
         Some(corner)
     }

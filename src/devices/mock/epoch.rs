@@ -1,4 +1,4 @@
-//! The state of one epoch: the ring of commands, base and tool, speeds. Nothing of it outlives the epoch.
+//! The state of one epoch: the ring of commands, base and tool, speeds. None of this outlives the epoch.
 
 use super::wire::{Command, Refusal};
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};
@@ -42,7 +42,7 @@ impl ActiveTool {
 }
 
 impl Epoch {
-    /// An epoch that takes no commands.
+    /// Returns an epoch that accepts no commands.
     pub(super) fn ended(number: i32) -> Self {
         Epoch {
             number,

@@ -1,4 +1,5 @@
-//! What EthernetKRL says to the program, what it closes a channel for, and what keeps the mock from starting.
+//! The errors that EthernetKRL reports to the program, the faults that close a channel, and the errors that prevent
+//! the mock from starting.
 
 /// What `Msg_No` reports to a program that reads a memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -17,7 +18,7 @@ pub enum EkiFault {
     /// The connection was disrupted.
     #[error("512: connection disrupted")]
     Disrupted,
-    /// Nobody answers at the other end.
+    /// The other end does not answer.
     #[error("768: no contact with the other end")]
     NoContact,
     /// Not XML, or a value that is not of its element's type.
@@ -32,7 +33,7 @@ pub enum EkiFault {
     /// A text that no KRL string holds.
     #[error("1536: string too long")]
     TextTooLong,
-    /// Nobody came within TIMEOUT: the channel no longer listens, until the program opens it again.
+    /// No client connected within TIMEOUT: the channel no longer listens, until the program opens it again.
     #[error("2048: server time limit reached")]
     TimeLimit,
     /// The program could not read what it needs, and closed the channel itself.
@@ -60,9 +61,9 @@ pub enum MockError {
     /// A port cannot be listened on.
     #[error("cannot listen on {address}: {reason}")]
     Listen {
-        /// Where.
+        /// The address.
         address: std::net::SocketAddr,
-        /// What the system says.
+        /// The system's error.
         reason: std::io::Error,
     },
     /// The system gives no thread.
@@ -84,7 +85,7 @@ pub enum FileProblem {
     Number {
         /// Of which attribute or element.
         name: String,
-        /// What stands there.
+        /// The text found.
         found: String,
     },
     /// A word that means nothing here.
@@ -92,7 +93,7 @@ pub enum FileProblem {
     Word {
         /// Of which attribute or element.
         name: &'static str,
-        /// What stands there.
+        /// The text found.
         found: String,
         /// What may.
         allowed: &'static str,

@@ -1,7 +1,7 @@
-//! Documents out of a stream of bytes: KUKA's channels have no length, no delimiter, only tags.
+//! Cuts a stream of bytes into documents: KUKA's channels have no length and no delimiter, only tags.
 //!
-//! A document ends where the tag depth is back at zero outside of quotes. Between documents white space, NUL, a byte
-//! order mark and a prolog (`<?…?>`) are passed over. The result does not depend on how the stream was cut.
+//! A document ends where the tag depth returns to zero outside of quotes. Between documents white space, NUL, a
+//! byte order mark and a prolog (`<?…?>`) are skipped. The result does not depend on how the stream was cut.
 
 use super::error::EkiFault;
 
@@ -9,7 +9,7 @@ use super::error::EkiFault;
 #[derive(Debug)]
 pub(super) struct Framer {
     buffer: Vec<u8>,
-    /// Where the document at hand begins in `buffer`; what stands before was handed over.
+    /// The start of the current document in `buffer`; the bytes before it were handed over.
     start: usize,
     /// Bytes of `buffer` that were looked at.
     seen: usize,
@@ -44,7 +44,7 @@ impl Framer {
         self.buffer.extend_from_slice(bytes);
     }
 
-    /// Passes over what means nothing where it stands.
+    /// Skips bytes that have no meaning in the present state.
     fn skip(&mut self) {
         let rest = &self.buffer[self.seen..];
         let plain = match self.place {
@@ -105,7 +105,7 @@ impl Framer {
         self.tag_start = self.seen;
     }
 
-    /// True where this `>` ends the document.
+    /// Returns true if this `>` ends the document.
     fn close_tag(&mut self, at: usize) -> Result<bool, EkiFault> {
         let inside = &self.buffer[self.tag_start..at];
         match (inside.first(), inside.last()) {

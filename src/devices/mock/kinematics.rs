@@ -1,17 +1,15 @@
-//! Where the flange is, and which axis angles put it there: a six-axis arm with an ortho-parallel basis and a
-//! spherical wrist, b = 0.
+//! Flange pose from axis angles and back: a six-axis arm with an ortho-parallel basis and a spherical wrist, b = 0.
 //!
 //! Frames: base at the arm's foot, X forward, Z up; flange Z out of the flange. At A = (0, −90, 90, 0, 0, 0) the
-//! upper arm stands upright and the forearm lies level, forward: the flange's Z is the base's X, its X points down,
-//! its Y is the base's Y (A 0, B 90, C 0). All axes at zero: both arms level, stretched forward.
+//! upper arm is vertical and the forearm is horizontal, forward. Then the flange's Z is the base's X, its X points
+//! down, its Y is the base's Y (A 0, B 90, C 0). With all axes at zero both arms are horizontal, stretched forward.
 //!
 //! With q = (−A1, A2 + 90°, A3, −A4, A5, −A6), φ = q3 + atan2(a2, c3) and k = hypot(a2, c3):
 //!     r = a1 + c2 sin q2 + k sin(q2 + φ),   h = c1 + c2 cos q2 + k cos(q2 + φ)                          (1)
 //!     R = Rz(q1) Ry(q2 + q3) Rz(q4) Ry(q5) Rz(q6),   p = (r cos q1, r sin q1, h) + c4 R ẑ               (2)
-//! Backwards: the wrist's centre p − c4 R ẑ gives q1 (front, back), q2 and q3 (elbow twice), then R the wrist twice.
-//! Where q5 is zero only q4 + q6 is defined; q4 stays where it was.
-//! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in
-//! kroshu/kuka_robot_descriptions.
+//! Inverse: the wrist's centre p − c4 R ẑ gives q1 (front, back), q2 and q3 (two elbow solutions), then R gives two
+//! wrist solutions. If q5 is zero, only q4 + q6 is defined; q4 keeps its value. Source: Brandstötter, Angerer,
+//! Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in kroshu/kuka_robot_descriptions.
 
 use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
 use crate::words::plain;
@@ -22,7 +20,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 pub struct Arm {
     /// From axis 1 forward to axis 2, mm.
     pub a1_mm: f64,
-    /// From axis 3 to the forearm's axis, across it; negative where the forearm runs above axis 3, mm.
+    /// From axis 3 to the forearm's axis, across it; negative if the forearm runs above axis 3, mm.
     pub a2_mm: f64,
     /// Height of axis 2, mm.
     pub c1_mm: f64,
@@ -49,7 +47,7 @@ pub enum Unreachable {
         /// Nearest and farthest.
         allowed_mm: [f64; 2],
     },
-    /// Every way to stand there needs an axis beyond its limits.
+    /// Every solution for this pose needs an axis beyond its limits.
     #[error("axis {axis} would stand at {}°; {} to {}° is allowed", plain(*angle_deg), allowed_deg[0], allowed_deg[1])]
     AxisLimit {
         /// 1 to 6.
@@ -86,7 +84,7 @@ impl Arm {
         }
     }
 
-    /// Where the flange is.
+    /// Returns the flange pose.
     pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
         let [q1, q2, q3, q4, q5, q6] = model_rad(joints);
         let phi_rad = q3 + self.a2_mm.atan2(self.c3_mm);
@@ -108,10 +106,10 @@ impl Arm {
         ways.iter().filter_map(|&way| self.wound(way, near).ok()).map(joints).collect()
     }
 
-    /// The way to put the flange there that takes the axes the least time from `near`.
+    /// Returns the axis angles for this flange pose that the axes reach from `near` in the least time.
     ///
     /// # Errors
-    /// Where it is out of reach, or needs an axis beyond its limits.
+    /// If the pose is out of reach, or needs an axis beyond its limits.
     pub fn nearest(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Result<Joints, Unreachable> {
         let ways = self.ways_rad(base_from_flange, near);
         if ways.is_empty() {
@@ -163,7 +161,7 @@ impl Arm {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
 
-    /// The model's angles of every way to stand there, each within half a turn of zero.
+    /// Returns the model's angles of every solution for this pose, each within half a turn of zero.
     fn ways_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
         let wrist_mm = self.wrist_mm(base_from_flange);
         let [near_q1, _, _, near_q4, ..] = model_rad(near);
@@ -200,7 +198,7 @@ impl Arm {
             let [lowest, highest] = self.limits_deg[index];
             let nearest_turn = ((near_deg[index] - *angle_deg) / 360.0).round();
             let turns = [0.0, -1.0, 1.0].map(|more| *angle_deg + 360.0 * (nearest_turn + more));
-            // An angle that rounding carries over its limit still stands on it.
+            // An angle that exceeds its limit only by rounding still counts as at the limit.
             let inside = |angle: &f64| (lowest - 1e-9..=highest + 1e-9).contains(angle);
             let allowed_deg = self.limits_deg[index];
             let found = turns
@@ -219,7 +217,7 @@ impl Arm {
     }
 }
 
-/// Both ways to turn the wrist into this rotation; one where axes 4 and 6 are in line.
+/// Returns both wrist solutions for this rotation, or one if axes 4 and 6 are in line.
 fn wrist_ways_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64; 3]> {
     use std::f64::consts::PI;
     let sine = r[(0, 2)].hypot(r[(1, 2)]);
@@ -314,7 +312,7 @@ mod tests {
             [0.0, -480.0, 760.0],
             [[0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
         );
-        // Rz(−90) of the flange: its X is where −Y was, −Y of the base.
+        // Rz(−90) of the flange: its X is now its former −Y, which is −Y of the base.
         assert_flange([0.0, -90.0, 90.0, 0.0, 0.0, 90.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
         assert_flange([0.0, -90.0, 90.0, 90.0, 0.0, 0.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
         // A2 and A3 positive lower the arm. Upper arm level, forearm down: x = 25 + 335 + 25, z = 400 − 365 − 90.
@@ -346,7 +344,7 @@ mod tests {
         assert_eq!(over, Err(Unreachable::AxisLimit { axis: 2, angle_deg: 45.1, allowed_deg: [-190.0, 45.0] }));
     }
 
-    /// In line, axis 4 stays and axis 6 takes the turn.
+    /// When axes 4 and 6 are in line, axis 4 stays and axis 6 makes the rotation.
     #[test]
     fn at_the_wrists_pole_axis_4_stays() {
         let pose = at([10.0, -80.0, 100.0, 25.0, 0.0, 35.0]);
@@ -371,7 +369,8 @@ mod tests {
             }
         }
 
-        /// Away from the poles of wrist, elbow and shoulder the way nearest to where the arm stands is that very one.
+        /// Away from the poles of wrist, elbow and shoulder, the solution nearest to the arm's present angles is
+        /// these angles.
         #[test]
         fn the_nearest_way_is_where_the_arm_stands(angles in inside()) {
             let pose = at(angles);

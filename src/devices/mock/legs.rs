@@ -5,7 +5,7 @@ use super::moves::Lin;
 
 #[derive(Debug, Clone)]
 pub(super) enum Leg {
-    /// `stops` where it ends on its corner.
+    /// `stops` if it ends at its corner.
     Line {
         from: Pose,
         to: Pose,

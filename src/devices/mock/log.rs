@@ -11,7 +11,7 @@ pub struct Executed {
     pub epoch: i32,
     /// Its id.
     pub id: i32,
-    /// The axes where it ended, or in the middle of its blend.
+    /// The axes where the move ended, or in the middle of its blend.
     pub joints: Joints,
     /// The flange there.
     pub base_from_flange: Rigid<Base, Flange>,
@@ -21,7 +21,7 @@ pub struct Executed {
     pub contact: bool,
 }
 
-/// Where the tool was at one tick of a contact.
+/// The tool's position at one tick of a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// ms since the controller's start.
@@ -51,7 +51,7 @@ pub enum StopCause {
     Underrun,
     /// A command was refused.
     Refused(Refusal),
-    /// The arm cannot go on along its path.
+    /// The arm cannot continue along its path.
     Blocked,
     /// The emergency stop.
     EStop,
@@ -69,12 +69,12 @@ pub enum StopCause {
     Rebooted,
     /// The programs that ship, by one of their rules.
     Program,
-    /// The programs that ship, where the robot program was stopped already.
+    /// The shipped programs, when the robot program was already stopped.
     Halted,
 }
 
 impl StopCause {
-    /// The arm stands where it is, and the robot program is reset: nothing retracts.
+    /// Returns whether the arm stops at once where it is and the robot program is reset, without a retract.
     pub fn is_at_once(self) -> bool {
         use StopCause::{Deselected, Drives, EStop, Guard, Halted, Mode, Rebooted};
         matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
@@ -114,7 +114,7 @@ pub struct Stop {
     pub cause: StopCause,
     /// Whether it began in contact.
     pub contact: bool,
-    /// In words, where there is more to say.
+    /// More detail in words, if there is any.
     pub detail: String,
 }
 

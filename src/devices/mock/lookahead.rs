@@ -16,7 +16,8 @@ impl Mover {
         let acceleration = legs.iter().map(|leg| leg.lin().acceleration_mm_s2).fold(f64::INFINITY, f64::min);
         let (mut ahead_mm, mut speed) = (-self.gone, f64::INFINITY);
         for leg in legs {
-            // Slow enough here, one step on, to be down to that leg's speed where it begins.
+            // Limits the speed here, one step ahead, so that it can be reduced to that leg's speed by the leg's
+            // start.
             let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
             let own_mm_s = (leg.lin().speed_mm_s * allowed.share).min(allowed.tool_mm_s);
             speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
@@ -63,7 +64,7 @@ impl Mover {
             };
             let blended = corner.map(|corner| (line(corner.start, false), corner));
             match blended {
-                // A blend whose start was passed already is none.
+                // A blend is not made if its start was already passed.
                 Some((to_blend, corner)) if gone_mm <= to_blend.length_mm() + ROUNDING_MM => {
                     (from, whole_mm) = (corner.end, corner.whole_out_mm);
                     legs.extend([to_blend, Leg::Corner { corner: Box::new(corner), lin }]);

@@ -67,7 +67,8 @@ impl Memory {
         Memory { framer: Framer::new(file.limit_bytes), tags, counter: 0, raised: Vec::new(), file }
     }
 
-    /// Stores what these bytes complete, so many documents. What came whole before a fault is kept.
+    /// Stores the documents that these bytes complete, and returns their number. Documents completed before a fault
+    /// are kept.
     pub(super) fn receive(&mut self, bytes: &[u8]) -> Result<u32, EkiFault> {
         self.framer.push(bytes);
         let before = self.counter;
@@ -90,7 +91,7 @@ impl Memory {
         Ok(self.counter.wrapping_sub(before))
     }
 
-    /// The flags and outputs that were set since this was last asked.
+    /// Returns the flags and outputs that were set since the last call.
     pub(super) fn take_raised(&mut self) -> Vec<Raised> {
         std::mem::take(&mut self.raised)
     }
@@ -100,7 +101,7 @@ impl Memory {
         self.tags.get(place).map_or(0, |tag| tag.entries.len())
     }
 
-    /// The next value of this tag, left where it is.
+    /// Returns the next value of this tag without removing it.
     pub(super) fn peek(&self, place: usize) -> Result<&Value, EkiError> {
         self.tags.get(place).and_then(TagMemory::next).map(|entry| &entry.value).ok_or(EkiError::Empty)
     }
@@ -148,12 +149,12 @@ impl Memory {
         self.clear_buffers();
     }
 
-    /// Where this tag stands, whatever its type.
+    /// Returns the position of this tag, of any type.
     pub(super) fn find(&self, tag: &str) -> Option<usize> {
         self.file.received.iter().position(|element| element.tag == tag)
     }
 
-    /// Where this tag stands, which the program reads as this type.
+    /// Returns the position of this tag, which the program reads as this type.
     pub(super) fn place(&self, tag: &'static str, kind: Kind) -> Result<usize, FileProblem> {
         let found = self.file.received.iter().position(|element| element.tag == tag && element.kind == Some(kind));
         found.ok_or(FileProblem::NotReceived(tag))
@@ -196,7 +197,7 @@ mod tests {
         assert_eq!(memory.receive(request(1).as_bytes()), Err(EkiFault::Overflow));
     }
 
-    /// 15 and 20 of the manual: nothing is waited for, and a wrong type stays where it is.
+    /// Errors 15 and 20 of the manual: the read does not wait, and a value of another type stays in the memory.
     #[test]
     fn an_empty_memory_and_a_wrong_type_are_errors_at_once() {
         let mut memory = shipped();
@@ -210,7 +211,7 @@ mod tests {
         assert_eq!(memory.place("Req/@Id", Kind::Real), Err(FileProblem::NotReceived("Req/@Id")));
     }
 
-    /// The second document lacks N1: its row holds the third's, and only the counts tell.
+    /// The second document lacks N1: its row contains the N1 of a later document, and only the counts show this.
     #[test]
     fn a_missing_element_lets_the_memories_drift() {
         let mut memory = shipped();
@@ -225,7 +226,7 @@ mod tests {
         assert_eq!(memory.waiting(id), 0);
     }
 
-    /// The channel is LIFO, one tag of it FIFO.
+    /// The channel is LIFO, one of its tags is FIFO.
     #[test]
     fn the_newest_comes_first_where_the_file_says_so() {
         let mut memory = memory(|file| {
@@ -242,7 +243,7 @@ mod tests {
         assert_eq!(all(n1), [Ok(1), Ok(2), Ok(3)]);
     }
 
-    /// The root's flag with the whole structure, a leaf's only where the leaf is there.
+    /// The root's flag is set by the whole structure, a leaf's flag only if the leaf is present.
     #[test]
     fn flags_are_raised_by_what_arrived() {
         let mut memory = memory(|file| {

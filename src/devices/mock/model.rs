@@ -1,9 +1,9 @@
 //! The controller as a state machine over virtual time: bytes and milliseconds in, bytes out.
 //!
-//! Its time is whole ticks of 12 ms. In each the submit interpreter reads at most 8 commands and every request, the
-//! robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and what has changed is told. In lock
-//! step requests are answered as they arrive, and a heartbeat grants 100 ms: only commands up to the one it names are
-//! read in that time, so that the result does not depend on when bytes arrive.
+//! Its time advances in whole ticks of 12 ms. In each tick the submit interpreter reads at most 8 commands and
+//! every request. The robot interpreter plans up to $ADVANCE motions ahead, the arm moves one step, and changes are
+//! reported. In lock step requests are answered as they arrive, and a heartbeat grants 100 ms. Only commands up to
+//! the one it names are read in that time, so that the result does not depend on when bytes arrive.
 
 use super::answer::Answers;
 use super::channel_link::Link;
@@ -47,7 +47,7 @@ pub struct Controller {
     /// When the controller was last started.
     pub(super) started_ms: u64,
     pub(super) epoch: Epoch,
-    /// Stopped by the program; only a new epoch goes on.
+    /// Stopped by the program; only a new epoch continues.
     pub(super) stopped: bool,
     /// When the last epoch ended, and which outputs are still to go off after it.
     pub(super) ended_ms: u64,
@@ -77,10 +77,10 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// A controller at rest, in EXT, drives on, nothing connected, no epoch open.
+    /// Returns a controller at rest, in EXT, drives on, no client connected, no epoch open.
     ///
     /// # Errors
-    /// Where a channel's file lacks what the programs read.
+    /// If a channel's file lacks values that the programs read.
     pub fn new(setup: Setup, world: Box<dyn World>) -> Result<Self, MockError> {
         let (commands, states) = (Memory::new(setup.commands.clone()), Memory::new(setup.states.clone()));
         let of = |channel: &'static str| move |problem: FileProblem| MockError::File { channel, problem };
@@ -120,7 +120,7 @@ impl Controller {
             templates: [None, None],
             setup,
         };
-        // Nobody else would let that time pass.
+        // Nothing else would let that time pass.
         if controller.setup.clock == Clock::LockStep {
             controller.boot();
         }

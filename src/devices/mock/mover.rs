@@ -1,10 +1,11 @@
-//! The main run: moves the arm along what is planned, one interpolation step at a time.
+//! The main run: moves the arm along the planned motions, one interpolation step at a time.
 //!
-//! LIN goes along straight lines and blended corners at constant speed, braking only for what must be stopped at: a
-//! move without blend distance, the last planned one, a change between LIN and PTP. A blend that is not planned when
-//! its start is passed becomes an exact stop. PTP runs all axes together, the slowest setting the pace. Where an axis
-//! would run faster than it can, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL; where that does not help (a pole, a
-//! change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend, load.
+//! LIN moves along straight lines and blended corners at constant speed. It brakes only for required stops: a move
+//! without blend distance, the last planned move, a change between LIN and PTP. A blend that is not planned when
+//! its start is passed becomes an exact stop. PTP moves all axes together; the slowest sets the pace. If an axis
+//! would exceed its maximum speed, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL. If that does not help (a
+//! pole, a change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend,
+//! load.
 
 use super::corner::{Corner, Pose, distance_mm};
 use super::kinematics::{Arm, Unreachable, angles_deg, joints};
@@ -20,11 +21,12 @@ pub(super) struct Done {
     pub(super) step: Move,
     /// The axes at its end, or in the middle of its blend.
     pub(super) joints: Joints,
-    /// The arm stood there because nothing further was planned in time. Says nothing of what else waits.
+    /// The arm stopped there because nothing further was planned in time. Other waiting commands are not
+    /// considered.
     pub(super) starved: bool,
 }
 
-/// Why the arm cannot go on.
+/// Why the arm cannot continue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Blocked {
     Unreachable(Unreachable),
@@ -91,7 +93,7 @@ impl Mover {
         self.speed > 0.0
     }
 
-    /// Stands, and the only motion planned is one that is to be blended into the next.
+    /// Returns whether the arm is at rest and the only planned motion is to be blended into the next.
     pub(super) fn waits_for_next(&self) -> bool {
         let is_blended = matches!(self.planned.front(), Some(Move::Lin(lin)) if lin.blend_mm > 0.0);
         self.place == MotionState::Standing && self.planned.len() == 1 && is_blended
@@ -126,14 +128,14 @@ impl Mover {
         passing.or_else(|| self.planned.front().and_then(Move::key))
     }
 
-    /// Plans a move behind the others; its target must be reachable from where they end.
+    /// Plans a move after the others; its target must be reachable from their end.
     pub(super) fn plan(&mut self, step: Move) {
         self.planned.push_back(step);
         self.ahead = None;
     }
 
-    /// Switches this output with the end of the move planned last; false where there is none, or where it switches one
-    /// already.
+    /// Switches this output at the end of the move planned last. Returns false if there is no move, or if it
+    /// already switches an output.
     pub(super) fn switch_at_end(&mut self, output: (u16, bool)) -> bool {
         let switches = match self.planned.back_mut() {
             Some(Move::Lin(lin)) => &mut lin.switches,
@@ -154,7 +156,7 @@ impl Mover {
         }
     }
 
-    /// Stands at once and forgets what is left.
+    /// Stops at once and discards the remaining path.
     pub(super) fn freeze(&mut self) {
         self.planned.clear();
         self.ahead = None;
@@ -163,7 +165,8 @@ impl Mover {
         self.braking = false;
     }
 
-    /// One step. Reports moves whose end was reached or passed, and where it cannot go on.
+    /// Executes one step. Returns moves that reached or passed their end, and the reason if the arm cannot
+    /// continue.
     pub(super) fn step(&mut self, allowed: Override, step_s: f64) -> (Vec<Done>, Option<Blocked>) {
         if self.place == MotionState::Standing {
             self.begin();
@@ -263,7 +266,7 @@ impl Mover {
         (0..6).find(fast).map(|axis| axis + 1)
     }
 
-    /// Goes on along the legs, from one to the next where they end. True where it is still the first.
+    /// Advances along the legs, from one to the next at their ends. Returns true if it is still on the first.
     fn go_on(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
         self.gone += further_mm;
         for (index, leg) in legs.iter().enumerate() {
@@ -294,7 +297,7 @@ impl Mover {
         Ok(false)
     }
 
-    /// Whether standing at the end of this move was not asked for.
+    /// Returns whether the standstill at the end of this move was not commanded.
     fn is_starved(&self, lin: &Lin) -> bool {
         match self.planned.front() {
             None => true,

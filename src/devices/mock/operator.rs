@@ -8,7 +8,7 @@ use super::wire::Channel;
 use crate::geometry::Joints;
 
 impl Controller {
-    /// Starts the robot program where drives, guard, mode and key allow it. The arm stands where it stands.
+    /// Starts the robot program if drives, guard, mode and key allow it. The arm stays where it is.
     pub fn start_program(&mut self) {
         if self.running.is_some() {
             return self.start_interpreted();
@@ -17,14 +17,14 @@ impl Controller {
         safety.started |= safety.selected && safety.enabled() && (!safety.manual() || safety.start_key);
     }
 
-    /// The emergency stop: the arm stands at once where it is, the drives go off, the epoch ends.
+    /// Presses the emergency stop: the arm stops at once where it is, the drives go off, the epoch ends.
     pub fn press_e_stop(&mut self) {
         self.safety.e_stop = true;
         self.safety.drives_on = false;
         self.stop(StopCause::EStop, String::new());
     }
 
-    /// Releases the emergency stop. The drives stay off and nothing goes on.
+    /// Releases the emergency stop. The drives stay off and nothing continues.
     pub fn release_e_stop(&mut self) {
         self.safety.e_stop = false;
     }
@@ -62,7 +62,8 @@ impl Controller {
         }
     }
 
-    /// A person jogs the arm there: it stands there at once. Not while anything is planned; whether it was done.
+    /// Jogs the arm to these angles, as a person does; it is there at once. Not possible while anything is planned.
+    /// Returns whether it was done.
     pub fn jog(&mut self, joints: Joints) -> bool {
         let stands = self.mover.stands();
         if stands {
@@ -76,7 +77,7 @@ impl Controller {
         self.inputs.insert(number, value);
     }
 
-    /// The robot program is deselected: the arm stands, and channels of its environment are closed.
+    /// Deselects the robot program: the arm stops, and channels of its environment are closed.
     pub fn deselect(&mut self) {
         if std::mem::replace(&mut self.safety.selected, false) {
             self.stop(StopCause::Deselected, String::new());
@@ -101,7 +102,7 @@ impl Controller {
         }
     }
 
-    /// The controller starts again: channels, epochs and counts are gone, the arm stands, outputs are off.
+    /// Restarts the controller: channels, epochs and counts are lost, the arm stops, outputs are off.
     pub fn reboot(&mut self, down_ms: u64) {
         self.stop(StopCause::Rebooted, String::new());
         if self.running.is_some() {

@@ -3,7 +3,8 @@
 /// What makes the controller's time pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
-    /// Whoever calls [`Controller::advance_ms`](super::Controller::advance_ms), as the server does by the wall clock.
+    /// The caller of [`Controller::advance_ms`](super::Controller::advance_ms), as the server does by the wall
+    /// clock.
     Free,
     /// The client: each heartbeat grants 100 ms, once every command up to the one that it names has arrived.
     LockStep,

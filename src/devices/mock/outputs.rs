@@ -18,7 +18,7 @@ impl Controller {
         }
     }
 
-    /// What a line is told: the lowest bit is the first of its outputs.
+    /// Sets the outputs to a line: the lowest bit is its first output.
     pub(super) fn tell_line(&mut self, bits: i32) {
         for (place, number) in self.setup.line_outputs.into_iter().enumerate() {
             if number > 0 {
@@ -33,7 +33,7 @@ impl Controller {
         at_once.any(|(number, _)| self.outputs.get(number) == Some(&true))
     }
 
-    /// Switches off those of the list whose time is of that kind.
+    /// Switches off the outputs of the list for which the time meets this condition.
     pub(super) fn switch_off(&mut self, is_over: impl Fn(u64) -> bool) {
         if self.setup.left_out == Some(Rule::OutputsOff) {
             return;

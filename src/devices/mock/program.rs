@@ -1,7 +1,7 @@
-//! The robot interpreter's share: the advance run, the main run, what comes of it.
+//! The robot interpreter's part: the advance run, the main run, and their results.
 //!
-//! Commands are planned in order. Speeds take effect on what follows; base, tool, outputs and subroutines wait until
-//! the arm stands, as statements that stop the advance run do.
+//! Commands are planned in order. Speeds apply to the commands that follow. Base, tool, outputs and subroutines
+//! wait until the arm has stopped, as statements that stop the advance run do.
 
 use super::epoch::ActiveTool;
 use super::kinematics;
@@ -42,7 +42,7 @@ impl Controller {
         }
     }
 
-    /// True where the command is planned or done, false where it must wait.
+    /// Returns true if the command is planned or done, false if it must wait.
     fn execute(&mut self, command: &Command) -> Result<bool, (Refusal, String)> {
         let Command { n: [n1, n2], r: [r1, r2], p, .. } = *command;
         match command.operation {
@@ -184,7 +184,7 @@ impl Controller {
         {
             let next = self.epoch.ring.front();
             let waits = next.is_some_and(|next| ![wire::MOVE_J, wire::MOVE_LIN].contains(&next.operation));
-            // Standing in contact is counted where it is seen.
+            // A standstill in contact is counted where it is detected.
             let in_contact = lin.contact && next.is_none() && self.mover.stands();
             if !waits && !in_contact {
                 self.underruns += 1;
@@ -221,7 +221,7 @@ impl Controller {
             return;
         }
         let base_from_flange = self.flange_pose();
-        // A real arm holds a real tool; $TOOL is what a calibration took it for.
+        // A real arm holds a real tool; $TOOL is a calibration's estimate.
         let joints = self.mover.joints();
         let real_arm = self.setup.real_arm.as_ref();
         let base_from_tool =
@@ -236,9 +236,9 @@ impl Controller {
         });
     }
 
-    /// The tool in the active base; the flange and the robot's base where none was set.
+    /// Returns the tool's pose in the active base; flange and robot base if none was set.
     pub(super) fn tcp(&self) -> KukaPose {
-        // Without a program the controller cannot say it.
+        // Without a program the controller cannot report it.
         if !self.safety.has_program() {
             return KukaPose::default();
         }

@@ -1,12 +1,14 @@
-//! Speed along a path: up at the allowed acceleration, on at the allowed speed, down to stand at its end.
+//! Speed along a path: up at the allowed acceleration, constant at the allowed speed, down to a standstill at its
+//! end.
 //!
-//! From speed v, with d left to the stop, the highest speed that can still be braked away is √(v²/2 + a d); braking
-//! from v takes v²/2a. The unit of length is the caller's: mm on a line, degrees of the leading axis otherwise.
+//! From speed v, with distance d to the stop, the highest speed from which braking is still possible is √(v²/2 + a
+//! d); braking from v needs v²/2a. The unit of length is the caller's: mm on a line, otherwise degrees of the
+//! leading axis.
 
 /// What holds for one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Limits {
-    /// Left to where the motion must stand.
+    /// Remaining length to the point where the motion must stop.
     pub(super) to_stop: f64,
     /// Highest speed, per second.
     pub(super) speed: f64,
@@ -41,7 +43,8 @@ pub(super) fn step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
     if left_s > 0.0 {
         change(&mut gone, &mut now, &mut left_s, 0.0);
     }
-    // A nanometre before the stop is the stop, and a nanometre a second stands: rounding alone would leave 10⁻³²⁰ for ever.
+    // A nanometre before the stop counts as the stop, and a nanometre per second as standstill: rounding alone
+    // would leave 10⁻³²⁰ for ever.
     if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, if now < 1e-6 { 0.0 } else { now }) }
 }
 
@@ -54,7 +57,7 @@ mod tests {
         let (mut time_s, mut speed, mut fastest) = (0.0, 0.0, 0.0_f64);
         while limits.to_stop > 0.0 {
             let (gone, next) = step(speed, limits, 0.012);
-            // Where the last nanometre is cut off, so is the speed left there.
+            // When the last nanometre is cut off, the speed left there is also cut off.
             assert!((next - speed).abs() <= limits.acceleration * 0.012 + 0.2, "{speed} then {next}");
             limits.to_stop -= gone;
             speed = next;
@@ -65,21 +68,21 @@ mod tests {
         (time_s, fastest)
     }
 
-    /// By hand: 250 mm at 100 mm/s and 1000 mm/s² take 250/100 + 100/1000 = 2.6 s; 217 ticks are 2.604 s.
+    /// By hand: 250 mm at 100 mm/s and 1000 mm/s² need 250/100 + 100/1000 = 2.6 s; 217 ticks are 2.604 s.
     #[test]
     fn a_long_way_takes_length_by_speed_and_one_ramp() {
         let (time_s, fastest) = run(Limits { to_stop: 250.0, speed: 100.0, acceleration: 1000.0 });
         assert!((time_s - 2.604).abs() < 1e-9 && (fastest - 100.0).abs() < 1e-9, "{time_s} {fastest}");
     }
 
-    /// By hand: 4 mm at 1000 mm/s² never reach 100 mm/s, only √(1000·4) = 63.2; they take 2·0.0632 = 0.126 s.
+    /// By hand: 4 mm at 1000 mm/s² never reach 100 mm/s, only √(1000·4) = 63.2; they need 2·0.0632 = 0.126 s.
     #[test]
     fn a_short_way_is_a_triangle() {
         let (time_s, fastest) = run(Limits { to_stop: 4.0, speed: 100.0, acceleration: 1000.0 });
         assert!((time_s - 0.132).abs() < 1e-9 && fastest < 63.3, "{time_s} {fastest}");
     }
 
-    /// By hand: from 100 mm/s down to 40 at 1000 mm/s² takes 60 ms, five ticks.
+    /// By hand: from 100 mm/s down to 40 at 1000 mm/s² needs 60 ms, five ticks.
     #[test]
     fn too_fast_is_braked_down() {
         let mut speed = 100.0;

@@ -1,12 +1,13 @@
-//! What the safety controller and the pendant say, and what that means for the robot program.
+//! The states of the safety controller and the pendant, and their effect on the robot program.
 //!
-//! The program runs, is paused (T1 and T2 without the start key), or was reset and waits for its start. An emergency
-//! stop, drives off, an open guard, a turned mode switch and any stop of a paused program reset it: no start key goes on
-//! with what was planned, and nothing is known of the tool's tip until it was started again.
+//! The program runs, is paused (T1 and T2 without the start key), or was reset and waits for its start. An
+//! emergency stop, drives off, an open guard, a turned mode switch and any stop of a paused program reset it. Then
+//! no start key continues the planned motions, and the position of the tool's tip is unknown until the program is
+//! started again.
 
 use super::options::Mode;
 
-/// What the safety controller and the pendant say.
+/// The states of the safety controller and the pendant.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Safety {
     pub(super) mode: Mode,

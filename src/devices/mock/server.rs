@@ -1,7 +1,7 @@
 //! The mock controller behind two TCP ports, one client each.
 //!
-//! One thread accepts clients and, on the wall clock, lets time pass; one thread per client reads. Whatever a call to
-//! the controller makes it say is written before the next call, acknowledgements first.
+//! One thread accepts clients and, on the wall clock, lets time pass; one thread per client reads. All output that
+//! a call to the controller causes is written before the next call, acknowledgements first.
 
 use super::error::MockError;
 use super::late::DelayedStream;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Where the mock listens.
+/// The addresses on which the mock listens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ports {
     /// Address of the machine; loopback for a mock inside the program.
@@ -56,7 +56,8 @@ impl Shared {
         }
     }
 
-    /// Hands over what has arrived, sends what the controller has said, and hangs up where it closed the channel.
+    /// Hands over received bytes, sends the controller's output, and disconnects if the controller closed the
+    /// channel.
     fn flush(&mut self) {
         let now = Instant::now();
         for channel in [Channel::Command, Channel::State] {
@@ -99,7 +100,8 @@ impl Shared {
     }
 }
 
-/// The controller of a running server, shared: for cameras that ask where the flange is, for tests that press buttons.
+/// The shared controller of a running server, for cameras that request the flange pose and for tests that press
+/// buttons.
 #[derive(Clone)]
 pub struct MockHandle {
     shared: Arc<Mutex<Shared>>,
@@ -111,7 +113,7 @@ impl MockHandle {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does this with the controller, between two of its ticks, and sends what comes of it.
+    /// Executes this action on the controller, between two of its ticks, and sends the resulting output.
     pub fn with<T>(&self, act: impl FnOnce(&mut Controller) -> T) -> T {
         let mut shared = self.lock();
         let result = act(&mut shared.controller);
@@ -119,7 +121,7 @@ impl MockHandle {
         result
     }
 
-    /// Where the flange is now.
+    /// Returns the present flange pose.
     pub fn flange_pose(&self) -> Rigid<Base, Flange> {
         self.lock().controller.flange_pose()
     }
@@ -138,7 +140,7 @@ impl MockServer {
     /// Starts to listen.
     ///
     /// # Errors
-    /// Where a port is taken, or the system gives no thread.
+    /// If a port is in use, or the system cannot start a thread.
     pub fn start(controller: Controller, ports: Ports) -> Result<Self, MockError> {
         let clock = controller.clock();
         let (command, command_address) = listen(SocketAddr::new(ports.host, ports.command))?;
@@ -165,12 +167,12 @@ impl MockServer {
         self.handle.clone()
     }
 
-    /// Where the command channel listens.
+    /// Returns the address of the command channel.
     pub fn command_address(&self) -> SocketAddr {
         self.command_address
     }
 
-    /// Where the state channel listens.
+    /// Returns the address of the state channel.
     pub fn state_address(&self) -> SocketAddr {
         self.state_address
     }
@@ -229,7 +231,7 @@ impl Rounds {
 
     fn accept(&mut self) {
         for (channel, listener) in &self.listeners {
-            // Whoever comes while the channel has its client is dropped.
+            // A client that connects while the channel already has a client is dropped.
             while let Ok((stream, _)) = listener.accept() {
                 if let Some(reader) = take_client(&self.handle, *channel, stream) {
                     self.readers.push(reader);

@@ -14,9 +14,9 @@ use std::collections::BTreeMap;
 pub struct Setup {
     /// The arm.
     pub arm: Arm,
-    /// How the arm truly is, where that is not as it is drawn; what the mock reports is by this one.
+    /// The arm as built, if it differs from its drawing; the true flange pose comes from this one.
     pub real_arm: Option<RealArm>,
-    /// Where its axes stand at the start.
+    /// The axis angles at the start.
     pub start: Joints,
     /// CELLCMD.xml.
     pub commands: ChannelFile,
@@ -37,11 +37,11 @@ pub struct Setup {
     /// Each $OUT that the end of an epoch switches off, and how long after it, ms. With 0 it is at once, and silence of the
     /// client is watched while it is on.
     pub off_after_ms: BTreeMap<u16, u64>,
-    /// The $OUT by which a line is told: ready, cycle done, pass, fail, review, fault; 0 where it has none.
+    /// The $OUT of each signal to a line: ready, cycle done, pass, fail, review, fault; 0 if there is none.
     pub line_outputs: [u16; 6],
-    /// Inputs that can be set, with the $FLAG that stands for each.
+    /// Inputs that can be set, with the $FLAG that represents each.
     pub mapped_inputs: BTreeMap<u16, u16>,
-    /// How long each user subroutine takes, ms; its index is its place here, from 0.
+    /// Duration of each user subroutine, ms; its index is its position here, from 0.
     pub subroutines_ms: Vec<u64>,
     /// The count of the last state before the start.
     pub first_state: i32,

@@ -13,10 +13,10 @@ const COMMANDS_PER_TICK: usize = 8;
 const GRANT_MS: u64 = 100;
 /// Silence that stops what is queued.
 const WATCHDOG_MS: u64 = 400;
-/// Silence after which the program takes its channels for dead, clears them and listens again: a client that is gone
-/// without a word would else hold its place for ever.
+/// Silence after which the program considers its channels dead, clears them and listens again. Otherwise a client
+/// that disappeared without closing its connection would hold its place for ever.
 const SILENCE_MS: u64 = 3_000;
-/// How long clearing, initialising and opening a channel takes.
+/// The time for clearing, initialising and opening a channel.
 pub(super) const REOPEN_MS: u64 = 24;
 /// The largest step by which one request may raise the epoch.
 const EPOCH_STEP: i32 = 1_000_000;
@@ -24,7 +24,7 @@ const EPOCH_STEP: i32 = 1_000_000;
 const MOST: [f64; 2] = [2.0, 10.0];
 
 impl Controller {
-    /// Answers what was asked, in order. In lock step a heartbeat waits for the commands that it names.
+    /// Answers the requests in order. In lock step a heartbeat waits for the commands that it names.
     pub(super) fn serve_requests(&mut self) {
         if self.troubles.stalled() || self.running.is_some() {
             return;
@@ -61,7 +61,8 @@ impl Controller {
         }
     }
 
-    /// Nothing is waited for where the channel was lost or the epoch has ended; a channel that is not yet open is.
+    /// Returns whether the named commands need no further wait. There is no wait if the channel was lost or the
+    /// epoch has ended; a channel that is not yet open is waited for.
     fn is_delivered(&self, heartbeat: &Request) -> bool {
         let named = (heartbeat.epoch, heartbeat.n1);
         heartbeat.n1 <= 0 || !self.awaits_commands || heartbeat.epoch < self.epoch.number || self.arrived >= named
@@ -187,7 +188,7 @@ impl Controller {
         if right { Ok(()) } else { Err(Refusal::OutOfRange) }
     }
 
-    /// The flag that stands for this input.
+    /// Returns the flag that represents this input.
     pub(super) fn mapped_flag(&self, input: i32) -> Option<u16> {
         u16::try_from(input).ok().and_then(|input| self.setup.mapped_inputs.get(&input)).copied()
     }
@@ -220,7 +221,7 @@ impl Controller {
         }
     }
 
-    /// Without a program that runs, what is queued is for nobody.
+    /// Without a running program, queued commands have no receiver.
     pub(super) fn look_for_program(&mut self) {
         if self.epoch.open && self.is_busy() && !self.safety.has_program() {
             self.stop(StopCause::Deselected, String::new());
@@ -237,7 +238,7 @@ impl Controller {
         if self.epoch.open {
             self.stop(StopCause::SubmitDead, String::new());
         }
-        // Nobody else counts the time of what an ended epoch left on.
+        // Nothing else counts the time of outputs that an ended epoch left on.
         self.switch_off(|_| true);
     }
 
@@ -252,7 +253,8 @@ impl Controller {
         !self.epoch.ring.is_empty() || !self.mover.stands()
     }
 
-    /// Ends the epoch: tool and water off, brake, discard, and away from the panel where the tool touches and the drives stay on.
+    /// Ends the epoch: switches tool and water off, brakes, discards, and retracts from the panel if the tool
+    /// touches and the drives stay on.
     pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
         if self.running.is_some() {
             return self.stop_interpreted(cause);
@@ -282,7 +284,7 @@ impl Controller {
             self.contact.stop(self.mover.front(), false);
             self.mover.freeze();
         } else if !self.contact.wants_retract() {
-            // A retract under way goes on.
+            // A retract in progress continues.
             self.contact.stop(self.mover.front(), may_retract);
             self.mover.brake();
         }

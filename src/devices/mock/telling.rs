@@ -1,4 +1,5 @@
-//! What the controller sends: acknowledgements where something changed, states on request and every 100 ms.
+//! The messages that the controller sends: acknowledgements when something changed, states on request and every 100
+//! ms.
 
 use super::answer::Ack;
 use super::codec::Value;

@@ -85,7 +85,7 @@ impl Rig {
     }
 
     fn prepare(&mut self) {
-        // Base and tool turned so that the tool at the start stands in the base's origin, unturned.
+        // Base and tool are rotated so that the tool at the start is at the base's origin, without rotation.
         self.command(3, [0, 0], [0.0; 2], [BASE_MM[0], BASE_MM[1], BASE_MM[2], 180.0, 0.0, 180.0]);
         self.command(4, [1, 0], [0.0; 2], [0.0, 0.0, TOOL_MM, 0.0, 0.0, 0.0]);
         self.command(5, [100, 100], [0.1, 1.0], [0.0; 6]);

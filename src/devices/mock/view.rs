@@ -23,12 +23,12 @@ impl Controller {
         self.now_ms
     }
 
-    /// Where the axes stand.
+    /// Returns the axis angles.
     pub fn joints(&self) -> Joints {
         self.mover.joints()
     }
 
-    /// Where the flange truly is.
+    /// Returns the true flange pose.
     pub fn flange_pose(&self) -> Rigid<Base, Flange> {
         match &self.setup.real_arm {
             Some(arm) => arm.base_from_flange(&self.mover.joints()),

@@ -105,10 +105,10 @@ pub(super) const HEARTBEAT: i32 = 10;
 pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
 pub(super) const LINE: i32 = 13;
-/// What a line is told while no client is there: a fault alone.
+/// The outputs to a line while no client is connected: only a fault.
 pub(super) const LINE_ALONE: i32 = 32;
 
-/// Where a command's values stand in a channel's memory.
+/// The positions of a command's values in a channel's memory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CommandPlaces {
     ints: [usize; 5],
@@ -125,12 +125,12 @@ impl CommandPlaces {
         Ok(CommandPlaces { ints, reals: [r1, r2], frame: memory.place("Cmd/P", Kind::Frame)? })
     }
 
-    /// True where a command waits, whole or not.
+    /// Returns true if a command waits, complete or not.
     pub(super) fn waits(&self, memory: &Memory) -> bool {
         memory.waiting(self.ints[0]) > 0
     }
 
-    /// The next command, taken out: eight reads, whose counts must be one document's.
+    /// Removes and returns the next command: eight reads, and their counts must belong to one document.
     pub(super) fn take(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
         let mut row = Row::default();
         let [id, epoch, operation, n1, n2] = self.ints.map(|place| row.keep(memory.get_int(place)));
@@ -146,7 +146,7 @@ impl CommandPlaces {
         Some((number(self.ints[1])?, number(self.ints[0])?))
     }
 
-    /// Epoch and id of the command that arrived last; `None` where it lacked one of them.
+    /// Returns epoch and id of the command that arrived last; `None` if it lacked one of them.
     pub(super) fn newest_order(&self, memory: &Memory) -> Option<(i32, i32)> {
         let [(id, of_id), (epoch, of_epoch)] =
             [memory.newest(self.ints[0]).ok()?, memory.newest(self.ints[1]).ok()?];
@@ -155,7 +155,7 @@ impl CommandPlaces {
     }
 }
 
-/// Where a request's values stand in a channel's memory.
+/// The positions of a request's values in a channel's memory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RequestPlaces([usize; 4]);
 
@@ -171,12 +171,12 @@ impl RequestPlaces {
         Ok(RequestPlaces([id?, epoch?, operation?, n1?]))
     }
 
-    /// True where a request waits, whole or not.
+    /// Returns true if a request waits, complete or not.
     pub(super) fn waits(&self, memory: &Memory) -> bool {
         memory.waiting(self.0[0]) > 0
     }
 
-    /// Operation, epoch and N1 of the next request, left where it is; `None` where it lacks one.
+    /// Returns operation, epoch and N1 of the next request without removing it; `None` if it lacks one.
     pub(super) fn next(&self, memory: &Memory) -> Option<Request> {
         let [id, epoch, operation, n1] = self.0.map(|place| memory.peek(place).ok().and_then(int));
         Some(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })

@@ -1,8 +1,8 @@
-//! Where a controller listens.
+//! The addresses on which a controller listens.
 
 use crate::cell;
 
-/// Where a controller listens.
+/// The addresses on which a controller listens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address {
     /// Name or address of the machine.

@@ -7,7 +7,7 @@ use crate::supervision::Watched;
 use std::time::Duration;
 use tokio::runtime::Runtime;
 
-/// A [`RobotLink`] whose calls block.
+/// A [`RobotLink`] with blocking calls.
 #[derive(Debug)]
 pub struct BlockingLink {
     // Dropped first: its thread ends by itself.
@@ -97,7 +97,7 @@ impl BlockingLink {
         self.link.watched()
     }
 
-    /// The next thing to know; `None` where nothing comes for this long by the wall clock.
+    /// Returns the next report; `None` if none arrives within this time by the wall clock.
     pub fn next(&mut self, patience: Duration) -> Option<Report> {
         let BlockingLink { link, runtime } = self;
         runtime.block_on(async { tokio::time::timeout(patience, link.next()).await.ok() })

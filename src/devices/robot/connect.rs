@@ -7,12 +7,12 @@ use std::io::{Error as IoError, ErrorKind};
 use std::time::Duration;
 use tokio::net::TcpStream;
 
-/// How long a connection may take.
+/// Timeout for a connection.
 const CONNECT: Duration = Duration::from_secs(2);
-/// Bytes that nobody confirms for this long end the connection.
+/// Bytes that are not acknowledged for this long end the connection.
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Connects the command channel, then the state channel: a controller that is asked for its state has both.
+/// Connects the command channel, then the state channel: a controller that receives a state request has both.
 pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream), LinkLoss> {
     let command = open(Channel::Command, &address.host, address.command_port).await?;
     let state = open(Channel::State, &address.host, address.state_port).await?;
@@ -30,7 +30,8 @@ async fn open(channel: Channel, host: &str, port: u16) -> Result<TcpStream, Link
     Ok(stream)
 }
 
-/// Why there is no connection. Where a cable is out, the next host or the system itself says that there is no way, and nobody answers.
+/// Returns why there is no connection. If a cable is unplugged, the next host or the system itself reports that
+/// there is no route, and the controller does not answer.
 fn refused_by(error: &IoError, channel: Channel, address: String) -> LinkLoss {
     match error.kind() {
         ErrorKind::ConnectionRefused => LinkLoss::Refused { channel, address },
@@ -56,7 +57,7 @@ fn set_up(stream: &TcpStream) -> Result<(), IoError> {
     Ok(())
 }
 
-/// What the system says, and where a permission is looked for.
+/// Returns the system's error, and for a missing permission where to look.
 pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
     if matches!(error.kind(), ErrorKind::ConnectionReset | ErrorKind::ConnectionAborted | ErrorKind::BrokenPipe) {
         return LinkLoss::Closed { channel };
@@ -74,7 +75,7 @@ pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
 mod tests {
     use super::*;
 
-    /// As the kernel says it where a unit's IPAddressDeny holds the packet back.
+    /// As the kernel reports it if a unit's IPAddressDeny blocks the packet.
     #[test]
     fn a_network_that_the_unit_does_not_allow_is_told() {
         let said = failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::PERM.raw_os_error()));
@@ -84,7 +85,7 @@ mod tests {
         assert!(!other.to_string().contains("network.conf"), "{other}");
     }
 
-    /// As the kernel says it where a cable is out, and where nothing listens.
+    /// As the kernel reports it if a cable is unplugged, and if nothing listens.
     #[test]
     fn a_host_that_cannot_be_reached_does_not_answer() {
         let loss = |errno: rustix::io::Errno| {

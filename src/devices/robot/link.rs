@@ -55,7 +55,8 @@ pub enum StartError {
     Thread(#[from] std::io::Error),
 }
 
-/// The outputs by which the controller tells a line; whoever has it sets them, and moves nothing by it. Clones are the same ones.
+/// The controller's outputs to a line; their holder sets them and moves nothing with them. Clones refer to the same
+/// outputs.
 #[derive(Debug, Clone)]
 pub struct LineOutputs(mpsc::WeakUnboundedSender<LinkRequest>);
 
@@ -92,7 +93,7 @@ pub struct RobotLink {
     orders: mpsc::UnboundedSender<LinkRequest>,
     reports: Arc<ReportQueue>,
     pace: Pace,
-    /// How many reports there had been when time was last asked to pass.
+    /// The number of reports at the last request to let time pass.
     granted: Option<u64>,
     thread: Option<JoinHandle<()>>,
     watched: Watched,
@@ -102,7 +103,7 @@ impl RobotLink {
     /// Starts the link's thread, which begins to connect.
     ///
     /// # Errors
-    /// Where the shipped EthernetKRL files do not fit, or the system gives no thread.
+    /// If the shipped EthernetKRL files do not fit, or the system cannot start a thread.
     pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
         let read = |file, text| ChannelFile::parse(text).map_err(|error| StartError::Channel { file, error });
         let wire = Wire::new(&read("CELLCMD.xml", CELLCMD)?, &read("CELLSTAT.xml", CELLSTAT)?)?;
@@ -127,7 +128,7 @@ impl RobotLink {
         self.watched.clone()
     }
 
-    /// The outputs by which the controller tells a line.
+    /// Returns the controller's outputs to a line.
     pub fn line(&self) -> LineOutputs {
         LineOutputs(self.orders.downgrade())
     }
@@ -137,10 +138,10 @@ impl RobotLink {
         StopLine(self.orders.downgrade())
     }
 
-    /// Queues one command; its id comes back, 0 for `get_current_state`.
+    /// Queues one command and returns its id, 0 for `get_current_state`.
     ///
     /// # Errors
-    /// Where there is no controller, no open epoch, or the command cannot be executed.
+    /// If there is no controller, no open epoch, or the command cannot be executed.
     pub async fn send(&self, command: Command) -> Result<CommandId, QueueError> {
         self.ask(|reply| LinkRequest::Queue(command, reply)).await
     }
@@ -161,18 +162,18 @@ impl RobotLink {
         self.ask(|reply| LinkRequest::QueuePathWithin(points, permitted, reply)).await
     }
 
-    /// Lets commands up to this one be sent; all of them where it is `None`.
+    /// Permits commands up to this one to be sent, or all if it is `None`.
     ///
     /// # Errors
-    /// Where no epoch is open.
+    /// If no epoch is open.
     pub async fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
         self.ask(|reply| LinkRequest::Permit(last, reply)).await
     }
 
-    /// Asks for a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
+    /// Requests a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
     ///
     /// # Errors
-    /// Where no controller has answered yet.
+    /// If no controller has answered yet.
     pub async fn open_epoch(&self) -> Result<Epoch, QueueError> {
         self.open_epoch_above(Epoch(0)).await
     }
@@ -188,7 +189,7 @@ impl RobotLink {
     /// Ends the epoch; [`Report::Standstill`] follows.
     ///
     /// # Errors
-    /// Where no controller has answered yet.
+    /// If no controller has answered yet.
     pub async fn abort(&self) -> Result<(), QueueError> {
         self.ask(LinkRequest::Abort).await
     }
@@ -220,7 +221,7 @@ impl RobotLink {
     ) -> Result<T, QueueError> {
         let (reply, answer) = oneshot::channel();
         self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
-        // The thread answers at once. One that does not is lost, and whoever asks must not be lost with it.
+        // The thread answers at once. If it does not, it is lost, and the caller must not be lost with it.
         match tokio::time::timeout(ANSWERS, answer).await {
             Ok(Ok(answer)) => answer,
             Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
@@ -230,7 +231,7 @@ impl RobotLink {
 
 impl Drop for RobotLink {
     fn drop(&mut self) {
-        // The thread ends when nobody is left to give orders.
+        // The thread ends when no sender of orders is left.
         (self.orders, _) = mpsc::unbounded_channel();
         let Some(thread) = self.thread.take() else { return };
         let since = Instant::now();
@@ -251,8 +252,9 @@ impl Drop for RobotLink {
 /// The priority of the link's thread over other threads of the machine.
 const NICE: i32 = -10;
 
-/// The calling thread, and no other. Where the system does not permit it (`LimitNICE` of the unit does) the link runs at the
-/// program's own priority: whoever computes has stepped back behind that.
+/// Raises the priority of the calling thread, and no other. If the system does not permit this (`LimitNICE` of the
+/// unit does), the link runs at the program's own priority. Computing threads have lowered their own priority below
+/// that.
 fn raise_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
         tracing::info!("the robot link runs at the program's own priority: {error}");

@@ -1,15 +1,15 @@
-//! The link to a robot's controller: an EKI session over two TCP connections, on a thread and runtime of its own, so
+//! The link to a robot's controller: an EKI session over two TCP connections, on its own thread and runtime, so
 //! that no computation delays it.
 //!
-//! [`RobotLink`] is what the rest of the program uses: commands go in, reports come out. A lost link is reported once and
-//! reconnected with back-off; reconnecting requests the controller's state and moves nothing. Dropping the link aborts the motion
-//! under way.
+//! The rest of the program uses [`RobotLink`]: commands go in, reports come out. A lost link is reported once and
+//! reconnected with back-off; reconnecting requests the controller's state and moves nothing. Dropping the link
+//! aborts the motion in progress.
 //!
-//! In lock step ([`Pace::LockStep`]) the controller's virtual time passes only while somebody waits in
-//! [`RobotLink::next`] and no report is left: 100 ms for each wait. The same commands at the same reports
-//! give the same motion, bit by bit, however slow the machine is.
+//! In lock step ([`Pace::LockStep`]) the controller's virtual time passes only while a caller waits in
+//! [`RobotLink::next`] and no report is left: 100 ms for each wait. The same commands at the same reports give the
+//! same motion, bit by bit, however slow the machine is.
 //!
-//! The link does not judge waypoints: see the gate in `path`. It reports what happened and decides nothing: see `cycle`.
+//! The link does not judge waypoints: see the gate in `path`. It reports events and decides nothing: see `cycle`.
 
 mod address;
 mod blocking;

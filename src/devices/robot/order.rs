@@ -16,9 +16,9 @@ pub(super) enum LinkRequest {
     Abort(Reply<()>),
     /// An abort of what is at work; there is no answer.
     Stop,
-    /// What a line is told; nobody waits for it.
+    /// The outputs to a line; no caller waits for them.
     Line(u32),
-    /// Let virtual time pass, where nothing was reported since this count of reports.
+    /// Let virtual time pass, if nothing was reported since this count of reports.
     Grant {
         told: u64,
     },

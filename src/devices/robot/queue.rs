@@ -1,7 +1,7 @@
-//! Reports on their way from the link's thread to whoever waits for them.
+//! Reports on their way from the link's thread to their reader.
 //!
-//! A reader that is busy for long finds the newest state and the newest progress, not all of them: what remains grows
-//! with commands and faults only, which the reader itself has asked for.
+//! A reader that is busy for a long time finds only the newest state and the newest progress. The other reports
+//! grow only with commands and faults, which the reader itself has requested.
 
 use crate::eki::Report;
 use std::collections::VecDeque;
@@ -20,11 +20,11 @@ struct Inside {
     waiting: VecDeque<Report>,
     told: u64,
     closed: bool,
-    /// Since when something waits that nobody has asked for.
+    /// Since when a report waits that has not been fetched.
     unread_since: Option<Instant>,
 }
 
-/// There is nothing to take.
+/// No report is waiting.
 #[derive(Debug)]
 pub(super) struct Empty {
     /// How many reports there have been.
@@ -63,13 +63,13 @@ impl ReportQueue {
         inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
     }
 
-    /// Whoever gives orders is there, too.
+    /// Notes that the sender of orders is also active.
     pub(super) fn attended(&self) {
         let mut inside = self.lock();
         inside.unread_since = inside.unread_since.map(|_| Instant::now());
     }
 
-    /// For how long nobody has taken what waits.
+    /// Returns how long the waiting reports have not been fetched.
     pub(super) fn unread_for(&self) -> Duration {
         self.lock().unread_since.map_or(Duration::ZERO, |since| since.elapsed())
     }

@@ -15,14 +15,14 @@ use tokio::sync::mpsc;
 /// Between two attempts to connect: doubled each time, up to the last.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LAST_PAUSE: Duration = Duration::from_secs(1);
-/// How long an abort may take to leave when the link is closed.
+/// Time limit for sending an abort when the link is closed.
 const FAREWELL: Duration = Duration::from_millis(100);
 /// In lock step no deadline passes; a controller that does not answer for this long by the wall clock is gone.
 const LOCK_STEP_SILENCE: Duration = Duration::from_secs(10);
-/// Reports that nobody takes for this long, while anything is queued, end the epoch: heartbeats say that the program
-/// looks after the robot, not that this thread runs.
+/// Reports that are not fetched for this long, while anything is queued, end the epoch: heartbeats mean that the
+/// program looks after the robot, not that this thread runs.
 const UNATTENDED: Duration = Duration::from_secs(1);
-/// The thread says so often that it works, where nothing else happens.
+/// Interval at which the thread signals that it works, if nothing else happens.
 const SIGN: Duration = Duration::from_millis(500);
 
 pub(super) struct Link {
@@ -39,7 +39,7 @@ pub(super) struct Link {
     sign: Supervised,
 }
 
-/// Nobody is left to give orders.
+/// No sender of orders is left.
 struct Deserted;
 
 /// Two connections and what is still to be written to them.
@@ -80,7 +80,7 @@ impl Link {
         }
     }
 
-    /// Connects, and connects again, until nobody is left to give orders.
+    /// Connects, and reconnects, until no sender of orders is left.
     pub(super) async fn run(mut self) {
         let mut pause = FIRST_PAUSE;
         loop {
@@ -115,7 +115,7 @@ impl Link {
         }
     }
 
-    /// Awaits this and goes on answering orders.
+    /// Awaits this and continues to answer orders.
     async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Deserted> {
         tokio::pin!(work);
         loop {
@@ -141,8 +141,8 @@ impl Link {
                     Channel::Command => streams.command_out.extend_from_slice(&bytes),
                     Channel::State => {
                         streams.state_out.extend_from_slice(&bytes);
-                        // In lock step nobody speaks between two questions, however long a computation takes: the controller is
-                        // silent from a question on.
+                        // In lock step there is no message between two requests, however long a computation lasts:
+                        // the controller's silence counts from a request on.
                         if self.pace == Pace::LockStep {
                             heard = Instant::now();
                         }
@@ -182,7 +182,7 @@ impl Link {
                     ready.map_err(|error| failed(Channel::Command, &error)).and_then(|()| self.read_acks(&streams.command))
                 }
                 () = tokio::time::sleep_until(deadline.into()) => self.time_passed(heard),
-                // Nothing happens, and the thread says that it works.
+                // Nothing happens, and the thread signals that it works.
                 () = tokio::time::sleep(SIGN) => Ok(()),
             };
             if let Err(why) = step {
@@ -239,7 +239,7 @@ impl Link {
 
     fn obey(&mut self, order: LinkRequest) {
         self.reports.attended();
-        // Whoever asked and does not wait for the answer does not want it.
+        // A caller that no longer waits for the answer does not want it.
         match order {
             LinkRequest::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
             LinkRequest::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
@@ -260,8 +260,8 @@ impl Link {
         }
     }
 
-    /// Hands over what the session reports. In lock step all of one answer at once: whoever reacts to the first report
-    /// of it does so before any more time passes.
+    /// Hands over the session's reports. In lock step all reports of one answer are handed over at once. A caller
+    /// that reacts to the first of these reports does so before any more time passes.
     fn publish(&mut self) {
         if self.pace == Pace::LockStep && self.session.awaits_answer() {
             return;
@@ -312,7 +312,7 @@ impl Link {
     }
 }
 
-/// Bytes that are there; 0 where none are.
+/// Reads the available bytes; returns 0 if there are none.
 fn take(channel: Channel, stream: &TcpStream, bytes: &mut [u8]) -> Result<usize, LinkLoss> {
     match stream.try_read(bytes) {
         Ok(0) => Err(LinkLoss::Closed { channel }),

@@ -1,4 +1,4 @@
-//! The link over loopback: what it says about a controller that is not there, and a path against the mock.
+//! The link over loopback: its reports about a missing controller, and a path against the mock.
 
 use super::*;
 use crate::devices::mock::{self, MockServer};
@@ -94,7 +94,7 @@ fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     panic!("two thousand reports and not the one");
 }
 
-/// Sets base and tool where the arm stands and sends it once round a circle of 40 mm.
+/// Sets base and tool at the arm's position and sends the arm once round a circle of 40 mm.
 fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
     let (server, mut link) = cell(pace);
     let state = wait(&mut link, |report| match report {
@@ -131,7 +131,8 @@ fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i3
     server.handle().with(|controller| (controller.executed().to_vec(), controller.underruns(), progress))
 }
 
-/// Longer than a controller may be silent: while something is computed no time passes, and nobody asks the controller anything.
+/// Longer than a controller may be silent: during a computation no time passes, and nothing is requested from the
+/// controller.
 #[test]
 fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
     let (_server, mut link) = cell(Pace::LockStep);
@@ -205,7 +206,8 @@ fn a_link_that_comes_back_moves_nothing() {
         link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 20.0 })).expect("good");
     }
     server.handle().with(|controller| controller.disconnect(mock::Channel::Command));
-    // On a socket each: the state channel may tell of the stop before the command channel's end is seen.
+    // Each channel has its own socket: the state channel may report the stop before the command channel's end is
+    // detected.
     wait(&mut link, |report| matches!(report, Report::LinkLost { .. } | Report::Interrupted { .. }).then_some(()));
     while !matches!(link.next(Duration::from_secs(20)).expect("the controller goes on"), Report::Connected { .. }) {
     }
@@ -216,8 +218,8 @@ fn a_link_that_comes_back_moves_nothing() {
     assert_eq!(link.send(Command::CallSubroutine { index: 0 }), Err(QueueError::NoEpoch));
 }
 
-/// A controller that goes on telling its state and reads nothing: an abort that nobody answers ends the connections, by
-/// which a real one stops.
+/// A controller that continues to report its state but reads nothing: an unanswered abort ends the connections,
+/// which stops a real controller.
 #[test]
 fn an_abort_to_a_peer_that_does_not_read_ends_the_link() {
     let (command, state) = (listener(), listener());

@@ -1,13 +1,13 @@
-//! The simulated world around a controller in another process, as in a rehearsal: all that is known of it are its state messages,
-//! about ten times a second.
+//! The simulated world around a controller in another process, as in a rehearsal. Only its state messages are
+//! known, about ten times a second.
 //!
-//! The arm is at the pose of the last message until the next one; in between, time passes by the wall clock. Outputs act
-//! on the world from the message before the one that first shows them, up to 100 ms early: later, a message could show the feedback of
-//! a shutter that is not open here yet. Messages do not state contact: where the tool's
-//! output is on, the tip is assumed to move in a straight line from one message's position to the next, and to sand where
-//! it is within a pad's reach of the true surface. Corners of the path are therefore cut by the distance that the arm moves in 100 ms, a
-//! few millimetres under a disc of 20 mm and more. Where messages were late nothing is interpolated: only the reported positions
-//! count.
+//! The arm is at the pose of the last message until the next one; in between, time passes by the wall clock.
+//! Outputs act on the world from the message before the one that first shows them, up to 100 ms early. If they
+//! acted later, a message could show the feedback of a shutter that is not open here yet. Messages do not state
+//! contact. If the tool's output is on, the tip is assumed to move in a straight line from one message's position
+//! to the next. It is assumed to sand where it is within a pad's reach of the true surface. Corners of the path are
+//! therefore cut by the distance that the arm moves in 100 ms, a few millimetres under a disc of 20 mm and more. If
+//! messages were late, nothing is interpolated: only the reported positions count.
 
 use super::simulated_world::{Moment, SimulatedWorld};
 use crate::cell::{Cell, Output};
@@ -126,7 +126,7 @@ impl Follower {
         })
     }
 
-    /// Where the tool was while it ran, up to that moment.
+    /// Returns the tool's positions while it ran, up to that moment.
     pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
         self.lock().trace.iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }

@@ -1,11 +1,12 @@
-//! A simulated line: it brings parts, asks for cycles, and takes what is done, by the controller's signals alone.
+//! A simulated line: it brings parts, requests cycles, and removes finished parts, by the controller's signals
+//! alone.
 //!
 //! | It reads | It does |
 //! |---|---|
-//! | ready on | brings the next part, then asks for a cycle |
-//! | ready off | takes its request back |
-//! | cycle done on | takes the part away |
-//! | fault on while it asks | takes its request back, and asks for nothing more |
+//! | ready on | brings the next part, then requests a cycle |
+//! | ready off | withdraws its request |
+//! | cycle done on | removes the part |
+//! | fault on during its request | withdraws its request, and makes no further one |
 
 use crate::cell::{InputsOutputs, LINE_INPUTS, LineSignal};
 
@@ -45,7 +46,7 @@ pub(super) struct SimulatedLine {
 }
 
 impl SimulatedLine {
-    /// One that brings so many parts; `None` where the cell's file does not name its signals.
+    /// Returns a line that brings this number of parts; `None` if the cell's file does not name its signals.
     pub fn new(io: &InputsOutputs, parts: u32) -> Option<Self> {
         let [part_present, start_request] = LINE_INPUTS.map(|name| io.feedbacks().get(name).copied());
         let output = |signal| io.line_output(signal);
@@ -78,7 +79,7 @@ impl SimulatedLine {
         false
     }
 
-    /// What it sets, where this input of the controller is its own.
+    /// Returns the state that the line sets, if this input of the controller belongs to the line.
     pub fn sets(&self, number: u16, now_ms: u64) -> Option<bool> {
         [self.part_present, self.start_request]
             .iter()
@@ -106,7 +107,7 @@ mod tests {
         [30, 31].map(|number| line.sets(number, now_ms).expect("its own"))
     }
 
-    /// One part: brought, asked for, taken; for a second one there is none.
+    /// One part: brought, its cycle requested, removed; there is no second one.
     #[test]
     fn a_part_comes_is_asked_for_and_goes() {
         let mut line = line(1);

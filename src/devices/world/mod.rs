@@ -1,15 +1,17 @@
 //! The simulated world: the renderer and the mock robot in one memory, as a closed loop.
 //!
 //! The mock controller switches water, light, extraction, tool and lens shutter here and reads their feedbacks; the
-//! simulated cameras have their view rendered. A spot of grease of which the running disc covered nine
-//! tenths is gone when the panel is wetted again. Time is the controller's. The ground truth is known here, for scores alone.
+//! views of the simulated cameras are rendered. If the running disc covered nine tenths of a spot of grease, the
+//! spot is gone when the panel is wetted again. Time is the controller's. The ground truth is known here, for
+//! scores alone.
 //!
-//! - `simulated_world`: what it contains and what its cameras see · `state`: what changes · `signal`: what an output causes, and when · `water`: the film's time ·
-//!   `touch`: where the disc was · `line`: a line that brings parts, where the cell's file names its signals
+//! - `simulated_world`: its contents and its cameras' views · `state`: the changing state · `signal`: effect and
+//!   delay of an output · `water`: the film's time · `touch`: the disc's positions · `line`: a line that brings
+//!   parts, if the cell's file names its signals
 //! - `follow`: the same around a controller in another process, by its messages
 //!
-//! The process's light does not reach the flange camera's pictures, which have a lamp of their own, nor 3D shots.
-//! Not simulated: drops on a lens, a wet panel in 3D shots and in pictures of the flange camera, the arm in a picture.
+//! The process's light does not reach the flange camera's pictures, which have their own lamp, nor 3D shots. Not
+//! simulated: drops on a lens, a wet panel in 3D shots and in pictures of the flange camera, the arm in a picture.
 
 mod follow;
 mod line;

@@ -1,8 +1,8 @@
-//! What an output does in the world, and when: a lamp takes its time, a disc spins up, a valve closes.
+//! The effect of an output in the world, and its delay: a lamp needs time, a disc spins up, a valve closes.
 
 use crate::cell::Output;
 
-/// How long what an output drives takes to follow, ms.
+/// Delay until the device at an output follows, ms.
 struct Delays {
     on_ms: u64,
     off_ms: u64,
@@ -53,7 +53,7 @@ impl Signal {
         if follows { self.on } else { self.ran }
     }
 
-    /// What the feedback says: of the spray that it is off, of everything else that it runs.
+    /// Returns the feedback: for the spray whether it is off, for everything else whether it runs.
     pub fn says(&self, now_ms: u64) -> bool {
         self.runs(now_ms) != (self.output == Output::Spray)
     }

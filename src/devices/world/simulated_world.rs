@@ -1,4 +1,4 @@
-//! The world itself: what stands in it, what changes, and what its cameras see.
+//! The world itself: its contents, its changes, and its cameras' views.
 
 use super::line::SimulatedLine;
 use super::signal::Signal;
@@ -53,12 +53,12 @@ impl Moment {
         self.time_ms
     }
 
-    /// Where its flange is.
+    /// Returns the flange pose.
     pub fn base_from_flange(&self) -> Rigid<Base, Flange> {
         self.base_from_flange
     }
 
-    /// The controller as it stands now.
+    /// Returns the controller's present state.
     pub fn of(controller: &Controller) -> Self {
         Moment {
             time_ms: controller.time_ms(),
@@ -83,11 +83,11 @@ struct Fixed {
 }
 
 impl SimulatedWorld {
-    /// The world of this simulated cell, wired as the cell's file says. Without a disc nothing is abraded: see
-    /// [`SimulatedWorld::mount_disc`].
+    /// Creates the world of this simulated cell, wired as the cell's file states. Without a disc nothing is
+    /// abraded: see [`SimulatedWorld::mount_disc`].
     ///
     /// # Errors
-    /// Where the file gives no number to an output or feedback of the process, or has no park pose.
+    /// If the file has no number for an output or feedback of the process, or no park pose.
     pub fn new(simulated: sim::Cell, cell: &cell::Cell) -> Result<Self, WorldError> {
         let signal = |output: Output| {
             let unnamed = |table, name| WorldError::Unnamed { table, name };
@@ -105,10 +105,10 @@ impl SimulatedWorld {
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
     }
 
-    /// A line stands beside the cell and brings so many parts, each like the first.
+    /// Adds a line next to the cell, which brings this number of parts, each like the first.
     ///
     /// # Errors
-    /// Where the cell's file does not name the line's signals.
+    /// If the cell's file does not name the line's signals.
     pub fn bring_parts(&self, parts: u32, cell: &cell::Cell) -> Result<(), WorldError> {
         self.lock().line = Some(SimulatedLine::new(cell.io(), parts).ok_or(WorldError::NoLine)?);
         Ok(())
@@ -119,7 +119,7 @@ impl SimulatedWorld {
         self.lock().disc_diameter_mm = diameter_mm;
     }
 
-    /// Somebody has wiped the panel dry.
+    /// Dries the panel, as if a person had wiped it.
     pub fn dry_panel(&self) {
         self.lock().wetting = None;
     }
@@ -141,7 +141,7 @@ impl SimulatedWorld {
                 .filter_map(|(name, after_s)| Some((*cell.io().outputs().get(name)?, 1_000 * u64::from(*after_s))))
                 .collect(),
             line_outputs: cell.io().line_outputs(),
-            // Which flags does not matter here: nothing in this world asks for them.
+            // The choice of flags does not matter here: nothing in this world reads them.
             mapped_inputs: (860..)
                 .zip(cell.io().mapped_inputs().values())
                 .map(|(flag, input)| (*input, flag))
@@ -165,7 +165,8 @@ impl SimulatedWorld {
         self.fixed.greasy(&self.lock().healed.1)
     }
 
-    /// Truth: for each wetting of this part that was watched, in order, the pixels whose film was broken in its last picture.
+    /// Returns the ground truth: for each watched wetting of this part, in order, the pixels with a broken film in
+    /// its last picture.
     pub fn broken(&self) -> Vec<Mask> {
         let watched = self.lock().watched.clone();
         watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()
@@ -185,10 +186,10 @@ impl SimulatedWorld {
         self.lock().violations.push((now.time_ms, violation));
     }
 
-    /// A 3D shot.
+    /// Takes a 3D shot.
     ///
     /// # Errors
-    /// Where the arm is not parked, or moves.
+    /// If the arm is not parked, or moves.
     pub fn scan(&self, now: &Moment) -> Result<Shot, CameraError> {
         let axis_off_deg = now.joints.farthest_deg(&self.fixed.park);
         if now.moving || axis_off_deg > PARKED_DEG {
@@ -213,8 +214,8 @@ impl SimulatedWorld {
         state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.healed.0 != Some(*on_ms))
     }
 
-    /// Takes what was executed up to that moment: spots that the disc covered will hold their film, and where it was since the wetting
-    /// before, the panel has another look.
+    /// Applies the motions executed up to that moment. Spots that the disc covered will hold their film. The panel
+    /// looks different where the disc was since the previous wetting.
     pub fn abrade(&self, trace: &[Sample]) {
         let Fixed { cell, truth, .. } = &*self.fixed;
         let (disc_diameter_mm, since_ms, mut sanded) = {
@@ -275,10 +276,10 @@ impl SimulatedWorld {
         film
     }
 
-    /// A picture of the flange camera, from where the arm has really brought it.
+    /// Takes a picture with the flange camera, from the arm's true pose.
     ///
     /// # Errors
-    /// Where the arm moves.
+    /// If the arm moves.
     pub fn flange_picture(&self, now: &Moment) -> Result<FlangePicture, CameraError> {
         if now.moving {
             self.violated(now, Violation::ArmMoves);

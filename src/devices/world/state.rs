@@ -27,7 +27,7 @@ pub enum Violation {
 /// What the disc has sanded of this part.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sanded {
-    /// Where the disc was: a pass for each wetting after it.
+    /// The disc's positions: a pass for each wetting after it.
     pub sanding: Arc<Sanding>,
     /// The number of passes.
     pub passes: u64,
@@ -38,7 +38,7 @@ pub(super) struct Sanded {
 /// What changes.
 pub(super) struct State {
     pub signals: Vec<Signal>,
-    /// The input that is on while the tool stands, where the cell names one.
+    /// The input that is on while the tool is stopped, if the cell names one.
     pub tool_stands: Option<u16>,
     pub wetting: Option<Wetting>,
     /// Which spots are gone, as far as the wetting that began at this time shows it.
@@ -79,8 +79,8 @@ impl State {
         &self.signals[place(output)]
     }
 
-    /// A part that is dry and as greasy as the first one takes its place. The films of the one before are let go: a line brings parts
-    /// for days.
+    /// Replaces the part by one that is dry and as greasy as the first. The films of the previous part are
+    /// released: a line brings parts for days.
     fn bring_part(&mut self, now_ms: u64) {
         (self.part_since_ms, self.wetting) = (now_ms, None);
         self.watched.clear();
@@ -118,7 +118,7 @@ impl State {
         self.violations.extend(wrong.into_iter().map(|violation| (time_ms, violation)));
     }
 
-    /// An input of the controller, where something is wired to it.
+    /// Returns an input of the controller, if something is wired to it.
     pub fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
         if let Some(set) = self.line.as_ref().and_then(|line| line.sets(number, time_ms)) {
             return Some(set);
@@ -130,7 +130,7 @@ impl State {
     }
 }
 
-/// Where an output stands among all.
+/// Returns the position of an output among all outputs.
 fn place(output: Output) -> usize {
     Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
 }

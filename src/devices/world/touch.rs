@@ -1,4 +1,5 @@
-//! Where the running disc was on the panel, and its orientation: from what the mock executed, compared with the ground truth.
+//! Positions and orientation of the running disc on the panel: from the motions that the mock executed, compared
+//! with the ground truth.
 //!
 //! A sample counts if both ends of its segment are in contact, the tool is on, and its point is at most the pad's
 //! reach from the true surface. The disc is assumed to touch with its whole area, as a compliant pad does.
@@ -11,7 +12,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 /// Farther than this from the surface the pad does not touch, mm.
 const PAD_REACH_MM: f64 = 2.0;
-/// A step whose cosine to the rows' direction is larger is part of a row.
+/// A step is part of a row if its cosine to the rows' direction is larger.
 const ALONG_ROW: f64 = 0.98;
 
 /// The places of the panel that the disc was on.
@@ -30,7 +31,7 @@ impl Touched {
         Touched { centres, radius_mm: disc_diameter_mm / 2.0 }
     }
 
-    /// Where its centre was.
+    /// Returns the positions of the disc's centre.
     pub fn centres(&self) -> &[Point<Panel>] {
         &self.centres
     }
@@ -69,7 +70,7 @@ impl Touched {
     }
 }
 
-/// How the tool stood on the true surface while it sanded.
+/// The tool's errors relative to the true surface while it sanded.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct ContactErrors {
     /// Ticks of the controller in contact.
@@ -80,7 +81,7 @@ pub struct ContactErrors {
     pub surface_max_mm: f64,
 }
 
-/// How the tool stood on the true surface; `None` where it was never in contact.
+/// Returns the tool's errors relative to the true surface; `None` if it was never in contact.
 pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> {
     let of = |panel_from_tool: Rigid<Panel, Tool>| {
         let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());

@@ -1,7 +1,8 @@
 //! The water on the panel, as a time of the film.
 //!
-//! The film's own time begins dry, is sprayed from [`SPRAY_FROM_S`] and watched from [`WET_FROM_S`] on. Spraying for
-//! less than the time between leaves the front where it is; spraying longer keeps the film new until the water is off.
+//! The film's own time begins dry; the film is sprayed from [`SPRAY_FROM_S`] and watched from [`WET_FROM_S`] on.
+//! Spraying for less than the time in between leaves the front where it is. Spraying longer keeps the film new
+//! until the water is off.
 
 use crate::sim::{SPRAY_FROM_S, WET_FROM_S};
 

@@ -7,7 +7,7 @@ use super::sensor::Planes;
 /// What a shot is compared with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpectedShot {
-    /// What was asked for, in words.
+    /// The request, in words.
     pub what: &'static str,
     /// By which settings.
     pub settings: SettingsHash,
@@ -15,7 +15,7 @@ pub struct ExpectedShot {
     pub serial: String,
     /// The size of its calibration.
     pub size: Size,
-    /// When it was asked for, ns of the monotonic clock: nothing older counts.
+    /// Time of the request, ns of the monotonic clock: nothing older counts.
     pub from_ns: u64,
     /// When it had come.
     pub until_ns: u64,
@@ -25,16 +25,16 @@ pub struct ExpectedShot {
     pub last_sum: Option<u32>,
 }
 
-/// Smallest share of a shot's points that must be there. What a panel needs is asked where it is located; this is a
-/// camera that sees nothing.
+/// Smallest share of a shot's points that must be present. The points needed for a panel are checked when it is
+/// located; this limit detects a camera that sees nothing.
 pub const LEAST_POINTS_PERCENT: f64 = 1.0;
-/// Longest pause to cool while a film is taken, ms. A 3D shot of a scene that stands bears any.
+/// Longest pause for cooling while a film is taken, ms. A 3D shot of a stationary scene tolerates any pause.
 pub const MOST_THROTTLED_MS: f64 = 500.0;
 
-/// Holds a shot's or picture's data against what was asked; `sum` is the checksum of its payload.
+/// Checks the data of a shot or picture against the request; `sum` is the checksum of its payload.
 ///
 /// # Errors
-/// Where it is another camera's, of another size, by other settings, old, or the same as before.
+/// If it is from another camera, has another size or other settings, is old, or is the same as before.
 pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), ZividFault> {
     if taken.serial != asked.serial {
         let (found, expected) = (taken.serial.clone(), asked.serial.clone());
@@ -75,10 +75,10 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
     Ok(())
 }
 
-/// Looks at the points themselves.
+/// Checks the points themselves.
 ///
 /// # Errors
-/// Where there are next to none, or some that no camera measures.
+/// If there are almost none, or some that no camera measures.
 pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
     let (mut there, mut infinite) = (0_usize, 0_usize);
     for point in &planes.points_mm {
@@ -95,10 +95,10 @@ pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
     }
 }
 
-/// Whether a film may hold a picture that the camera paused for.
+/// Checks whether a film may contain a picture for which the camera paused.
 ///
 /// # Errors
-/// Where it paused for too long.
+/// If it paused for too long.
 pub fn accept_pause(taken: &ShotInfo, during: &'static str) -> Result<(), ZividFault> {
     let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MOST_THROTTLED_MS, taken.lens_c);
     match paused_ms <= allowed_ms {

@@ -23,7 +23,7 @@ impl Default for Restarts {
     }
 }
 
-/// What is left of it.
+/// The remaining restarts.
 #[derive(Debug, Clone)]
 pub struct Budget {
     allowed: Restarts,
@@ -61,15 +61,15 @@ impl Budget {
         Verdict::Restart { number: self.used.len() }
     }
 
-    /// A person asks for the worker: where it stays down, whether it may be started. That counts as a restart, so it
-    /// is refused until the oldest is far enough back.
+    /// Handles a person's request for the worker: returns whether a worker that stays down may be started. This
+    /// counts as a restart, so it is refused until the oldest is long enough ago.
     pub fn asked(&mut self, now: Duration) -> Verdict {
         self.forget(now);
         self.is_spent = false;
         self.ended(now)
     }
 
-    /// How long from `now` until a person may ask for it; zero where that is now.
+    /// Returns the time from `now` until a person may request the worker; zero if this is allowed now.
     pub fn wait(&self, now: Duration) -> Duration {
         let oldest = (self.used.len() >= self.allowed.most).then(|| self.used.front()).flatten();
         oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
@@ -98,8 +98,9 @@ mod tests {
         Duration::from_secs(60 * minutes)
     }
 
-    /// By hand, in virtual time: ends at minutes 0, 3, 6 are mended, the fourth at 9 is not; nor is one at 30 that
-    /// nobody asked for. A person has it back, since all three are then more than 10 minutes ago.
+    /// By hand, in virtual time: after ends at minutes 0, 3, 6 the worker is restarted, after the fourth at 9 it is
+    /// not, nor after one at 30 without a request. A person's request then restarts it, since all three are more
+    /// than 10 minutes ago.
     #[test]
     fn the_fourth_in_ten_minutes_stays_down() {
         let mut budget = Budget::new(Restarts::default());
@@ -120,7 +121,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever ends when, and whoever asks: in no stretch of ten minutes are there more than three starts.
+        /// For any times of ends and requests, no period of ten minutes has more than three starts.
         #[test]
         fn no_stretch_of_time_has_more_starts(
             steps in proptest::collection::vec((0_u64..400, any::<bool>()), 1..60),

@@ -1,11 +1,11 @@
-//! The camera as the worker has it: a sensor that takes one thing after the other, and how each was taken.
+//! The camera in the worker: a sensor that takes one shot or picture after the other, and the data about each.
 
 use super::clock::now_ns;
 use super::message::{Refusal, SettingsHash, ShotInfo, Trouble};
 use super::sensor::{Exposed, Sensor};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A camera and how many shots it took.
+/// A camera and the number of its shots.
 pub(super) struct Camera {
     pub(super) sensor: Box<dyn Sensor>,
     pub(super) serial: Option<String>,
@@ -18,7 +18,7 @@ impl Camera {
         Camera { sensor, serial: None, taken: 0 }
     }
 
-    /// Takes something and says how.
+    /// Takes a shot or picture and returns the data about it.
     pub(super) fn take<T>(
         &mut self,
         settings: &SettingsHash,

@@ -1,4 +1,5 @@
-//! A clip: a thread that takes pictures into a queue of three. Whoever takes them over too late loses the oldest, which are counted.
+//! A clip: a thread that takes pictures into a queue of three. If pictures are fetched too late, the oldest are
+//! lost, and counted.
 
 use super::camera::{Camera, lock};
 use super::clock::now_ns;
@@ -12,10 +13,10 @@ use std::time::Duration;
 /// Pictures of a clip that wait to be taken over, at most.
 pub const QUEUE: usize = 3;
 
-/// How long the next picture of a clip is waited for before the daemon is told that there is none.
+/// Timeout for the next picture of a clip, before it is reported to the daemon that there is none.
 const NEXT_PICTURE: Duration = Duration::from_secs(4);
 
-/// So long nobody need ask for a clip's pictures before it ends by itself: whoever began it may have gone.
+/// A clip without a request for pictures ends by itself after this time: its client may have disappeared.
 const NOBODY_ASKS: Duration = Duration::from_secs(10);
 
 /// Pictures in a row that the camera may not give; each is a gap in the clip's times. One more ends the clip.
@@ -35,7 +36,7 @@ struct Queue {
     dropped: u64,
     /// Pictures in a row that the camera did not give.
     missed: u32,
-    /// When somebody last asked for one.
+    /// Time of the last request for a picture.
     asked_ns: u64,
     /// What ended the clip, reported once.
     failed: Option<Refusal>,
@@ -104,7 +105,7 @@ impl Clip {
                 let mut queue = lock(queue);
                 queue.take(taken, now_ns());
                 news.notify_all();
-                // A camera that is late goes on from when it was, without hurrying after.
+                // A camera that is late continues from its present time and does not catch up.
                 due_ns = (due_ns + period_ns).max(now_ns());
                 while !queue.is_over && now_ns() < due_ns {
                     let left = Duration::from_nanos(due_ns.saturating_sub(now_ns()));
@@ -137,7 +138,7 @@ impl Clip {
         queue.pop().ok_or_else(|| queue.failed.clone().unwrap_or_else(late))
     }
 
-    /// Takes no more pictures, once the one that is being taken is there.
+    /// Takes no more pictures after the one in progress.
     pub(super) fn end(&mut self) -> ClipEnd {
         let (queue, news) = &*self.shared;
         lock(queue).is_over = true;
@@ -179,7 +180,7 @@ mod tests {
         (taken, vec![[0; 3]])
     }
 
-    /// By hand: of five pictures that nobody takes over the first two are gone.
+    /// By hand: of five pictures that are not fetched, the first two are lost.
     #[test]
     fn the_queue_keeps_the_newest_and_counts_the_others() {
         let mut queue = Queue::default();
@@ -208,7 +209,7 @@ mod tests {
         assert!(gone.is_over, "a camera that is gone ends it at once");
     }
 
-    /// A clip of a film that was left goes on for ten seconds and no longer.
+    /// The clip of an abandoned film continues for ten seconds and no longer.
     #[test]
     fn a_clip_that_nobody_asks_for_ends() {
         let mut queue = Queue { asked_ns: 5_000_000_000, ..Queue::default() };

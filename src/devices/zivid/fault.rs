@@ -13,7 +13,7 @@ pub enum ZividFault {
         "C1 the 3D camera is not found: {0}; is it on, and its cable in? It is looked for again every few seconds"
     )]
     NotFound(String),
-    /// It is there and connected elsewhere.
+    /// The camera is present but connected elsewhere.
     #[error(
         "C1 the 3D camera is in use: {0}; close Zivid Studio and other camera programs, on other computers, too"
     )]
@@ -36,7 +36,7 @@ pub enum ZividFault {
     /// It was open and is gone.
     #[error("C2 the 3D camera was lost during {during}: {message}; it is opened again by itself once it answers")]
     Lost {
-        /// What was asked of it.
+        /// The request to the camera.
         during: &'static str,
         /// In the SDK's words.
         message: String,
@@ -44,7 +44,7 @@ pub enum ZividFault {
     /// No answer in time.
     #[error("C3 no answer within {} s to {during}, the worker was ended; {next}", waited.as_secs_f64())]
     Timeout {
-        /// What was asked.
+        /// The request.
         during: &'static str,
         /// How long was waited.
         waited: Duration,
@@ -57,7 +57,7 @@ pub enum ZividFault {
         waited.as_secs()
     )]
     Stuck {
-        /// What was asked.
+        /// The request.
         during: &'static str,
         /// How long was waited.
         waited: Duration,
@@ -65,7 +65,7 @@ pub enum ZividFault {
     /// The camera gave no shot, time after time.
     #[error("C3 the 3D camera gave nothing for {during} in {tries} tries: {message}")]
     NoShot {
-        /// What was asked.
+        /// The request.
         during: &'static str,
         /// How often.
         tries: u32,
@@ -78,7 +78,7 @@ pub enum ZividFault {
          settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
     )]
     Throttled {
-        /// What was asked.
+        /// The request.
         during: &'static str,
         /// How long.
         paused_ms: f64,
@@ -90,7 +90,7 @@ pub enum ZividFault {
     /// What came is not whole, or not what was sent.
     #[error("C4 {during} came damaged and was thrown away: {cause}; the worker was ended; {next}")]
     Damaged {
-        /// What was asked.
+        /// The request.
         during: &'static str,
         /// What is wrong with it.
         cause: String,
@@ -168,7 +168,7 @@ pub enum ZividFault {
     Starting {
         /// For how long now.
         since: Duration,
-        /// How long it may take at most.
+        /// Time limit for the start.
         most: Duration,
     },
     /// The worker stays down.
@@ -191,7 +191,7 @@ pub enum ZividFault {
     /// A protocol of the worker that it does not hold to, or a request out of order.
     #[error("C11 the worker refuses {during}: {message}")]
     OutOfOrder {
-        /// What was asked.
+        /// The request.
         during: &'static str,
         /// In its words.
         message: String,
@@ -230,7 +230,8 @@ fn lens(lens_c: Option<f64>) -> String {
 }
 
 impl ZividFault {
-    /// Does it tell what whoever opened the camera did not know: its size, [`UNKNOWN_PX`], or its serial number, ""?
+    /// Returns whether the fault reports a value that the client did not know when it opened the camera: its size,
+    /// [`UNKNOWN_PX`], or its serial number, "".
     pub fn tells_what_was_unknown(&self) -> bool {
         match self {
             ZividFault::WrongSize { expected_px, .. } => *expected_px == UNKNOWN_PX,

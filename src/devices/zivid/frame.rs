@@ -104,7 +104,7 @@ pub enum WireError {
         /// Allowed.
         allowed: u64,
     },
-    /// A payload of another size than its head says.
+    /// A payload of another size than its head states.
     #[error("a payload has {found} bytes, by its head it has {expected}")]
     PayloadSize {
         /// By the opening.
@@ -112,7 +112,7 @@ pub enum WireError {
         /// By the head.
         expected: u64,
     },
-    /// A head that says nothing known.
+    /// A head without known content.
     #[error("the head of a frame cannot be read: {0}")]
     Head(#[from] serde_json::Error),
     /// The system.

@@ -1,9 +1,10 @@
 //! `libpanelprep_zivid.so`, opened at run time: the camera behind the SDK. Only the worker does this.
 //!
-//! This file is the foreign boundary and holds all that is `unsafe` about the camera: the library's own initialisation runs when
-//! it is opened, and its functions are called by the types that `cpp/panelprep_zivid.h` declares. The number of that
-//! interface is asked before anything else, so that an older or newer library is refused and not called. Sizes are those
-//! of the buffers that are handed over. A session is used by one thread at a time (`&mut self`).
+//! This file is the foreign boundary and contains all `unsafe` code for the camera. The library's own
+//! initialisation runs when it is opened, and its functions are called with the types that `cpp/panelprep_zivid.h`
+//! declares. The number of that interface is read before anything else, so that an older or newer library is
+//! refused and not called. Sizes are those of the buffers that are handed over. A session is used by one thread at
+//! a time (`&mut self`).
 #![allow(unsafe_code, reason = "calls into the camera vendor's SDK go through a C interface")]
 
 use super::message::{Flicker, Identity, Lens, Light, Refusal, Size, Source, Temperatures, Trouble, Use};
@@ -30,7 +31,7 @@ pub enum LibraryError {
     Open {
         /// The library.
         file: PathBuf,
-        /// What the system says.
+        /// The system's error.
         cause: libloading::Error,
     },
     /// It was built by another header.
@@ -128,23 +129,23 @@ pub struct Sdk {
     version: String,
 }
 
-// SAFETY: the header allows a session to be used by one thread at a time, whichever that is, and `&mut self` holds
-// callers to that; nothing of it is shared.
+// SAFETY: the header allows a session to be used by any thread, one at a time, and `&mut self` enforces this; no
+// part of the session is shared.
 unsafe impl Send for Sdk {}
 
 impl Sdk {
     /// Opens the library and starts the SDK.
     ///
     /// # Errors
-    /// Where the library cannot be opened or is of another interface, or the SDK does not start.
+    /// If the library cannot be opened or has another interface, or the SDK does not start.
     pub fn open(file: &Path) -> Result<Self, LibraryError> {
         let failed = |cause| LibraryError::Open { file: file.to_owned(), cause };
-        // SAFETY: the library's initialisation is the vendor's and ours; it runs in a process that is there for it.
+        // SAFETY: the library's initialisation is the vendor's and ours; it runs in a process dedicated to it.
         let library: &'static Library = Box::leak(Box::new(unsafe { Library::new(file) }.map_err(failed)?));
         // SAFETY: of every interface, this function has this type.
         let interface: unsafe extern "C" fn() -> u32 =
             *unsafe { library.get(b"pz_interface\0") }.map_err(failed)?;
-        // SAFETY: it takes nothing and gives a number.
+        // SAFETY: it has no arguments and returns a number.
         let found = unsafe { interface() };
         if found != INTERFACE {
             return Err(LibraryError::Interface { file: file.to_owned(), found });
@@ -197,7 +198,7 @@ impl Sdk {
 
 impl Drop for Sdk {
     fn drop(&mut self) {
-        // SAFETY: the session is open, and nobody uses it afterwards.
+        // SAFETY: the session is open, and it is not used afterwards.
         unsafe { (self.functions.end)(self.session.as_ptr()) }
     }
 }
@@ -250,7 +251,7 @@ impl Sensor for Sdk {
         let (points, colors) = (planes.points_mm.as_flattened_mut(), planes.colors.as_flattened_mut());
         let (points, colors, snr) = (points.as_mut_ptr(), colors.as_mut_ptr(), planes.snr.as_mut_ptr());
         self.call(|functions, session, message| {
-            // SAFETY: the planes have 3, 3 and 1 numbers for each of so many pixels, and outlive the call.
+            // SAFETY: the planes have 3, 3 and 1 numbers for each of these pixels, and outlive the call.
             unsafe { (functions.copy_scan)(session, points, colors, snr, pixels, message) }
         })?;
         Ok((exposed, planes))
@@ -265,7 +266,7 @@ impl Sensor for Sdk {
         let mut rgb = vec![[0; 3]; exposed.size.pixels()];
         let (pixels, bytes) = (rgb.len(), rgb.as_flattened_mut().as_mut_ptr());
         self.call(|functions, session, message| {
-            // SAFETY: there are 3 bytes for each of so many pixels, and they outlive the call.
+            // SAFETY: there are 3 bytes for each of these pixels, and they outlive the call.
             unsafe { (functions.copy_picture)(session, bytes, pixels, message) }
         })?;
         Ok((exposed, rgb))
@@ -333,7 +334,7 @@ impl RawTaken {
     }
 }
 
-/// Text up to its NUL; all of it where there is none.
+/// Returns the text up to its NUL, or all of the text if there is none.
 fn words(text: &[c_char]) -> String {
     let bytes: Vec<u8> = text.iter().map(|&c| c.to_ne_bytes()[0]).collect();
     let text = CStr::from_bytes_until_nul(&bytes).map_or(bytes.as_slice(), CStr::to_bytes);

@@ -41,15 +41,15 @@ pub struct Delivery {
 }
 
 impl Link {
-    /// Over this socket; where `is_ending` becomes true, what is waited for is given up.
+    /// Creates a link over this socket. If `is_ending` becomes true, the present wait is given up.
     pub fn new(stream: UnixStream, is_ending: Arc<AtomicBool>) -> Self {
         Link { stream, sequence: 0, is_ending }
     }
 
-    /// The worker's first words.
+    /// Returns the worker's first message.
     ///
     /// # Errors
-    /// Where they do not come in time or are not read.
+    /// If it does not arrive in time or cannot be read.
     pub fn hello(&mut self, within: Duration) -> Result<Hello, WireError> {
         let mut timed = self.timed(Instant::now() + within);
         let opened = wire::open(&mut timed, Kind::Hello)?;
@@ -58,10 +58,11 @@ impl Link {
         Ok(hello)
     }
 
-    /// Asks, and waits for the answer.
+    /// Sends a request and waits for the answer.
     ///
     /// # Errors
-    /// Where none comes in time, or what comes is none. Nothing can be asked afterwards: who knows what is under way.
+    /// If no answer arrives in time, or the received data are not an answer. No request is possible afterwards: it
+    /// is unknown what is in progress.
     pub fn ask(&mut self, request: &Request, within: Duration) -> Result<Answer, WireError> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
@@ -100,7 +101,7 @@ fn bytes(size: Size, each: usize) -> usize {
 
 fn scan(opened: Opened, timed: &mut Timed<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
     opened.holds(bytes(taken.size, SCAN_BYTES))?;
-    // Read where it stays.
+    // Read directly into its final memory.
     let mut planes = Planes::of(taken.size);
     let into = &mut [
         bytemuck::cast_slice_mut(planes.points_mm.as_mut_slice()),
@@ -122,7 +123,7 @@ struct Timed<'a> {
 }
 
 impl Timed<'_> {
-    /// How long to wait at once; an error where it is over.
+    /// Returns the time for one wait; an error if the time is over.
     fn patience(&self) -> std::io::Result<Duration> {
         if self.is_ending.load(Ordering::Relaxed) {
             return Err(std::io::Error::other("the program ends"));

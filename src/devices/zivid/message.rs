@@ -1,8 +1,8 @@
-//! What daemon and worker say to each other: the heads of the frames.
+//! Messages between daemon and worker: the heads of the frames.
 //!
-//! The daemon asks, the worker answers each request once, in order. Settings travel as the text of their YAML file and
-//! are named by its SHA-256 from then on, so that nobody takes a shot with other settings than were sent. Times
-//! are of `CLOCK_MONOTONIC`, which both processes read.
+//! The daemon sends requests; the worker answers each once, in order. Settings are sent as the text of their YAML
+//! file and named by its SHA-256 from then on, so that no shot uses other settings than those sent. Times are of
+//! `CLOCK_MONOTONIC`, which both processes read.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -42,7 +42,7 @@ impl Use {
 /// SHA-256 of a settings file, hexadecimal.
 pub type SettingsHash = String;
 
-/// What the daemon asks.
+/// A request of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
@@ -77,7 +77,7 @@ pub enum Request {
         /// The highest rate, 1/s.
         pictures_per_second: f64,
     },
-    /// The next of them. Those that nobody took in time are gone.
+    /// The next of these pictures. Pictures that were not fetched in time are lost.
     NextPicture,
     /// No more of them.
     EndClip,
@@ -92,7 +92,7 @@ pub enum Request {
     Light,
 }
 
-/// What the worker says when it begins.
+/// The worker's first message.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hello {
@@ -115,7 +115,7 @@ pub enum Reply {
     Scan(ShotInfo),
     /// A picture: its payload is red, green, blue.
     Picture(ShotInfo),
-    /// The clip goes on.
+    /// The clip is running.
     ClipBegun,
     /// The clip is over.
     ClipEnded(ClipEnd),
@@ -168,7 +168,7 @@ pub struct ShotInfo {
     pub serial: String,
     /// Shots and pictures of this worker so far, this one too.
     pub number: u64,
-    /// When the camera was asked for it, ns of the monotonic clock.
+    /// When the camera received the request, ns of the monotonic clock.
     pub begun_ns: u64,
     /// When the exposure was over.
     pub exposed_ns: u64,
@@ -176,9 +176,9 @@ pub struct ShotInfo {
     pub ready_ns: u64,
     /// How long the camera paused because it is hot, ms.
     pub throttled_ms: f64,
-    /// Temperature of the lens at this shot, °C, where the camera tells it.
+    /// Temperature of the lens at this shot, °C, if the camera reports it.
     pub lens_c: Option<f64>,
-    /// Of a clip: pictures that were taken and that nobody took over, since it began.
+    /// Of a clip: pictures that were taken but not fetched, since it began.
     pub dropped: u64,
 }
 
@@ -188,7 +188,7 @@ pub struct ShotInfo {
 pub struct ClipEnd {
     /// Pictures taken.
     pub taken: u64,
-    /// Of these, pictures that nobody took over in time.
+    /// Of these, pictures that were not fetched in time.
     pub dropped: u64,
 }
 
@@ -202,7 +202,7 @@ pub struct Lens {
     pub distortion: [f64; 5],
 }
 
-/// The camera's temperatures, °C, each where it reports it.
+/// The camera's temperatures, °C, each if the camera reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperatures {
@@ -224,7 +224,7 @@ pub struct Temperatures {
 pub struct Light {
     /// How it flickers.
     pub flicker: Flicker,
-    /// How often a second, in the SDK's words; empty where it does not say so.
+    /// The frequency, in the SDK's words; empty if the SDK does not report it.
     pub frequency: String,
 }
 
@@ -273,9 +273,9 @@ pub struct Refusal {
 pub enum Trouble {
     /// There is no such camera.
     NotFound,
-    /// It is there, and its firmware is not the SDK's.
+    /// The camera is present, but its firmware does not match the SDK.
     Firmware,
-    /// It is there, and connected to another program or computer.
+    /// The camera is present, but connected to another program or computer.
     InUse,
     /// It is seen, and its address cannot be reached.
     OutOfReach,
@@ -283,8 +283,8 @@ pub enum Trouble {
     Gone,
     /// The camera gave no shot; the next one may be good.
     NoShot,
-    /// The settings are not the ones that were sent, or not ones that the SDK takes.
+    /// The settings are not those that were sent, or the SDK does not accept them.
     Settings,
-    /// Nothing of that kind goes on: a picture of no clip, a shot without a camera.
+    /// Nothing of that kind is in progress: a picture of no clip, a shot without a camera.
     OutOfOrder,
 }

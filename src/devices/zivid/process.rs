@@ -1,8 +1,8 @@
 //! The worker as a process: the same program in another role, with one end of a socket as its standard input.
 //!
-//! What the SDK prints goes to standard error, with the service's own log. A worker that is let go closes its camera and ends; one
-//! that does not within a moment is killed, and so is one whose daemon ends without a word. A killed one that a driver
-//! keeps in the kernel is left to a thread: nobody waits for it.
+//! The SDK's output goes to standard error, with the service's own log. A worker that is released closes its camera
+//! and ends. It is killed if it does not end within a moment, or if its daemon ends without notice. If a driver
+//! keeps a killed worker in the kernel, it is left to a thread: nothing else waits for it.
 
 use std::ffi::OsString;
 use std::io;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 pub trait Peer: Send {
     /// Ends it now, whatever it does.
     fn kill(&mut self);
-    /// How it ended, where it does so within this time.
+    /// Returns how it ended, if it ends within this time.
     fn ended(&mut self, within: Duration) -> Option<String>;
     /// Its process.
     fn id(&self) -> Option<u32>;
@@ -92,10 +92,10 @@ impl Drop for Process {
     }
 }
 
-/// The worker's end of its socket: its standard input. From here on the process ends with its daemon.
+/// Returns the worker's end of its socket: its standard input. From here on the process ends with its daemon.
 ///
 /// # Errors
-/// Where standard input is no socket, as when a person starts this.
+/// If standard input is not a socket, as when a person starts this.
 pub fn daemon() -> io::Result<UnixStream> {
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
     let input = io::stdin().as_fd().try_clone_to_owned()?;

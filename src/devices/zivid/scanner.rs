@@ -16,7 +16,7 @@ use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// A 3D shot with all that is known of it.
+/// A 3D shot with all data about it.
 #[derive(Debug, Clone)]
 pub struct ZividShot {
     /// Points and colours.
@@ -29,7 +29,7 @@ pub struct ZividShot {
     pub crossed_ms: f64,
 }
 
-/// A picture with all that is known of it.
+/// A picture with all data about it.
 #[derive(Debug, Clone)]
 pub struct ZividPicture {
     /// The picture.
@@ -51,7 +51,7 @@ pub struct ZividScanner {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What is known of a camera that another thread asks.
+/// A view of the status of a camera that another thread uses.
 #[derive(Debug, Clone)]
 pub struct ZividWatch(Arc<Shared>);
 
@@ -74,16 +74,16 @@ impl ZividWatch {
 
 /// How long a check waits, for a worker that is being started or anything else.
 const CHECK_PATIENCE: Duration = Duration::from_secs(10);
-/// How long a worker that does not answer may take to be ended, besides.
+/// Additional time limit for ending a worker that does not answer.
 const ENDING: Duration = Duration::from_secs(5);
 /// How often one who waits for an answer looks whether the camera still delivers.
 const LOOK: Duration = Duration::from_millis(50);
 
 impl ZividScanner {
-    /// Begins to start the worker; the camera is there when it is warm.
+    /// Begins to start the worker; the camera is available when it is warm.
     ///
     /// # Errors
-    /// Where the system gives no thread.
+    /// If the system cannot start a thread.
     pub fn start(setup: Setup, launch: Launcher) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel();
         let shared = Arc::new(Shared::default());
@@ -96,10 +96,10 @@ impl ZividScanner {
         Ok(ZividScanner { orders, shared, patience, size, exposures_us, conditions, thread })
     }
 
-    /// Waits until the camera delivers, as long as that may take.
+    /// Waits until the camera delivers, at most for this time.
     ///
     /// # Errors
-    /// Where it does not.
+    /// If it does not deliver.
     pub fn ready(&self, within: Duration) -> Result<(), ZividFault> {
         match self.shared.settled(within) {
             Stage::Ready(_) => Ok(()),
@@ -135,7 +135,7 @@ impl ZividScanner {
 
     fn ask(&self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         if ask != CameraRequest::Check {
-            // Nobody waits for a start.
+            // No request waits for a start.
             self.ready(Duration::ZERO)?;
         }
         let is_given_up = Arc::new(AtomicBool::new(false));
@@ -150,7 +150,7 @@ impl ZividScanner {
             match answered.recv_timeout(LOOK) {
                 Ok(found) => return found,
                 Err(RecvTimeoutError::Disconnected) => return Err(gone()),
-                // It was lost before it was asked, and is being started: that may take minutes.
+                // The camera was lost before this request and is being started: that may last minutes.
                 Err(RecvTimeoutError::Timeout) if ask != CameraRequest::Check => {
                     if let Stage::Starting(since) = self.shared.status().stage {
                         is_given_up.store(true, Ordering::Relaxed);
@@ -167,7 +167,7 @@ impl ZividScanner {
         }
     }
 
-    /// Why there is no answer yet, by how the camera stands.
+    /// Returns why there is no answer yet, from the camera's state.
     fn silent(&self, ask: CameraRequest, waited: Duration) -> ZividFault {
         match self.shared.status().stage.clone() {
             Stage::NoCamera(fault) | Stage::Down(fault) => fault,
@@ -176,10 +176,10 @@ impl ZividScanner {
         }
     }
 
-    /// A 3D shot with colours.
+    /// Takes a 3D shot with colours.
     ///
     /// # Errors
-    /// Where the camera gives none that can be accepted; likewise for the others.
+    /// If the camera delivers none that can be accepted; likewise for the other methods.
     pub fn shot(&mut self) -> Result<ZividShot, ZividFault> {
         match self.ask(CameraRequest::Scan)? {
             CameraAnswer::Scan(Delivery { taken, came_ns, .. }, planes) => {
@@ -202,7 +202,7 @@ impl ZividScanner {
         self.picture_of(CameraRequest::Picture)
     }
 
-    /// Begins to take pictures one after the other, at most so many a second; another shot ends that.
+    /// Begins to take pictures one after the other, at most at this rate per second; another shot ends this.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -240,8 +240,8 @@ impl ZividScanner {
         }
     }
 
-    /// The camera's temperatures. Waits a while for one that is being started, and has one started that stays down,
-    /// where its restarts allow that: this is what a person's reset asks.
+    /// Returns the camera's temperatures. Waits a while if the camera is being started. If the worker stays down,
+    /// it is started again if its restarts allow this: a person's reset requests this.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -310,7 +310,7 @@ impl Scanner for ZividScanner {
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
         ZividScanner::begin_clip(self, pictures_per_second)?;
-        // The first picture was begun before, where none has been dropped.
+        // If no picture has been dropped, the first one was begun before this time.
         Ok(now_ns() as f64 * 1e-9)
     }
 

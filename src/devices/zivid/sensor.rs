@@ -23,7 +23,7 @@ pub struct Exposed {
 /// The numbers of a 3D shot, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planes {
-    /// x, y, z in the camera's frame, mm; NaN where missing.
+    /// x, y, z in the camera's frame, mm; NaN if missing.
     pub points_mm: Vec<[f32; 3]>,
     /// Red, green, blue, sRGB.
     pub colors: Vec<[u8; 3]>,
@@ -39,15 +39,16 @@ impl Planes {
     }
 }
 
-/// A 3D camera that takes colour pictures too. Each call blocks; what it cannot do it refuses in words.
+/// A 3D camera that also takes colour pictures. Each call blocks; a request that it cannot fulfil is refused in
+/// words.
 pub trait Sensor: Send {
     /// What it was built with.
     fn sdk(&self) -> String;
 
-    /// Opens a camera; one that is open is let go first, and its settings with it.
+    /// Opens a camera; a camera that is open is released first, with its settings.
     ///
     /// # Errors
-    /// Where there is no such camera; likewise for the others, where it does not do what is asked.
+    /// If there is no such camera; likewise for the other methods, if the camera does not do what is requested.
     fn connect(&mut self, source: &Source) -> Result<Identity, Refusal>;
 
     /// Reads settings from a YAML file.

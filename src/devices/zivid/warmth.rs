@@ -1,13 +1,14 @@
-//! Is the camera as warm as it stays? By the temperature of its lens over time, in any clock.
+//! Checks whether the camera has reached its stable temperature, by the temperature of its lens over time, in any
+//! clock.
 //!
-//! The camera measures by angles between its projector and its sensor, and while it warms up or cools down these angles
-//! move. The maker asks for ten minutes of shots, and gives figures: while it warms up the temperature rises by 0.5 to
-//! 1.5 °C a minute, the air of a hall changes it by 0.03 °C a minute at most. So the camera is warm where a straight line
-//! through the temperatures of the last minutes,
+//! The camera measures by angles between its projector and its sensor, and these angles change while it warms up or
+//! cools down. The maker requires ten minutes of shots, and gives figures: during warm-up the temperature rises by
+//! 0.5 to 1.5 °C a minute, the air of a hall changes it by 0.03 °C a minute at most. So the camera is warm if a
+//! straight line through the temperatures of the last minutes,
 //!     T(t) = T₀ + s t,   s = Σ (tᵢ − t̄)(Tᵢ − T̄) / Σ (tᵢ − t̄)²,   σₛ² = Σ rᵢ² / (n − 2) / Σ (tᵢ − t̄)²,          (1)
-//! rises or falls by less than a limit between the two, with its own error 2 σₛ. What was followed for less than the ten
-//! minutes, or lies across the limit, is reported as a doubt. Nothing here waits, and nothing here stops a cycle.
-//! Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
+//! rises or falls by less than a limit between the two, including its own error 2 σₛ. If the camera was followed
+//! for less than the ten minutes, or the result lies across the limit, this is reported as a doubt. Nothing here
+//! waits, and nothing here stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
 
 use crate::words::apart;
 
@@ -15,13 +16,13 @@ use crate::words::apart;
 const FOLLOWED_S: f64 = 600.0;
 /// The line goes through the last temperatures of so long, s.
 const LINE_S: f64 = 300.0;
-/// Temperatures further apart are not one series, s: who knows whether the camera was off between them.
+/// Temperatures further apart are not one series, s: the camera may have been off between them.
 const GAP_S: f64 = 120.0;
 /// Three times what the air of a hall does, a fifth of a slow warm-up, °C a minute.
 const LIMIT_C_PER_MIN: f64 = 0.1;
 /// Temperatures are reported in steps; their error is at least that of half a step of 0.1 °C, evenly distributed.
 const LEAST_ERROR_C: f64 = 0.05 / 1.732;
-/// Older temperatures have no say, s.
+/// Older temperatures are not used, s.
 pub const KEPT_S: f64 = FOLLOWED_S + GAP_S;
 
 /// A temperature.
@@ -33,7 +34,7 @@ pub struct Reading {
     pub lens_c: f64,
 }
 
-/// What the temperatures say.
+/// The result of the temperatures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Warmth {
     /// It stays as warm as it is.

@@ -33,7 +33,7 @@ const PIECE_BYTES: usize = 1 << 18;
 /// Writes a frame; the planes of the payload follow one another.
 ///
 /// # Errors
-/// Where the stream takes no more. Nothing is written where a part is longer than a reader allows.
+/// If the stream accepts no more data. Nothing is written if a part is longer than a reader allows.
 pub fn write(
     stream: &mut impl Write,
     (kind, sequence): (Kind, u32),
@@ -74,7 +74,7 @@ fn allowed(part: Part, found: u64, most: usize) -> Result<(), WireError> {
     if found <= allowed { Ok(()) } else { Err(WireError::TooLong { part, found, allowed }) }
 }
 
-/// A frame whose payload has not been read yet.
+/// A frame before its payload has been read.
 #[derive(Debug)]
 pub struct Opened {
     /// Its number: a reply has its request's.
@@ -88,7 +88,7 @@ pub struct Opened {
 /// Reads a frame of this kind up to its payload.
 ///
 /// # Errors
-/// Where the stream ends, or what comes is no such frame.
+/// If the stream ends, or the received data are not such a frame.
 pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireError> {
     let mut opening = [0; OPENING_BYTES];
     fill(stream, &mut opening[..1], Part::Opening).map_err(|error| match error {
@@ -100,7 +100,7 @@ pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireEr
     if [m0, m1, m2, m3] != MAGIC {
         return Err(WireError::NotAFrame { found: [m0, m1, m2, m3] });
     }
-    // Told before the checksum: another version may sum otherwise.
+    // Reported before the checksum: another version may use another checksum.
     let version = u16::from_le_bytes([v0, v1]);
     if version != VERSION {
         return Err(WireError::Version { found: version });
@@ -124,19 +124,19 @@ pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireEr
 }
 
 impl Opened {
-    /// Holds the payload's size against what the head asks for, before there is room for it.
+    /// Checks the payload's size against the size in the head, before memory is allocated for it.
     ///
     /// # Errors
-    /// Where they differ.
+    /// If they differ.
     pub fn holds(&self, expected: usize) -> Result<(), WireError> {
         let (found, expected) = (self.payload_bytes, expected as u64);
         if found == expected { Ok(()) } else { Err(WireError::PayloadSize { found, expected }) }
     }
 
-    /// Reads the payload into planes of the size that the head asks for, and gives its checksum.
+    /// Reads the payload into planes of the size that the head requires, and returns its checksum.
     ///
     /// # Errors
-    /// Where the payload is of another size, is cut, or does not sum up.
+    /// If the payload has another size, is cut, or has a wrong checksum.
     pub fn payload(self, stream: &mut impl Read, planes: &mut [&mut [u8]]) -> Result<u32, WireError> {
         self.holds(planes.iter().map(|plane| plane.len()).sum())?;
         let (mut sum, mut own) = (self.sum, Hasher::new());
@@ -152,7 +152,7 @@ impl Opened {
     /// Ends a frame that has no payload.
     ///
     /// # Errors
-    /// Where it has one, or does not sum up.
+    /// If it has one, or its checksum is wrong.
     pub fn without_payload(self, stream: &mut impl Read) -> Result<(), WireError> {
         self.payload(stream, &mut []).map(drop)
     }
@@ -255,7 +255,7 @@ mod tests {
             }
         }
 
-        /// Whichever bits of a byte are another, it is refused.
+        /// A frame is refused if any bits of a byte are changed.
         #[test]
         fn every_changed_byte_is_refused(payload in proptest::collection::vec(any::<u8>(), 0..90), bits in 1_u8..) {
             let bytes = written(7, b"{\"a\":1}", &[&payload]);

@@ -1,8 +1,8 @@
-//! The worker: a process of its own that drives the camera and answers the daemon, request by request.
+//! The worker: a separate process that drives the camera and answers the daemon, request by request.
 //!
-//! The Zivid SDK is C++ on a graphics processor: it may hang, crash, or take the process along. Here it does so alone.
-//! The worker decides nothing: it takes what it is asked to take and says how. It ends when the daemon hangs up, and
-//! with the daemon where that ends without a word.
+//! The Zivid SDK is C++ on a graphics processor: it may hang, crash, or end its process. Here this affects only the
+//! worker. The worker decides nothing: it takes the requested shots and reports how they were taken. It ends when
+//! the daemon hangs up, and with the daemon if that ends without notice.
 
 use super::camera::{Camera, lock};
 use super::clip::Clip;
@@ -15,7 +15,7 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex};
 
-/// Room for what is under way, so that this end goes on while the other sums up a piece.
+/// Buffer for data in transit, so that this end continues while the other computes the checksum of a piece.
 const SOCKET_BYTES: usize = 1 << 20;
 
 /// Why the worker ends.
@@ -46,7 +46,7 @@ struct Known {
 /// Serves one daemon until it hangs up.
 ///
 /// # Errors
-/// Where what it says cannot be read or answered: then there is nobody to go on with.
+/// If a request of the daemon cannot be read or answered: then there is no daemon to continue with.
 pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), WorkerError> {
     greet(&mut daemon, Ok(sensor.sdk()))?;
     #[expect(clippy::let_underscore_must_use, reason = "a hint; without it a shot takes a few milliseconds more")]
@@ -65,10 +65,10 @@ pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), Work
     }
 }
 
-/// The worker's first words: the SDK's version, or why there is no camera to serve with.
+/// Sends the worker's first message: the SDK's version, or why there is no camera to serve with.
 ///
 /// # Errors
-/// Where nobody takes them.
+/// If the message is not received.
 pub fn greet(daemon: &mut UnixStream, sdk: Result<String, String>) -> Result<(), WorkerError> {
     let hello = Hello { program: env!("CARGO_PKG_VERSION").to_owned(), sdk };
     Ok(wire::write(daemon, (Kind::Hello, 0), &serde_json::to_vec(&hello)?, &[])?)
@@ -149,7 +149,7 @@ impl Worker {
         Ok(Reply::Connected(identity))
     }
 
-    /// The SDK reads settings from files alone, so the text becomes one for as long as that takes.
+    /// Reads settings. The SDK reads them only from files, so the text is temporarily written to one.
     fn read(&mut self, usage: Use, yaml: &str, hash: SettingsHash) -> Result<Size, Refusal> {
         let found = settings_hash(yaml);
         if found != hash {
@@ -160,7 +160,7 @@ impl Worker {
             trouble: Trouble::Settings,
             message: format!("the settings cannot be handed to the SDK as a file: {error}"),
         };
-        // The SDK tells what it reads by the ending.
+        // The SDK recognises the file's type by the ending.
         let mut file = tempfile::Builder::new().suffix(".yml").tempfile().map_err(failed)?;
         file.write_all(yaml.as_bytes()).and_then(|()| file.flush()).map_err(failed)?;
         let (slot, size) = lock(&self.camera).sensor.settings(usage, file.path())?;

@@ -1,4 +1,5 @@
-//! What one channel of the controller is: the file's statements, and the manual's defaults where it is silent.
+//! One channel of the controller: the file's statements, and the manual's defaults for everything that it does not
+//! state.
 
 use super::kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
 use super::stated::{StatedChannel, StatedElement};
@@ -12,7 +13,7 @@ const DEFAULT_PORT: u16 = 54_600;
 /// The memories of a channel, one for each tag with a type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
-    /// Which entry is read first, where a tag does not say otherwise.
+    /// Which entry is read first, unless a tag states otherwise.
     pub order: ReadOrder,
     /// Entries of each memory; one more closes the connection.
     pub entries: u32,
@@ -25,15 +26,15 @@ pub struct Memory {
 pub struct Element {
     /// Its path without a leading slash, `Cmd/@Id`.
     pub tag: String,
-    /// What its memory holds; `None` where the tag only raises a flag.
+    /// The type in its memory; `None` if the tag only sets a flag.
     pub kind: Option<Kind>,
-    /// Which entry is read first, where it differs from the channel's.
+    /// Which entry is read first, if this differs from the channel's order.
     pub order: Option<ReadOrder>,
     /// `$FLAG` that is set when it has arrived.
     pub set_flag: Option<u32>,
     /// `$OUT` that is set when it has arrived.
     pub set_out: Option<u32>,
-    /// Where it stands in the file, from 1.
+    /// Its line in the file, from 1.
     pub line: usize,
 }
 
@@ -42,8 +43,8 @@ pub struct Element {
 pub struct ChannelFile {
     /// Who the other machine is.
     pub peer: Peer,
-    /// Address that is listened on: the controller's, or the other machine's where the controller dials. Any
-    /// text: placeholders are common.
+    /// Address that is listened on: the controller's, or the other machine's if the controller dials. Any text is
+    /// allowed: placeholders are common.
     pub address: Option<String>,
     /// Port that is listened on.
     pub port: u16,
@@ -65,7 +66,7 @@ pub struct ChannelFile {
     pub received: Vec<Element>,
     /// Tags that the controller sends, in the file's order.
     pub sent: Vec<Element>,
-    /// Names and texts that no manual knows, in the file's order.
+    /// Names and texts that are in no manual, in the file's order.
     pub unknown: Vec<Problem>,
 }
 

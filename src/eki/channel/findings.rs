@@ -9,7 +9,7 @@ pub(crate) struct Findings {
     pub(crate) problems: Vec<Problem>,
     /// What it accepts and what leads to trouble, with all that is `unknown`.
     pub(crate) warnings: Vec<Problem>,
-    /// Names and texts that no manual knows.
+    /// Names and texts that are in no manual.
     pub(crate) unknown: Vec<Problem>,
 }
 
@@ -24,7 +24,7 @@ impl Findings {
         self.warnings.push(Problem { line, key: key.into(), message: message.into() });
     }
 
-    /// Notes a name or a text that no manual knows, which is a warning.
+    /// Notes a name or a text that is in no manual, which is a warning.
     pub(super) fn unknown(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
         let warning = Problem { line, key: key.into(), message: message.into() };
         self.unknown.push(warning.clone());

@@ -1,4 +1,4 @@
-//! The manual's elements and attributes, with what may stand in them (`eki.md` 1.2 to 1.4).
+//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4).
 
 use super::findings::Findings;
 use super::kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
@@ -7,7 +7,7 @@ use crate::config::Problem;
 use std::collections::BTreeSet;
 use strum::VariantNames;
 
-/// What may stand in an attribute, or between the tags of an element.
+/// The allowed content of an attribute, or between the tags of an element.
 enum Rule {
     Words(&'static [&'static str]),
     Number(u32, u32),

@@ -6,10 +6,10 @@ use super::stated::StatedChannel;
 use super::tree;
 use crate::config::Problem;
 
-/// What a file states, with everything that differs from the manual; `name` is the file's name.
+/// Returns a file's statements, with everything that differs from the manual; `name` is the file's name.
 ///
 /// # Errors
-/// Where the text is no XML or no classic EthernetKRL file.
+/// If the text is not XML or not a classic EthernetKRL file.
 pub(crate) fn read(name: &str, text: &str) -> Result<(StatedChannel, Findings), Problem> {
     let root = tree::tree(text)?;
     manual::is_classic(&root)?;

@@ -13,7 +13,7 @@ pub(crate) struct StatedChannel {
     peer: Option<Peer>,
     /// Whether TYPE is stated, with whatever word.
     pub(crate) type_stated: bool,
-    /// Where INTERNAL begins; 1 where there is none.
+    /// The line where INTERNAL begins; 1 if there is none.
     pub(crate) internal_line: usize,
     pub(crate) internal: Address,
     pub(crate) external: Address,
@@ -44,7 +44,7 @@ pub(crate) struct Stated<T> {
     pub(crate) line: usize,
 }
 
-/// Where one of the two machines listens.
+/// The address on which one of the two machines listens.
 #[derive(Debug, Default)]
 pub(crate) struct Address {
     pub(crate) ip: Option<Stated<String>>,
@@ -114,7 +114,7 @@ pub(crate) struct StatedRaw {
 }
 
 impl StatedChannel {
-    /// Takes the meaning out of the tree of a file with this name, and notes elements without a usable tag.
+    /// Extracts the meaning from the tree of a file with this name, and notes elements without a usable tag.
     pub(super) fn of(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
         let internal = |part: &str| first(root, &format!("CONFIGURATION/INTERNAL/{part}"));
         let peer = first(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
@@ -229,7 +229,7 @@ fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
         return None;
     }
     let kind = node.attribute("Type").map(|kind| kind.value.to_uppercase());
-    // The manual knows neither for SEND.
+    // The manual defines neither for SEND.
     let is_received = node.path.starts_with("RECEIVE/");
     let order = order(node).filter(|_| is_received).map(|order| order.value);
     let signals = if is_received { signals(node, Some(&tag.value)) } else { Vec::new() };

@@ -18,7 +18,7 @@ pub(super) struct Node {
     pub(super) attributes: Vec<Attribute>,
     /// Text directly inside, trimmed.
     pub(super) text: String,
-    /// Where that text begins.
+    /// The line where that text begins.
     pub(super) text_line: usize,
     pub(super) children: Vec<Node>,
 }
@@ -59,7 +59,7 @@ impl Node {
 /// Reads the whole text.
 ///
 /// # Errors
-/// Where it is no well-formed XML.
+/// If it is not well-formed XML.
 pub(super) fn tree(text: &str) -> Result<Node, Problem> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().check_comments = false;

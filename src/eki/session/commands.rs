@@ -8,10 +8,10 @@ use crate::eki::ids::CommandId;
 use crate::eki::wire::Wire;
 
 impl Session {
-    /// Queues one command; its id comes back. [`Command::GetCurrentState`] asks at once and has the id 0.
+    /// Queues one command and returns its id. [`Command::GetCurrentState`] is requested at once and has the id 0.
     ///
     /// # Errors
-    /// Where no epoch is open, or the command cannot be executed; the epoch stays open.
+    /// If no epoch is open, or the command cannot be executed; the epoch stays open.
     pub fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
         match command {
             Command::GetCurrentState => {
@@ -31,17 +31,17 @@ impl Session {
         }
     }
 
-    /// Queues a path whole; the id of its last point comes back. One bad point refuses all.
+    /// Queues a whole path and returns the id of its last point. If one point is bad, all are refused.
     ///
     /// # Errors
-    /// As [`Session::queue`], and where base or tool were not set in this epoch.
+    /// As [`Session::queue`], and if base or tool were not set in this epoch.
     pub fn queue_path(&mut self, points: &[MoveLin]) -> Result<CommandId, QueueError> {
         let (flow, wire, limits) = self.flow()?;
         flow.queue_path(points, wire, limits)
     }
 
-    /// The same, of which only so many points are sent until [`Session::permit`] lets more go: who keeps a record of
-    /// what the robot may have executed does so before.
+    /// The same, but only this number of points is sent until [`Session::permit`] permits more. A client that
+    /// records which points the robot may have executed does so before.
     ///
     /// # Errors
     /// As [`Session::queue_path`].
@@ -53,10 +53,10 @@ impl Session {
         Ok(last)
     }
 
-    /// Lets commands up to this one be sent; all of them where it is `None`.
+    /// Permits commands up to this one to be sent, or all if it is `None`.
     ///
     /// # Errors
-    /// Where no epoch is open.
+    /// If no epoch is open.
     pub fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
         self.flow()?.0.permit(last);
         Ok(())

@@ -35,12 +35,12 @@ impl FrameEcho {
         self.set.back().map(|&(id, _)| id)
     }
 
-    /// True where this one, or one after it, was seen on the controller.
+    /// Returns true if this command, or one after it, was seen on the controller.
     pub(super) fn is_confirmed(&self, id: CommandId) -> bool {
         self.confirmed >= id
     }
 
-    /// Compares with a state that knows of all commands up to `done`, where `sent` were sent.
+    /// Compares with a state that includes all commands up to `done`, if commands up to `sent` were sent.
     pub(super) fn follow(
         &mut self,
         done: CommandId,

@@ -1,4 +1,5 @@
-//! Epochs: opened above all that were, in steps that the controller takes, and ended by an abort that waits for nothing.
+//! Epochs: opened above all earlier ones, in steps that the controller accepts, and ended by an abort that waits
+//! for nothing.
 
 use super::limits::QueueError;
 use super::{Phase, Session, Stopping};
@@ -6,14 +7,15 @@ use crate::eki::command::Request;
 use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER};
 use crate::eki::report::{Report, StopCause};
 
-/// So many steps a new epoch may lie above the controller's: requests that its channel buffers at once.
+/// The maximum number of steps by which a new epoch may be above the controller's: requests that its channel
+/// buffers at once.
 const MOST_STEPS: u32 = 16;
 
 impl Session {
-    /// Asks the controller to begin a new epoch, with neither base nor tool. [`Report::EpochOpened`] follows.
+    /// Requests a new epoch from the controller, with neither base nor tool. [`Report::EpochOpened`] follows.
     ///
     /// # Errors
-    /// Where no controller has answered yet, or the robot moves or has commands left.
+    /// If no controller has answered yet, or the robot moves or has commands left.
     pub fn open_epoch(&mut self) -> Result<Epoch, QueueError> {
         self.open_epoch_above(Epoch(0))
     }
@@ -41,7 +43,7 @@ impl Session {
             return Err(QueueError::NotConnected);
         }
         self.asked_epoch = epoch;
-        // An answer that is lost does not say that the controller has not opened it.
+        // A lost answer does not mean that the controller has not opened the epoch.
         self.opened_epoch = epoch;
         self.phase = Phase::Opening { epoch, request };
         Ok(epoch)
@@ -67,16 +69,16 @@ impl Session {
         Ok((Epoch(epoch), steps))
     }
 
-    /// The highest epoch that the controller can be in, by what it said and what was asked for.
+    /// Returns the highest epoch that the controller can be in, by its reports and our requests.
     pub(super) fn known_epoch(&self) -> Epoch {
         self.controller_epoch.max(self.asked_epoch)
     }
 
     /// Ends the epoch: tool off, brake, everything discarded, retract if in contact. [`Report::Standstill`]
-    /// follows, or [`Report::LinkLost`] where the controller does not obey. A second call changes nothing.
+    /// follows, or [`Report::LinkLost`] if the controller does not obey. A second call changes nothing.
     ///
     /// # Errors
-    /// Where there is no connection; then the controller has stopped by itself.
+    /// If there is no connection; then the controller has stopped by itself.
     pub fn abort(&mut self) -> Result<(), QueueError> {
         if !self.is_connected() {
             return Err(QueueError::NotConnected);
@@ -94,7 +96,7 @@ impl Session {
         }
     }
 
-    /// Puts an abort on the wire, whatever is going on; where one is under way already it stays at that.
+    /// Sends an abort, in any state; if one is already in progress, no other is sent.
     pub(super) fn stop(&mut self) {
         if matches!(self.phase, Phase::Stopping(_) | Phase::Greeting { abort: Some(_) }) {
             return;
@@ -103,7 +105,7 @@ impl Session {
             Phase::Open(flow) => (Some(flow.epoch()), flow.sent(), flow.done()),
             _ => (None, CommandId(0), CommandId(0)),
         };
-        // Where no higher number is left the last one stops all the same.
+        // If no higher number is left, the last one also stops the controller.
         let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));
         let request = self.ask(Request::Abort { next });
         self.asked_epoch = next;
@@ -115,7 +117,7 @@ impl Session {
         };
     }
 
-    /// Ends the epoch for this cause, where anything of it is left or does harm.
+    /// Ends the epoch for this cause, if anything in it is left or does harm.
     pub fn interrupt(&mut self, cause: StopCause) {
         if self.is_at_stake() {
             self.fault(Report::Interrupted { cause });

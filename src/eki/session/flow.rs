@@ -1,9 +1,10 @@
 //! The commands of one epoch: queued, sent, received, executed.
 //!
-//! What is sent and not executed stays inside a window: so many commands, and so much motion by time, since that is
-//! what the arm still does when the link drops. A path's motion is counted as distance over speed. Points of a path
-//! are sent at least a few at a time, however long they last, so that the controller can blend. Bytes that are not yet
-//! received stay below the size of its buffer, and commands below the number of free places that it last reported.
+//! Commands that are sent but not executed stay inside a window. It limits their number and the time of their
+//! motion, since the arm still executes these when the link drops. A path's motion is counted as distance over
+//! speed. Points of a path are sent at least a few at a time, however long they last, so that the controller can
+//! blend. Bytes that are not yet received stay below the size of its buffer, and commands below the number of free
+//! places that it last reported.
 
 use super::echo::FrameEcho;
 use super::limits::{LinkLimits, QueueError};
@@ -31,7 +32,7 @@ const LATE: Duration = Duration::from_millis(500);
 struct QueuedCommand {
     id: CommandId,
     bytes: Vec<u8>,
-    /// How long its motion lasts by our count; zero where nothing moves.
+    /// The duration of its motion by our calculation; zero if nothing moves.
     motion: Duration,
     /// Start and speed of its line are known, so that its motion is a measure.
     measured: bool,
@@ -39,7 +40,7 @@ struct QueuedCommand {
     contact: bool,
     /// The path that it is a point of.
     path: Option<Part>,
-    /// Where its line goes and how fast, while nobody knows where it starts.
+    /// The end and the speed of its line, while its start is not known.
     from_anywhere: Option<(KukaPose, Option<f64>)>,
     sent_at: Time,
 }
@@ -60,13 +61,13 @@ pub(super) struct Flow {
     epoch: Epoch,
     queue: VecDeque<QueuedCommand>,
     in_flight: VecDeque<QueuedCommand>,
-    /// Motion of what is in flight, and bytes of what of it was not received.
+    /// Motion of the commands in flight, and bytes of those not yet received.
     motion: Duration,
     unreceived_bytes: usize,
     next_id: CommandId,
     sent: CommandId,
     received: CommandId,
-    /// What each channel last said, since the one may be behind the other.
+    /// The last values from each channel, since one may be behind the other.
     acked_received: CommandId,
     acked_done: CommandId,
     state_done: CommandId,
@@ -76,13 +77,13 @@ pub(super) struct Flow {
     base: FrameEcho,
     tool: FrameEcho,
     speed_mm_s: Option<f64>,
-    /// Where the last line queued ends, where that is known.
+    /// The end of the last queued line, if known.
     end: Option<KukaPose>,
     path_ends: VecDeque<CommandId>,
-    /// When the last command was executed, as far as was told, and whether it ended on the panel.
+    /// When the last command was executed, as far as reported, and whether it ended on the panel.
     progressed_at: Time,
     touches: bool,
-    /// The last point of the path that was told to be late.
+    /// The last point of the path that was reported as late.
     late: Option<CommandId>,
     /// The last command that may be sent; those behind it wait.
     permitted: Option<CommandId>,
@@ -160,7 +161,7 @@ impl Flow {
             Command::SetBase(base) => self.base.queued(id, base),
             Command::SetTcp(SetTcp { flange_from_tool, .. }) => self.tool.queued(id, flange_from_tool),
             Command::SetAccSpeed(speed) => self.speed_mm_s = Some(1_000.0 * speed.speed_m_s),
-            // How long these last only the controller knows: alone in the window.
+            // Only the controller knows how long these last: each is alone in the window.
             Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
             Command::MoveLin(MoveLin { speed_m_s: Some(speed_m_s), .. }) => {
                 self.speed_mm_s = Some(1_000.0 * speed_m_s)
@@ -232,7 +233,7 @@ impl Flow {
         self.permitted = last;
     }
 
-    /// The first of so many new ids.
+    /// Returns the first of this number of new ids.
     fn next_ids(&self, count: u32) -> Result<CommandId, QueueError> {
         match self.next_id.0.checked_add(count) {
             Some(after) if after <= LAST_NUMBER => Ok(self.next_id),
@@ -240,7 +241,7 @@ impl Flow {
         }
     }
 
-    /// The bytes of the next command, where it may go now.
+    /// Returns the bytes of the next command, if it may be sent now.
     pub(super) fn send_next(&mut self, now: Time, limits: &LinkLimits) -> Option<Vec<u8>> {
         if !self.queue.front().is_some_and(|next| self.may_go(next, limits)) {
             return None;
@@ -284,7 +285,7 @@ impl Flow {
         few || self.motion + motion <= limits.window
     }
 
-    /// Takes an acknowledgement of this epoch.
+    /// Accepts an acknowledgement of this epoch.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Time) -> Result<(), SequenceError> {
         within("received", ack.received, self.acked_received, self.sent)?;
         within("executed", ack.done, self.acked_done, ack.received)?;
@@ -295,7 +296,7 @@ impl Flow {
         Ok(())
     }
 
-    /// Takes a state of this epoch.
+    /// Accepts a state of this epoch.
     pub(super) fn follow(&mut self, state: &State, now: Time) -> Result<(), Report> {
         within("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
         self.state_done = state.done;
@@ -312,7 +313,7 @@ impl Flow {
         Ok(())
     }
 
-    /// A line that starts where the arm stands lasts as long as it is from there.
+    /// Measures a line that starts at the arm's position from there, for its duration.
     fn measure_start(&mut self, state: &State) {
         let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
@@ -344,7 +345,7 @@ impl Flow {
         }
     }
 
-    /// The point that the arm is at, where it takes far longer than planned: once for each path.
+    /// Returns the point that the arm is at, if it needs far longer than planned: once for each path.
     pub(super) fn late(&mut self, now: Time) -> Option<Late> {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;
@@ -379,7 +380,7 @@ fn within(what: &'static str, found: CommandId, first: CommandId, last: CommandI
     if found >= first && found <= last { Ok(()) } else { Err(SequenceError::Command { what, found, first, last }) }
 }
 
-/// How long a line lasts; `None` where start or speed are not known.
+/// Returns the duration of a line; `None` if start or speed are not known.
 fn line_time(start: Option<KukaPose>, end: KukaPose, speed_mm_s: Option<f64>) -> Option<Duration> {
     let [start, end] = [start?, end].map(|pose| pose.to_rigid::<Base, Tool>());
     let along_s = start.origin().distance_mm(end.origin()) / speed_mm_s?;

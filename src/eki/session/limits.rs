@@ -21,8 +21,8 @@ pub struct LinkLimits {
     pub watchdog: Duration,
     /// The inputs that can be set.
     pub mapped_inputs: MappedInputs,
-    /// Bits of the state's outputs that do harm while nobody looks after them: tool and water. While one is on, silence
-    /// counts as it does while something is queued.
+    /// Bits of the state's outputs that do harm without supervision: tool and water. While one is on, silence
+    /// counts as it does while commands are queued.
     pub harmful_outputs: u32,
 }
 
@@ -40,7 +40,7 @@ impl Default for LinkLimits {
     }
 }
 
-/// Why a command was not queued. Nothing of it was sent.
+/// Why a command was not queued. No part of the command was sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum QueueError {

@@ -1,20 +1,20 @@
 //! The client's side of the protocol: epochs, ids, credits and the watchdog, without a socket.
 //!
 //! Inputs are bytes, commands and `now`; outputs are polled: [`Session::poll_transmit`] until it has none, then
-//! [`Session::poll_report`]. One epoch at a time is open. Whatever goes wrong in it (a refusal, a wrong count,
-//! an echo that differs, silence) ends it: abort on the wire, the queue dropped, a report; nothing moves again before
-//! [`Session::open_epoch`]. A new connection only asks for the state.
+//! [`Session::poll_report`]. One epoch at a time is open. Any fault in it (a refusal, a wrong count, an echo that
+//! differs, silence) ends it: abort on the wire, the queue dropped, a report. Nothing moves again before
+//! [`Session::open_epoch`]. A new connection only requests the state.
 //!
-//! A stop reaches the arm in every state. An abort needs no free number: with one that may not follow the controller
-//! stops all the same. It must be answered and obeyed within the watchdog's time, or the connections are closed, which
-//! stops the controller by its own rules; what is told is never more than what the controller has said. Epochs that
-//! jump by more than [`EPOCH_STEP`](super::EPOCH_STEP) are refused on both sides, so that one wrong message cannot use
-//! the count up. What is known of the controller's epoch is known of one connection; what this program opened is
-//! remembered beyond it. After a controller's cold start, or with a store from a backup, the next epoch is reached in
-//! steps.
+//! A stop reaches the arm in every state. An abort needs no free number: the controller stops even if the number
+//! may not follow. The abort must be answered and obeyed within the watchdog's time, or the connections are closed,
+//! which stops the controller by its own rules. Reports never exceed what the controller has reported. Epochs that
+//! jump by more than [`EPOCH_STEP`](super::EPOCH_STEP) are refused on both sides, so that one wrong message cannot
+//! use the count up. Knowledge of the controller's epoch is valid for one connection; epochs that this program
+//! opened are remembered beyond it. After a controller's cold start, or with a store from a backup, the next epoch
+//! is reached in steps.
 //!
-//! On the wall clock a heartbeat leaves by itself at [`Session::deadline`]. In lock step there are no deadlines:
-//! each heartbeat is asked for, and grants the controller its next 100 ms.
+//! On the wall clock a heartbeat is sent automatically at [`Session::deadline`]. In lock step there are no
+//! deadlines: each heartbeat is requested, and grants the controller its next 100 ms.
 
 mod commands;
 mod echo;
@@ -38,7 +38,7 @@ use flow::Flow;
 pub use limits::{LinkLimits, QueueError};
 use std::collections::VecDeque;
 
-/// Whose clock runs.
+/// The clock that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
     /// The wall clock: heartbeats and watchdog by deadline.
@@ -52,11 +52,11 @@ pub enum Pace {
 enum Phase {
     /// No connection.
     Offline,
-    /// Connected, and has asked for the state; and to stop, where it was told to abort before the answer came.
+    /// Connected, and has requested the state; also a stop, if an abort was commanded before the answer came.
     Greeting { abort: Option<Stopping> },
-    /// Knows the controller; no epoch is open.
+    /// The controller is known; no epoch is open.
     Idle,
-    /// Has asked for an epoch with this request.
+    /// Has requested an epoch with this request.
     Opening { epoch: Epoch, request: u32 },
     /// Commands flow.
     Open(Box<Flow>),
@@ -67,7 +67,7 @@ enum Phase {
 /// An abort on its way.
 #[derive(Debug, Clone, Copy)]
 struct Stopping {
-    /// The epoch that it ended, with the commands of it that were sent and executed.
+    /// The epoch that it ended, with the sent and executed commands of that epoch.
     ended: Option<Epoch>,
     sent: CommandId,
     done: CommandId,
@@ -79,8 +79,8 @@ struct Stopping {
     obeyed: bool,
 }
 
-/// Why a connection ended on which the controller has not said who it is: what it closes then has another client, and what belongs on the
-/// other channel came by exchanged ports.
+/// Returns why a connection ended before the controller identified itself. If the controller closed it, another
+/// client is connected. A message that belongs on the other channel means exchanged ports.
 fn before_a_word(why: LinkLoss) -> LinkLoss {
     match why {
         LinkLoss::Closed { channel } => LinkLoss::Occupied { channel },
@@ -110,10 +110,10 @@ pub struct Session {
     was_automatic: bool,
     /// Boot and programs' checksum of the controller that was last seen.
     identity: Option<(i32, i32)>,
-    /// The controller's epoch and the highest that was asked for, on this connection.
+    /// The controller's epoch and the highest requested one, on this connection.
     controller_epoch: Epoch,
     asked_epoch: Epoch,
-    /// The highest epoch that was ever asked to open, by what this session and its callers know.
+    /// The highest epoch that was ever requested to open, as far as this session and its callers know.
     opened_epoch: Epoch,
     /// The last request sent and the last answered, on this connection.
     asked: u32,
@@ -127,7 +127,7 @@ pub struct Session {
     heard: Time,
     next_heartbeat: Time,
     stale: u64,
-    /// What a line is to be told, and what the controller was told of it on this connection.
+    /// The commanded outputs to a line, and those already sent to the controller on this connection.
     line: Option<u32>,
     line_told: Option<u32>,
     /// Epochs one after the other of which no command was acknowledged in time.
@@ -167,7 +167,7 @@ impl Session {
         }
     }
 
-    /// Both connections stand. Asks for the state; nothing moves.
+    /// Starts on two established connections. Requests the state; nothing moves.
     pub fn connected(&mut self, now: Time) {
         self.command_framer = Framer::default();
         self.state_framer = Framer::default();
@@ -182,8 +182,8 @@ impl Session {
         self.ask(Request::State);
     }
 
-    /// A connection failed, or could not be made. What was queued is forgotten. What is left to transmit is an abort,
-    /// for a state channel that still stands.
+    /// Handles a connection that failed, or could not be made. Queued commands are forgotten. An abort is left to
+    /// transmit, for a state channel that is still connected.
     pub fn disconnected(&mut self, why: LinkLoss) {
         let why = if self.is_greeting() { before_a_word(why) } else { why };
         if self.is_connected() {
@@ -193,7 +193,7 @@ impl Session {
         self.reports.push_back(Report::LinkLost { why });
     }
 
-    /// False where the connections are to be closed, after what is left to transmit.
+    /// Returns false if the connections are to be closed, after the remaining transmission.
     pub fn is_connected(&self) -> bool {
         !matches!(self.phase, Phase::Offline)
     }
@@ -225,7 +225,7 @@ impl Session {
         flow.send_next(now, &self.limits).map(|bytes| (Channel::Command, bytes))
     }
 
-    /// The next thing to tell.
+    /// Returns the next report.
     pub fn poll_report(&mut self) -> Option<Report> {
         self.reports.pop_front()
     }
@@ -253,8 +253,8 @@ impl Session {
         }
     }
 
-    /// What a line is told from now on, as bits of the controller's outputs for it. It is sent at once where a controller answers,
-    /// and again on each new connection; nothing moves by it.
+    /// Sets the signals to a line from now on, as bits of the controller's outputs for it. They are sent at once if
+    /// a controller answers, and again on each new connection; they move nothing.
     pub fn tell_line(&mut self, bits: u32) {
         self.line = Some(bits);
         if self.greeted().is_ok() {

@@ -91,8 +91,8 @@ impl Session {
         }
     }
 
-    /// Whether the controller can be in this epoch, by what is known of it on this connection. One that cannot be is
-    /// told, and nothing of its message is believed.
+    /// Returns whether the controller can be in this epoch, by the knowledge on this connection. If it cannot, this
+    /// is reported, and no part of its message is believed.
     fn follows(&mut self, channel: Channel, found: Epoch) -> bool {
         let known = self.known_epoch();
         // States come in their order; an acknowledgement may be of an epoch before.
@@ -206,7 +206,7 @@ impl Session {
         }
     }
 
-    /// What a state says of the abort that is under way.
+    /// Evaluates a state during an abort in progress.
     fn stops(&mut self, state: &State) {
         let (asked, Phase::Stopping(stopping)) = (self.asked, &mut self.phase) else { return };
         if stopping.ended == Some(state.epoch)
@@ -217,7 +217,7 @@ impl Session {
         if !(stopping.request..=asked).contains(&state.answered) {
             return;
         }
-        // In the ended epoch it says that it was stopped; in the next one nothing has begun.
+        // In the ended epoch the state reports the stop; in the next one nothing has begun.
         if stopping.ended == Some(state.epoch) && !state.stopped {
             return self.disconnected(LinkLoss::AbortNotObeyed);
         }
@@ -229,7 +229,8 @@ impl Session {
         }
     }
 
-    /// A robot that is far behind its plan: in the air that is told, in contact it has lingered long enough.
+    /// Checks for a robot that is far behind its plan: in the air this is only reported, in contact the robot has
+    /// stayed too long.
     fn check_pace(&mut self, now: Time) {
         let Phase::Open(flow) = &mut self.phase else { return };
         match flow.late(now) {
@@ -239,7 +240,7 @@ impl Session {
         }
     }
 
-    /// Tells how far the open epoch has come, once.
+    /// Reports the progress of the open epoch, once.
     fn tell_progress(&mut self) {
         if let Phase::Open(flow) = &mut self.phase {
             self.reports.extend(flow.news());
@@ -262,7 +263,7 @@ impl Session {
             (state.stopped && !state.motion_possible, StopCause::NoProgram),
             (state.stopped, StopCause::ByProgram),
         ];
-        // An epoch that the controller has stopped takes no command any more, busy or not.
+        // An epoch that the controller has stopped accepts no more commands, busy or not.
         let ends = state.stopped || matches!(&self.phase, Phase::Open(flow) if flow.is_busy());
         if let Some(&(_, cause)) = causes.iter().find(|(holds, _)| ends && *holds) {
             self.fault(Report::Interrupted { cause });
@@ -271,7 +272,7 @@ impl Session {
 }
 
 impl Stopping {
-    /// Of the ended epoch so many commands were executed; no more than were sent.
+    /// Notes the number of executed commands of the ended epoch; no more than were sent.
     fn executed(&mut self, done: CommandId) -> Result<(), SequenceError> {
         let (first, last) = (CommandId(0), self.sent);
         if done > last {
@@ -282,7 +283,7 @@ impl Stopping {
     }
 }
 
-/// When the message at hand began: with these bytes, where another ended in them.
+/// Returns when the present message began: with these bytes, if another message ended in them.
 fn begun(before: Option<Time>, framer: &Framer, has_ended: bool, now: Time) -> Option<Time> {
     framer.is_inside().then(|| before.filter(|_| !has_ended).unwrap_or(now))
 }

@@ -1,5 +1,5 @@
-//! Deadlines: heartbeats, the watchdog, and closing a connection that is silent or does not obey an abort. There are no
-//! deadlines in lock step, where time passes only by heartbeats.
+//! Deadlines: heartbeats, the watchdog, and closing a connection that is silent or does not obey an abort. There
+//! are no deadlines in lock step, in which time passes only by heartbeats.
 
 use super::{Pace, Phase, Session};
 use crate::eki::command::Request;
@@ -10,10 +10,10 @@ use std::time::Duration;
 /// Silence after which a connection is given up, queued commands or not.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// A message that takes longer from its first byte to its last is none.
+/// Time limit of a message from its first byte to its last; a slower message is not accepted.
 const UNFINISHED: Duration = Duration::from_millis(200);
 
-/// Where the controller acknowledges no command in so many epochs one after the other, the connections are made anew.
+/// The connections are made anew if the controller acknowledges no command in this number of consecutive epochs.
 const MOST_UNACKNOWLEDGED: u32 = 2;
 
 impl Session {

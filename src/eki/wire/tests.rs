@@ -121,7 +121,7 @@ fn acknowledgements_are_read_and_refusals_have_names() {
     assert_eq!(read(10), Some((CommandId(19), Refusal::Stopped)));
 }
 
-/// Each line is one fault in an otherwise good document, and what is said about it.
+/// Each line is one fault in an otherwise good document, and its error.
 #[test]
 fn hostile_acknowledgements_get_exact_verdicts() {
     let with = |old: &str, new: &str| {

@@ -22,7 +22,7 @@ fn good() -> String {
     text("x y z rgb", "4 4 4 4", "F F F U", &["1 2 3 66051"; 4])
 }
 
-/// Reads a cloud of the size that its own header says, where it says one.
+/// Reads a cloud of the size in its own header, if the header states one.
 fn read_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(400)]).into_owned();
     let stated = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.trim().parse().ok()).unwrap_or(2);
@@ -146,7 +146,7 @@ fn a_truncated_file_says_how_much_is_missing() {
     assert!(refusal(&BY_PCL[2][..10_000]).contains("truncated: 14043 bytes"));
 }
 
-/// A header may ask for anything; nothing of it is allocated before the data are there.
+/// A header may state any size; nothing is allocated before the data are there.
 #[test]
 fn absurd_sizes_are_refused_at_once() {
     let big = |size: u64| {
@@ -184,7 +184,7 @@ proptest! {
         }
     }
 
-    /// A file is cut or spoilt in some bytes; what still reads is a cloud of the size that its header says.
+    /// A file is cut, or damaged in some bytes; if it can still be read, it is a cloud of the size in its header.
     #[test]
     fn spoilt_files_never_panic_and_never_change_their_size(
         which in 0_usize..4, cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u32>(), any::<u8>(), any::<bool>()), 0..4),
@@ -208,8 +208,8 @@ proptest! {
     }
 }
 
-/// Points that pack a thousandfold: their number and size stand in the header, and memory for them is taken only after
-/// both were judged. The data are no packed data, so unpacking them would say so.
+/// Points that compress a thousandfold: their number and size are in the header, and memory for them is allocated
+/// only after both were checked. The data are not packed data, so unpacking them would report this.
 #[test]
 fn sizes_are_judged_before_points_are_unpacked() {
     let file = |fields: usize, width: usize, height: usize| {

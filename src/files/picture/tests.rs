@@ -132,7 +132,7 @@ fn no_changed_bit_changes_a_measured_picture() {
     assert!(refused > 10 * same, "{refused} refused, {same} the same");
 }
 
-/// JPEG and TIFF give other pixels for a changed byte, and say nothing: the reason why they measure nothing.
+/// In JPEG and TIFF a changed byte gives other pixels and no error: this is why they are not used for measurements.
 #[test]
 fn jpeg_and_tiff_measure_nothing() {
     let (color, camera) = (picture(24, 16), camera(24, 16));
@@ -152,12 +152,13 @@ fn jpeg_and_tiff_measure_nothing() {
     }
 }
 
-/// A picture of one grey value packs a thousandfold; its size stands in its first bytes.
+/// A picture of one grey value compresses a thousandfold; its size is in its first bytes.
 #[test]
 fn a_size_is_judged_before_pixels_are_unpacked() {
     let large = |width: u32, height: u32| {
         let mut file = write_gray_png(&GrayPicture { width: 8, height: 8, gray: vec![7; 64] }).expect("written");
-        // Width, height and the checksum of the first part: pixels for them do not follow, so unpacking would say so.
+        // Width, height and the checksum of the first part. The pixels for them do not follow, so unpacking would
+        // report this.
         file[16..20].copy_from_slice(&width.to_be_bytes());
         file[20..24].copy_from_slice(&height.to_be_bytes());
         let sum = crc32fast::hash(&file[12..29]);

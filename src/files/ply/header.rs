@@ -4,7 +4,7 @@ use super::super::cloud_error::CloudFileError;
 
 /// Longest header that is searched for its end; real ones have 300 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Largest data section and largest point, as for PCD; numbers of eight bytes take twice as much.
+/// Largest data section and largest point, as for PCD; numbers of eight bytes need twice as much.
 const MAX_DATA_BYTES: u64 = 1 << 28;
 const MAX_POINT_BYTES: u64 = 128;
 /// What is read of a vertex, in the order of [`PropertyOffsets`].
@@ -51,7 +51,7 @@ pub(super) struct PropertyOffset {
 
 pub(super) type PropertyOffsets = [PropertyOffset; 6];
 
-/// A header as it stands; its own counts are checked by what asks for them.
+/// A header as found; its own counts are checked by the code that uses them.
 #[derive(Default)]
 pub(super) struct Header {
     pub is_text: bool,

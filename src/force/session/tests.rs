@@ -71,7 +71,7 @@ fn each_fault_ends_it_by_its_name() {
     assert_eq!(lost(&session), &Loss::Silent { ms: 1_000 });
 }
 
-/// A new connection forgets what the tool was told to press with.
+/// A new connection forgets the previous set-point of the tool.
 #[test]
 fn a_new_connection_holds_the_tool_back() {
     let mut session = live();

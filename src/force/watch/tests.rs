@@ -30,14 +30,14 @@ fn at(ms: u64, code: &str) -> Option<(u64, String)> {
     Some((ms, code.to_owned()))
 }
 
-/// By hand: a band of 5 N around 20 N holds 15 and 25; 25.1 N from 500 ms on is told at 650 ms.
+/// By hand: a band of 5 N around 20 N includes 15 and 25; 25.1 N from 500 ms on is reported at 650 ms.
 #[test]
 fn a_force_out_of_its_band_is_told_once_it_lasts() {
     let force =
         |contact_n: f64| told(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)));
     assert_eq!((force(25.0), force(15.0)), (None, None));
     assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
-    // Short peaks are not told, however many.
+    // Short peaks are not reported, however many there are.
     assert_eq!(told(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))), None);
     // While it ramps from 5 N, all between is as it should be.
     assert_eq!(told(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);

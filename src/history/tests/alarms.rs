@@ -53,7 +53,7 @@ fn an_alarm_lasts_until_its_phase_no_longer_gives_it() {
     );
 }
 
-/// What the verdict says lasts until somebody resets the cell, 5 s after the end.
+/// The reasons of the verdict last until a person resets the cell, 5 s after the end.
 #[test]
 fn the_reasons_of_the_verdict_last_beyond_the_end() {
     let (record, mut times) = past(vec![gave(Kind::Locate, &["no_panel", "blurred"])], &["no_panel", "stopped"]);
@@ -102,7 +102,7 @@ fn a_refused_request_is_an_alarm_of_its_moment() {
     assert_eq!(told(&record, &times), [alarm("not_now", None, 1_020_500, Some(1_020_500))]);
 }
 
-/// The same code raised again is another alarm, which nobody has seen.
+/// The same code raised again is another alarm, which no one has seen.
 #[test]
 fn an_acknowledgement_is_of_one_raising() {
     let findings =

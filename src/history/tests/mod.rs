@@ -1,4 +1,4 @@
-//! The history of cycles whose numbers are known by hand.
+//! The history of cycles with numbers that are known by hand.
 
 mod alarms;
 
@@ -34,7 +34,8 @@ fn located(residual_mm: f64) -> Finding {
     found(Kind::Locate, 0, Verdict::Accept).with([check])
 }
 
-/// A cycle that began at `id` × 1,000 s and took 90 s: it failed, was abraded, and passed but for what `at_end` names.
+/// A cycle that began at `id` × 1,000 s and lasted 90 s: it failed, was abraded, and passed except for the grids in
+/// `at_end`.
 fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)]) -> PastCycle {
     let mut findings = vec![located(residual_mm), film(0, first)];
     if !first.is_empty() {
@@ -84,7 +85,7 @@ fn a_cycle_is_summed_up() {
     assert_eq!(films.failed_at_end, Some(vec!["r2c1".to_owned()]));
 }
 
-/// An invalid film says nothing: the next one is the first.
+/// An invalid film gives no result: the next film is the first one.
 #[test]
 fn an_invalid_film_is_counted_and_not_believed() {
     let mut past = cycle(1, 0.06, &[], &[]);
@@ -175,7 +176,7 @@ fn every_quantity_has_a_word_that_names_it() {
     assert_eq!(Known::words().len(), 21);
 }
 
-/// Each table is as wide as its names say, which the writer of CSV holds it to.
+/// Each table is as wide as its column names require; the CSV writer checks this.
 #[test]
 fn everything_is_a_table() {
     let cycles = [cycle(1, 0.06, &[("r1c2", 5.1)], &[]), cycle(2, 0.06, &[], &[])];

@@ -1,12 +1,13 @@
-//! The region as the camera sees it where the panel stands now: which pixels it covers, and what surface each holds.
+//! The region as the camera sees it at the panel's present place: which pixels it covers, and the surface of each.
 //!
-//! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point goes to the
-//! camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel by Eq. 3.11, once; the
-//! surface then belongs to the nearest pixel. A broken pixel breaks the surface that it holds. So area is measured on
-//! the curved panel, at the taught place, and does not depend on where the panel stands.
+//! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point is
+//! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel
+//! by Eq. 3.11, once; the surface then belongs to the nearest pixel. A broken pixel breaks the surface that it
+//! holds. So area is measured on the curved panel, at the taught place, and does not depend on the panel's present
+//! place.
 //!
-//! Pixels between projected ones, which hold no surface, belong to the region too where the panel appears larger than
-//! at teaching; a gap of one pixel is closed, so the panel may appear up to twice as large.
+//! If the panel appears larger than at teaching, pixels between projected ones, which hold no surface, belong to
+//! the region too. A gap of one pixel is closed, so the panel may appear up to twice as large.
 
 mod samples;
 
@@ -74,18 +75,19 @@ pub struct GridFootprint {
     pub id: GridId,
     /// Its whole surface, mm².
     pub area_mm2: f64,
-    /// The share of it that lies in the picture and is not masked, 0…1.
+    /// The share of the grid that lies in the picture and is not masked, 0…1.
     pub seen_share: f64,
-    /// The share of it that the recipe masks.
+    /// The share of the grid that the recipe masks.
     pub masked_share: f64,
-    /// What of it lies in the picture and showed nothing, mm²: overexposed, or hidden by a reflection that stands still.
+    /// The area in the picture that showed nothing, mm²: overexposed, or hidden by a reflection that does not move.
     pub lost_mm2: f64,
     /// Its edge in the picture, px, closed: curves on a curved panel under a real lens.
     pub edge_px: Vec<Pixel>,
 }
 
 impl GridFootprint {
-    /// Whether all of it lies in the picture and is not masked, whatever of it showed nothing there. Else it cannot pass.
+    /// Returns whether the whole grid lies in the picture and is not masked, even if parts showed nothing there.
+    /// Otherwise it cannot pass.
     pub fn is_looked_at(&self) -> bool {
         self.looked_at_share() >= SEEN_SHARE
     }
@@ -94,7 +96,7 @@ impl GridFootprint {
         self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
     }
 
-    /// Whether the recipe masks some of it, and all of it that is not looked at.
+    /// Returns whether the recipe masks a part of the grid, and every part that is not looked at.
     pub fn only_masked(&self) -> bool {
         self.masked_share > 0.0 && self.looked_at_share() + self.masked_share >= SEEN_SHARE
     }
@@ -169,10 +171,10 @@ impl Footprint {
         })
     }
 
-    /// The smallest break that is surely found, mm², where the taught panel stands at its nominal place.
+    /// The smallest break that is surely found, mm², with the taught panel at its nominal place.
     ///
     /// # Errors
-    /// Where the region is not in the picture.
+    /// If the region is not in the picture.
     pub fn taught_detection_limit_mm2(
         taught: &TaughtPanel,
         settings: &recipe::Inspect,
@@ -217,7 +219,7 @@ impl Footprint {
         areas.into_iter().map(|(sanded, all)| sanded / all.max(f64::MIN_POSITIVE)).collect()
     }
 
-    /// The broken surface of each grid where these pixels of the picture are broken, mm², in the order of the grids.
+    /// The broken surface of each grid if these pixels of the picture are broken, mm², in the order of the grids.
     /// The mask has the picture's size.
     pub fn broken_mm2(&self, mask: &Mask) -> Vec<f64> {
         let mut broken_mm2 = vec![0.0; self.grids.len()];
@@ -230,8 +232,9 @@ impl Footprint {
         broken_mm2
     }
 
-    /// The smallest break that is surely found on this panel from where the camera stands, mm²: [`SURE_PX`] pixels where they
-    /// are coarsest. Of neighbours one may hold two taught pixels and the next none, so surface is divided over many.
+    /// The smallest break that is surely found on this panel from the camera's place, mm²: [`SURE_PX`] pixels of
+    /// the coarsest ones. Of two neighbours one may hold two taught pixels and the other none, so the surface is
+    /// averaged over many.
     pub fn detection_limit_mm2(&self) -> f64 {
         let across = self.window.width.div_ceil(BLOCK_PX);
         let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(BLOCK_PX)];
@@ -250,7 +253,8 @@ impl Footprint {
         SURE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
 
-    /// The pixels of the picture that each grid holds: where two share one, the first of its patches decides.
+    /// The pixels of the picture that each grid holds: if two grids share a pixel, the first of its patches
+    /// decides.
     pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
         let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();
         for index in 0..self.inside.len() {
@@ -281,7 +285,7 @@ impl Footprint {
         (area_mm2 * inside / self.region_mm2().max(f64::MIN_POSITIVE)) as usize
     }
 
-    /// Takes the surface of pixels that turned out not to be seen from what their grids show.
+    /// Subtracts the surface of pixels that were not seen from the seen share of their grids.
     pub(super) fn lose(&mut self, unseen: impl Fn(usize) -> bool) {
         let mut lost_mm2 = vec![0.0; self.grids.len()];
         for index in (0..self.inside.len()).filter(|&index| self.inside[index] && unseen(index)) {

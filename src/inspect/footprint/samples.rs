@@ -17,7 +17,8 @@ pub struct Sample {
     pub sanded: bool,
 }
 
-/// The region's taught pixels. One without a point of its own, a drop-out, takes the surface through its neighbours.
+/// The region's taught pixels. A pixel without a point of its own, a drop-out, gets the surface through its
+/// neighbours.
 pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded: Option<&Mask>) -> Vec<Sample> {
     let masks: Vec<Vec<Pixel>> =
         masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();

@@ -7,13 +7,13 @@ use crate::geometry::median;
 
 /// A pixel that showed nothing for a larger share of the film was not seen, nor was one that shows nothing for longer than [`MOVES_ON_S`] at the end.
 const MOST_UNSEEN: f64 = 0.5;
-/// A film that changes a place by less than this many times the noise is not told from a break.
+/// A film that changes a place by less than this many times the noise is not distinguished from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
-/// Brighter than this against its dry look a place is not bare, in any light that is told.
+/// A place that is brighter than this compared with its dry look is not bare, in any light that can be measured.
 const BRIGHT: f32 = 1.15;
-/// One pixel in this many says what the film leaves of the dry look.
+/// One pixel in this many is used to determine what the film leaves of the dry look.
 const FILM_EVERY: usize = 7;
-/// Fewer of them do not say what film leaves in general.
+/// Fewer of them do not determine what film leaves in general.
 const ENOUGH_FILM: usize = 100;
 
 impl Model {
@@ -109,7 +109,8 @@ impl Model {
         self.state(index) & NO_DRY > 0
     }
 
-    /// Whether it showed film or a bare place for half of the time, and near the end, and did not take a look that is neither.
+    /// Returns whether the pixel showed film or a bare place for half of the time, and near the end, and did not
+    /// change to a look that is neither.
     pub fn saw(&self, index: usize) -> bool {
         let (block, at) = self.at(index);
         let (past, state) = (&self.past[block], self.state(index));
@@ -209,7 +210,7 @@ impl Model {
         gap / self.noise.levels()
     }
 
-    /// Whether film and a bare place differ enough there to tell one from the other.
+    /// Returns whether film and a bare place differ enough there to be distinguished.
     pub fn has_contrast(&self, index: usize) -> bool {
         self.contrast_to_noise(index) >= MIN_CONTRAST_TO_NOISE
     }

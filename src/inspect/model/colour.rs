@@ -1,9 +1,10 @@
-//! Whether a place that is as bright as the dry panel has the dry panel's colour, too.
+//! Checks whether a place that is as bright as the dry panel has the dry panel's colour, too.
 //!
-//! A film that mirrors something white adds as much to each channel. On a coloured panel such a place may be as bright as the dry one
-//! and not have its colour. With the channels' levels s, the dry ones d, the lamp's tint t and the place's own light r,
+//! A film that mirrors something white adds the same amount to each channel. On a coloured panel such a place may
+//! be as bright as the dry one and not have its colour. With the channels' levels s, the dry ones d, the lamp's
+//! tint t and the place's own light r,
 //!     e = s − r t d,  r = Σ s / Σ t d,        of the dry colour:  max e − min e ≤ 6 levels + max d / 16.       (1)
-//! The bound is four times a camera's noise. On a grey panel (1) always holds: there colour says nothing.
+//! The bound is four times a camera's noise. On a grey panel (1) always holds: colour gives no information there.
 
 /// What noise makes of (1), grey levels, and as a share of the brightest channel.
 const NOISE_LEVELS: f64 = 6.0;
@@ -23,8 +24,9 @@ pub(super) fn is_of_dry_colour(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bo
 mod tests {
     use super::*;
 
-    /// By hand, a red primer of (100, 35, 35) that a film makes (58, 13, 13): with 25 levels of a white reflection it is (83, 38, 38),
-    /// r = 159/170, e = −10.5, 5.3, 5.3, which is 15.8 apart where 12.25 are allowed. On grey the same film is no other colour.
+    /// By hand: a film changes a red primer of (100, 35, 35) to (58, 13, 13). With 25 levels of a white reflection
+    /// it is (83, 38, 38), r = 159/170, e = −10.5, 5.3, 5.3. This is 15.8 apart, and 12.25 are allowed. On grey the
+    /// same film has no other colour.
     #[test]
     fn a_white_reflection_on_red_has_not_the_dry_colour() {
         let red = [100, 35, 35];

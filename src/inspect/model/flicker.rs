@@ -1,11 +1,12 @@
-//! Whether light goes up and down from picture to picture.
+//! Detects light that goes up and down from picture to picture.
 //!
-//! Water that wets the surroundings changes their brightness slowly, in one direction, or once; a lamp that beats with the mains changes it
-//! to and fro. With the light g of a channel in picture k and its change Δₖ = ln gₖ − ln gₖ₋₁, a swing is
+//! Water that wets the surroundings changes their brightness slowly, in one direction, or once; a lamp that beats
+//! with the mains changes it up and down. With the light g of a channel in picture k and its change Δₖ = ln gₖ − ln
+//! gₖ₋₁, a swing is
 //!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  where Δₖ Δₖ₋₁ < 0,                                                                       (1)
-//! and a lamp flickers where a quarter of the pictures has a swing of [`MIN_SWING`] and more.
+//! and a lamp flickers if a quarter of the pictures has a swing of [`MIN_SWING`] or more.
 
-/// A lamp that flickers changes by so much from picture to picture and back, so often.
+/// A lamp that flickers changes by this much from picture to picture and back, and at least this many times.
 const MIN_SWING: f64 = 0.02;
 const MIN_SWINGS: u32 = 3;
 
@@ -26,7 +27,8 @@ struct Swings {
 }
 
 impl Flicker {
-    /// The mean swing with this picture's light, in the channel in which it is largest, percent; 0 where the light does not flicker.
+    /// The mean swing with this picture's light, in the channel in which it is largest, percent; 0 if the light
+    /// does not flicker.
     pub fn percent_with(&mut self, gains: [f64; 3]) -> f64 {
         self.pictures += 1;
         for (swings, gain) in self.channels.iter_mut().zip(gains) {
@@ -41,7 +43,7 @@ impl Flicker {
         100.0 * means.fold(0.0, f64::max)
     }
 
-    /// The same where light is measured against the last picture from now on.
+    /// The same flicker for light that is measured against the last picture from now on.
     pub fn against_this(mut self) -> Self {
         self.channels.iter_mut().for_each(|swings| swings.last = 0.0);
         self
@@ -52,7 +54,8 @@ impl Flicker {
 mod tests {
     use super::*;
 
-    /// By hand: up by 5 %, down by 3, up by 4 and down by 6, as logarithms, are swings of 3, 3 and 4 %; fewer than three say nothing.
+    /// By hand: up by 5 %, down by 3, up by 4 and down by 6, as logarithms, are swings of 3, 3 and 4 %; fewer than
+    /// three swings do not count.
     #[test]
     fn a_swing_is_the_smaller_of_two_changes() {
         let mut flicker = Flicker::default();

@@ -1,28 +1,32 @@
 //! Film, bare or neither: each pixel of each picture, and for how long.
 //!
-//! With a pixel's look s, its own wet look w and its own dry look d in the light of now, β the least share of its dry look to which a
-//! broken place comes back, and σ the clip's noise, a place that broke looks like something from β d to d. Between that and the
-//! film's look lies the gap g; of it the half nearer to the bare look, 6 σ at most, counts as bare:
+//! Let s be a pixel's look, w its own wet look and d its own dry look in the present light. β is the least share of
+//! its dry look to which a broken place returns, and σ is the clip's noise. A place that broke then has a look from
+//! about β d to d. Between that and the film's look lies the gap g. The half of the gap nearer to the bare look, 6
+//! σ at most, counts as bare:
 //!     bare    β d − min(g/2, 6 σ) ≤ s ≤ 9/8 d        if the film is darker,                                     (1)
 //!             7/8 β d ≤ s ≤ d + min(g/2, 6 σ)        if it is brighter,
-//! and film is every other look on the film's side of the middle of the gap: a surface that is not bare, and was not sanded since its dry picture,
-//! has water on it. Between that middle and (1) it is neither: such a look shows nothing, and a run stays as it is. A place without
-//! a dry look of its own is film while |s − w| ≤ a, and bare beyond, up to the brightest that any bare place of such a film can be; a is half of what
-//! a break would change it by.
+//! and film is every other look on the film's side of the middle of the gap: a surface that is not bare, and was
+//! not sanded since its dry picture, has water on it. Between that middle and (1) it is neither: such a look shows
+//! nothing, and a run stays as it is. A place without a dry look of its own is film while |s − w| ≤ a. Beyond, it
+//! is bare, up to the brightest look that a bare place of such a film can have; a is half of the change that a
+//! break would cause.
 //!
 //! Reflections and waves move, and a bare place does not. So bare counts only while
 //!     |s − s'| ≤ 4 σ + d/32,    s' the look in the picture before.                                              (2)
-//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954), H the time that a place
-//! must look bare less the step between two pictures: at H the film is open, back at 0 it is closed. Overexposed or unsteady, it stays
-//! as it is; until the film is open it begins anew if the look leaves the mean of its last second by as much as (2). All times are those
-//! of the pictures' time stamps.
+//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41,
+//! 1954). H is the time for which a place must look bare, less the step between two pictures: at H the film is
+//! open, back at 0 it is closed. While the place is overexposed or unsteady, the run stays as it is. Until the film
+//! is open, the run begins anew if the look differs from the mean of its last second by as much as (2). All times
+//! are those of the pictures' time stamps.
 //!
-//! A film that moves looks different from time to time. A place whose film was calm so far and which within a moment takes another look that
-//! is neither its film's nor a bare one, and keeps it, has changed in a way that this model does not know: it is marked, and is not passed. So is a
-//! place that keeps looks on the bare side of the middle of the gap for three seconds and did not break; such a look never becomes another look of
-//! the film.
+//! A film that moves looks different from time to time. A place with a film that was calm so far may change within
+//! a moment to another look that is neither its film's nor a bare one, and keep it. It has changed in a way that
+//! this model does not know: it is marked, and is not passed. The same is true for a place that keeps looks on the
+//! bare side of the middle of the gap for three seconds and did not break; such a look never becomes another look
+//! of the film.
 //!
-//! Most of a panel is film and stays so: a block of pixels of which that is true is left as it is.
+//! Most of a panel is film and stays so: a block that contains only such pixels is left as it is.
 
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
@@ -42,8 +46,8 @@ const BARE_SIGMA: u16 = 6;
 const ALIKE_SIGMA: u16 = 4;
 /// What is farther outside of every bare look than this is water, in σ.
 const SURE_SIGMA: u16 = 8;
-/// A step changes the look by more than one part in this: light is not known better at the edge of a shadow, and a film takes
-/// two of five.
+/// A step changes the look by more than one part in this: at the edge of a shadow the light is not known better,
+/// and a film takes away two of five.
 const FAR_PART: u16 = 6;
 /// A step lasts this long at most, ticks: a quarter of a second, or two pictures …
 const QUICK_TICKS: u16 = 16;
@@ -127,7 +131,8 @@ pub struct Rule {
     pub now: u16,
     /// How much brighter the light is than before, 1/4096.
     pub brighter_q12: u16,
-    /// The mean look of a bare place takes one part in 2 to this power of each picture: it is one of the last second.
+    /// The share of each picture in the mean look of a bare place is one part in 2 to this power: the mean is that
+    /// of the last second.
     pub mean: u32,
     /// While the wet look is still learnt: a new look counts for one part in 2 to this power.
     pub learn: Option<u32>,
@@ -206,7 +211,7 @@ pub struct Known<'a> {
     pub past: &'a mut Past,
 }
 
-/// Judges one block; says whether a pixel of it broke now.
+/// Judges one block; returns whether one of its pixels broke now.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
     let Known { state: states, wet: wets_as, past } = known;

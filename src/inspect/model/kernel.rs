@@ -1,15 +1,16 @@
-//! What is done to every pixel of every picture, in whole numbers of 16 bits: compiled for each kind of processor and
-//! chosen when it runs.
+//! The operations on every pixel of every picture, in 16-bit integers: compiled for each kind of processor and
+//! chosen at run time.
 //!
-//! A pixel's look is a weighted sum of its channels in 1/64 grey level, in the light of the dry picture: the weights take the lamp's
-//! change out. What a tile of the region has more or less of it is its gain ([`super::light`]).
+//! A pixel's look is a weighted sum of its channels in 1/64 grey level, in the light of the dry picture: the
+//! weights remove the lamp's change. The factor by which a tile of the region has more or less light is its gain
+//! ([`super::light`]).
 
 // The dispatcher that the attribute writes calls functions compiled for the processor that was found.
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use multiversion::multiversion;
 
-/// A look is in 1/64 grey level, 14 bits; the 16th says that a channel is overexposed.
+/// A look is in 1/64 grey level, 14 bits; the 16th bit marks an overexposed channel.
 pub const LEVEL: u16 = 64;
 pub const OVEREXPOSED: u16 = 0x8000;
 pub const LOOK: u16 = 0x3fff;

@@ -1,13 +1,15 @@
-//! The light of each picture by channel, told by what lies around the panel.
+//! The light of each picture by channel, measured on the surroundings of the panel.
 //!
-//! There nothing mirrors and little becomes wet, so that each channel's median of brightness over dry brightness is its light.
-//! Lamps on the mains tint pictures whose exposure is no multiple of half of the mains' period, each channel by its own share:
-//! phosphors are slow, the diode that feeds them is not. Taken channel by channel, that beat is light like any other.
+//! Nothing mirrors there and little becomes wet, so each channel's median of brightness over dry brightness is its
+//! light. Lamps on the mains tint pictures if the exposure is no multiple of half of the mains' period, each
+//! channel by its own share: phosphors are slow, the diode that feeds them is not. Evaluated channel by channel,
+//! that beat is light like any other.
 //!
-//! What became wet around the panel is darker, too, as if the lamp were: no lamp is taken to be as dark, and of one that [`Flicker`]s as
-//! much it is not known if it or water made the surroundings darker. Water makes nothing brighter: if they are brighter than any lamp
-//! that drifts, or saturate, the camera's exposure or gain has changed. A shadow darkens one place after the other, and never all: a lamp that changes
-//! does so at most places from one picture to the next, and they agree on it as they did before.
+//! Surroundings that became wet are darker, too, as if the lamp were darker: no lamp is assumed to be as dark as
+//! that. If a lamp [`Flicker`]s as much, it is unknown whether the lamp or water made the surroundings darker.
+//! Water makes nothing brighter: if the surroundings are brighter than with any lamp that drifts, or saturate, the
+//! camera's exposure or gain has changed. A shadow darkens one place after the other, and never all. A lamp that
+//! changes does so at most places from one picture to the next, and the places agree on it as they did before.
 
 use super::flicker::Flicker;
 use super::sensor::SensorNoise;
@@ -16,18 +18,18 @@ use crate::inspect::footprint::Window;
 
 /// So far around the window nothing is looked at, as a share of its size: the panel's own rim, and what is sprayed.
 const AROUND: f64 = 0.06;
-/// So many places are looked at, at most about, and so few tell nothing.
+/// About this many places are examined at most, and fewer than this give no result.
 const PLACES: usize = 1_500;
 const MIN_PLACES: usize = 60;
-/// Levels of a dry place that tells.
+/// Levels of a dry place that can be used.
 const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 /// No lamp changes by more while a panel is tested: what lies around it became wet.
 const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
-/// From this level on a place may be overexposed, and says only that it is at least as bright.
+/// At this level or above a place may be overexposed, and shows only that it is at least as bright.
 const SATURATED: u8 = 250;
-/// A place agrees where it is this near to the median.
+/// A place agrees if it is this near to the median.
 const NEAR: f64 = 0.08;
-/// So much of what lies around the panel must agree on the light.
+/// This share of the places around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.5;
 /// On a light that changed by more than [`NEAR`] the places agree to this share of what they did before, or it is a shadow on most of them.
 const STILL_AGREE: f64 = 0.9;
@@ -51,9 +53,10 @@ pub struct Lamp {
 pub struct Lit {
     /// Of each channel, against the dry picture.
     pub gains: [f64; 3],
-    /// The share of the places that agree; 0 of too few, and where no lamp is like that.
+    /// The share of the places that agree; 0 for too few places, and if no lamp is like that.
     pub agree: f64,
-    /// The mean swing of a lamp that flickers, where the places agree on a light that no lamp has; else 0. Percent.
+    /// The mean swing of a lamp that flickers, if the places agree on a light that no lamp has; otherwise 0.
+    /// Percent.
     pub flicker_percent: f64,
     /// The mean gain, if the places agree that it is more than a lamp's drift.
     pub brighter: Option<f64>,
@@ -67,13 +70,14 @@ impl Lit {
         self.gains.iter().sum::<f64>() / 3.0
     }
 
-    /// Is it the light of a shadow on most places, if these became so much brighter since the light of before?
+    /// Is it the light of a shadow on most places, if these became brighter by this factor since the previous
+    /// light?
     fn is_shadow_after(&self, before: &Lit, brighter: f64) -> bool {
         let is_change = is_near(self.mean(), brighter * before.mean()) && self.agree >= STILL_AGREE * before.agree;
         !is_near(self.mean(), before.mean()) && !is_change
     }
 
-    /// Of each channel, where enough of the places agree.
+    /// The gain of each channel, if enough of the places agree.
     pub fn sure(&self) -> Option<[f64; 3]> {
         (self.agree >= MIN_AGREE).then_some(self.gains)
     }
@@ -161,12 +165,12 @@ impl Lamp {
         self.sensor.each_ref()
     }
 
-    /// The side of the squares whose noise is measured, px.
+    /// The side of the squares in which noise is measured, px.
     pub const SIDE_PX: usize = 4;
 
     fn take_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
         let side = Lamp::SIDE_PX;
-        // A saturated pixel has no noise: such a place says nothing.
+        // A saturated pixel has no noise: such a place gives no information.
         let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
             let left = (index % picture.width).min(picture.width.saturating_sub(side));
             let top = (index / picture.width).min(picture.height.saturating_sub(side));
@@ -182,7 +186,7 @@ impl Lamp {
         let mut now: Vec<[f64; 3]> = self.places.iter().map(now).collect();
         let mut followed = gains;
         if self.last.len() == now.len() {
-            // The squares say better than single pixels what is common to them.
+            // The squares show the change that they have in common better than single pixels do.
             for i in 0..3 {
                 let shares = self.last.iter().zip(&now).map(|(before, now)| now[i] / before[i]);
                 let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();
@@ -218,8 +222,8 @@ fn is_near(ratio: f64, gain: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// By hand: red a tenth brighter, blue a tenth darker; what became wet, the window and less than a half of what lies
-    /// around it, says nothing.
+    /// By hand: red a tenth brighter, blue a tenth darker. The wet area does not count: it is the window and less
+    /// than a half of its surroundings.
     #[test]
     fn a_tint_is_told_by_what_lies_around_the_panel() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
@@ -264,8 +268,8 @@ mod tests {
         assert!((lit.agree - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
-    /// By hand: a shadow that takes a fifth of the light from six of ten rows is no lamp, and one that takes it from all of them is; the lamp
-    /// of before is known again as soon as most rows show it.
+    /// By hand: a shadow that removes a fifth of the light from six of ten rows is no lamp, and one that removes it
+    /// from all of them is. The earlier lamp is recognised again as soon as most rows show it.
     #[test]
     fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {
         let window = Window { left: 0, top: 0, width: 160, height: 20 };

@@ -1,11 +1,13 @@
 //! The light over the region in one picture, against the looks of its film: smooth in the picture, free in time.
 //!
-//! Each tile of 32 × 32 px says by which factor its film is brighter than its wet look. Pixels that just became wet or bare are far
-//! from that factor (a film takes a third or more) and have no part in it: neither has a glint. A tile's factor is then a mean over its
-//! neighbours, and bounded: a shadow darkens a part, nothing brightens a part alone. So a break that fills a tile is not taken for light.
+//! Each tile of 32 × 32 px gives the factor by which its film is brighter than its wet look. Pixels that just
+//! became wet or bare are far from that factor (a film takes away a third or more) and are left out, and so are
+//! glints. A tile's factor is then a mean over its neighbours, and bounded: a shadow darkens a part, nothing
+//! brightens a part alone. So a break that fills a tile is not mistaken for light.
 //!
-//! If the surroundings of the panel show the lamp, its change is taken out of the looks before ([`super::lamp`]). What is left of the light
-//! then is a shadow, and what is more is a film that thins out: on a bare place the light is never more than the lamp's.
+//! If the surroundings of the panel show the lamp, its change is removed from the looks before ([`super::lamp`]). A
+//! loss of light that remains is a shadow, and a gain that remains is a film that thins out: on a bare place the
+//! light is never more than the lamp's.
 
 use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 
@@ -62,7 +64,8 @@ impl Light {
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
         let last = if without_lamp == self.without_lamp { self.global } else { 1.0 };
         let median = weighted_median(&ratios).unwrap_or(last);
-        // A film that broke all over is brighter than any that thinned out, and no lamp says so.
+        // A film that broke everywhere is brighter than any film that thinned out, and no lamp reports such a
+        // light.
         let global = if without_lamp { median.clamp(LOCALLY[0], LOCALLY[1]) } else { median };
         let rows = self.tiles.len() / self.columns;
         let bounds = LOCALLY.map(|bound| if without_lamp { bound } else { bound * global });
@@ -114,7 +117,7 @@ impl Light {
     }
 }
 
-/// Between which two of so many tiles' centres a cell's centre lies, and how far on the way.
+/// The two tiles' centres between which a cell's centre lies, for this many tiles, and the fraction of the way.
 fn between(cell: usize, tiles: usize) -> (usize, usize, f64) {
     let at = ((cell as f64 + 0.5) / CELLS as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
     let first = (at as usize).min(tiles.saturating_sub(2));

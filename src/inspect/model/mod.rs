@@ -1,13 +1,16 @@
-//! The film's model: what each pixel looks like wet and bare, and for how long it has looked so.
+//! The film's model: the wet and the bare look of each pixel, and for how long the pixel has looked so.
 //!
-//! **A grid passes only on positive evidence of an unbroken film: every place of it was seen wet, and looks like its own wet state until
-//! the end of the observation. What is neither surely film nor surely broken is not seen, and no grid with such a place passes.** Every
-//! limit of this room lies on the safe side of that rule.
+//! **A grid passes only on positive evidence of an unbroken film: each of its places was seen wet, and looks like
+//! its own wet state until the end of the observation. A place that is neither surely film nor surely broken counts
+//! as not seen, and no grid with such a place passes.** Every limit of this room lies on the safe side of that
+//! rule.
 //!
-//! Each pixel is held against its own wet look w, learnt from the first second of the film, and against its own dry look d, if it still has
-//! one: a place that was sanded since the dry picture has none ([`judging`]). Film may be darker than the dry panel or brighter, by place
-//! and by channel ([`views`]). All limits are multiples of the clip's own noise ([`noise`]). The lamp's light is taken out of each picture
-//! by what lies around the panel ([`lamp`]), shadows and a film that thins out by the film itself, tile by tile ([`light`]).
+//! Each pixel is compared with its own wet look w, learnt from the first second of the film, and with its own dry
+//! look d, if it still has one: a place that was sanded since the dry picture has none ([`judging`]). Film may be
+//! darker than the dry panel or brighter, by place and by channel ([`views`]). All limits are multiples of the
+//! clip's own noise ([`noise`]). The lamp's light is measured around the panel and removed from each picture
+//! ([`lamp`]). Shadows and a film that thins out are measured on the film itself and removed tile by tile
+//! ([`light`]).
 //!
 //! Memory is fixed: about 28 bytes for each pixel of the window. The model does not know grids or verdicts.
 
@@ -110,7 +113,7 @@ pub struct Model {
     film_left: Option<f64>,
     /// The brightest light so far, against that of the first wet picture.
     brightest: f64,
-    /// The times of the pictures that were judged, s; the first stands for the beginning.
+    /// The times of the judged pictures, s; the first represents the beginning.
     times_s: Vec<f32>,
     /// The first wet picture was looked at.
     is_watching: bool,
@@ -120,7 +123,8 @@ pub struct Model {
 }
 
 impl Model {
-    /// A model of the window's pixels for which `inside` says so, of which `sanded` have no dry look of their own any more.
+    /// Creates a model of the window's pixels for which `inside` is true. Those that are `sanded` no longer have a
+    /// dry look of their own.
     pub fn new(window: Window, inside: &[bool], sanded: &[bool], terms: Terms) -> Self {
         let columns = views::columns(window.width);
         let tile_rows = window.height.div_ceil(TILE_PX);
@@ -218,7 +222,8 @@ impl Model {
         }
     }
 
-    /// Takes the looks of a picture, in the light of the dry one as far as the lamp is known; whether it is bit-equal to the one before.
+    /// Reads the looks of a picture, in the light of the dry one as far as the lamp is known; returns whether it is
+    /// bit-equal to the one before.
     fn read(&mut self, picture: &ColorPicture) -> bool {
         std::mem::swap(&mut self.look, &mut self.before);
         let (window, columns, views) = (self.window, self.columns, &self.views);
@@ -283,7 +288,7 @@ impl Model {
             self.set_dry_looks();
         }
         self.read(picture);
-        // The first picture stands for the one before it.
+        // The first picture also serves as the one before it.
         self.before.clone_from(&self.look);
         self.wet = self.look.iter().map(|look| look.map(|look| look & LOOK)).collect();
         for state in self.state.as_flattened_mut() {

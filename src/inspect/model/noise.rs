@@ -5,7 +5,7 @@
 
 use super::kernel::{Block, INSIDE, LEVEL, LOOK, NO_DRY, OVEREXPOSED};
 
-/// The share of the differences that is looked at, and where it lies for σ = 1.
+/// The quantile of the differences that is evaluated, and its value for σ = 1.
 const SHARE: f64 = 0.3;
 const AT_SHARE: f64 = 0.385;
 /// Differences are counted in classes of 1/16 level, up to this many.
@@ -18,7 +18,7 @@ const ASSUMED_LEVELS: f64 = 1.5;
 pub(super) const ROWS_EVERY: usize = 4;
 const ENOUGH: u64 = 200;
 
-/// What the differences so far say.
+/// The result of the differences so far.
 #[derive(Debug, Clone)]
 pub struct Noise {
     classes: Vec<u64>,
@@ -29,7 +29,8 @@ impl Noise {
         Noise { classes: vec![0; CLASSES] }
     }
 
-    /// Takes the pixels of a row in two pictures that follow each other; `brighter` is the light of the second against the first.
+    /// Adds the pixels of a row in two consecutive pictures; `brighter` is the light of the second against the
+    /// first.
     pub fn take(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
         for ((look, before), state) in look.iter().zip(before).zip(state) {
             for ((look, before), state) in look.iter().zip(before).zip(state) {

@@ -1,11 +1,12 @@
-//! The sensor's noise by brightness, measured where no water moves.
+//! The sensor's noise by brightness, measured at places without moving water.
 //!
-//! The variance of a sensor's noise grows with the light: σ² = a + b s (EMVA 1288). Differences of two pictures have twice that; those of
-//! places whose light changed between the two are far beyond it and do not count.
+//! The variance of a sensor's noise grows with the light: σ² = a + b s (EMVA 1288). Differences of two pictures
+//! have twice that. At places where the light changed between the two pictures the differences are far beyond it
+//! and do not count.
 
 /// Differences beyond this are no noise of a mean of many pixels, levels.
 const MOST_LEVELS: f64 = 3.0;
-/// Brightness is counted in classes of this width, levels, and a class with fewer differences says nothing.
+/// Brightness is counted in classes of this width, levels; a class with too few differences gives no result.
 const CLASS_LEVELS: f64 = 16.0;
 const CLASSES: usize = 16;
 const ENOUGH: f64 = 100.0;
@@ -20,7 +21,7 @@ pub struct SensorNoise {
 }
 
 impl SensorNoise {
-    /// Takes a place in two pictures, in one light.
+    /// Adds a place in two pictures, in one light.
     pub fn take(&mut self, before: f64, now: f64) {
         let difference = now - before;
         if difference.abs() < MOST_LEVELS {

@@ -1,11 +1,13 @@
-//! Whether water moves on a place that has no dry look of its own.
+//! Detects whether water moves on a place that has no dry look of its own.
 //!
-//! A film is never quite still: it runs off, waves travel on it, it thins out. With s the look of a place, w its wet look, x₁, x₂, …
-//! the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, … pictures, and σ the sensor's noise in such a square, which is
-//! measured beside the panel, where no water moves ([`super::sensor`]),
+//! A film is never quite still: it runs off, waves travel on it, it thins out. Let s be the look of a place and w
+//! its wet look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, …
+//! pictures. Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves
+//! ([`super::sensor`]). Then
 //!     z = (x₁ − 2 x₂ + x₃) / ((σ/w) √(1/n₁ + 4/n₂ + 1/n₃)).                                                     (1)
-//! Over places that are still, z has the variance 1. What is common to neighbours is the light's, and second differences leave out a
-//! place that dries steadily. A shadow or a glint that passes a still place shows in a few of them, and a film in most.
+//! Over places that are still, z has the variance 1. The part that neighbours have in common belongs to the light,
+//! and second differences leave out a place that dries steadily. A shadow or a glint that passes a still place
+//! shows in a few of them, and a film in most.
 
 use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK, NO_DRY, OVEREXPOSED};
 use super::lamp::Lamp;
@@ -17,7 +19,7 @@ const EVERY: usize = Lamp::SIDE_PX;
 /// less than a picture a second each picture is a span.
 const SPANS: usize = 24;
 const SPAN_S: f64 = 0.99;
-/// So much of a site's pixels and pictures must be seen in a span.
+/// This share of a site's pixels and pictures must be seen in a span.
 const WHOLE: f32 = 0.9;
 /// How many second differences they have.
 pub const DIFFERENCES: usize = SPANS - 2;
@@ -60,7 +62,7 @@ impl Shimmer {
         }
     }
 
-    /// Takes a picture; later ones than the last span holds say nothing more.
+    /// Adds a picture; pictures after the last span are ignored.
     pub fn take(&mut self, picture: &Picture<'_>) {
         if picture.since_wet_s - self.began_s >= SPAN_S {
             if self.began_s.is_finite() {
@@ -129,7 +131,8 @@ impl Shimmer {
             .flat_map(move |row| columns.clone().map(move |column| row * self.columns() + column))
     }
 
-    /// z of a site by each second difference, for this σ/w of a site in one picture; not a number where too little was seen.
+    /// z of a site for each second difference, with this σ/w of a site in one picture; not a number if too little
+    /// was seen.
     pub fn at(&self, site: usize, noise: f64) -> [f32; DIFFERENCES] {
         let x = &self.means[site];
         std::array::from_fn(|k| {

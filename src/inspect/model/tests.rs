@@ -58,7 +58,8 @@ fn bare_film_and_neither_by_hand() {
     }
 }
 
-/// By hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, from where a place is bare. A place that drifts there within 1.5 s is not passed if it stays for more than 3 s.
+/// By hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, the level from which a
+/// place is bare. A place that drifts there within 1.5 s is not passed if it stays for more than 3 s.
 #[test]
 fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     let seen = |stays_s: f64| {
@@ -84,7 +85,7 @@ fn a_sanded_place_is_held_against_its_wet_look_alone() {
     {
         assert_eq!(after_film(&mut model(&sanded, TERMS), level).0, is_open, "{level}");
     }
-    // The dry look of before says nothing: a sanded place whose film has that very look is film.
+    // The earlier dry look does not count: a sanded place with a film of that very look is film.
     let mut dark = model(&sanded, TERMS);
     let times_s = (0..20).map(|picture| 0.2 * f64::from(picture));
     assert_eq!((show(&mut dark, times_s, |_| 100), dark.ever_wet(35 * SIDE + 35)), (0, true));
@@ -127,7 +128,8 @@ fn a_flash_is_no_break() {
     }
 }
 
-/// Under the spray a place is wet whose look differs from each bare one by a tenth of its dry look: by hand below 70 and above 120 levels.
+/// Under the spray a place is wet if its look differs from each bare one by a tenth of its dry look: by hand below
+/// 70 and above 120 levels.
 #[test]
 fn what_is_wet_under_the_spray() {
     for (level, is_wet) in [(69, true), (71, false), (119, false), (121, true)] {

@@ -1,12 +1,13 @@
-//! In which channel, or in which mean of them, a tile of the region is looked at.
+//! The channel, or the mean of channels, in which a tile of the region is looked at.
 //!
-//! Where water darkens or mirrors one channel more than the others, that one tells film from a bare place best, against its noise. The
-//! first wet picture decides for each tile; a tile without a dry look of its own takes the mean.
+//! If water darkens or mirrors one channel more than the others, that channel distinguishes film from a bare place
+//! best, against its noise. The first wet picture decides for each tile; a tile without a dry look of its own uses
+//! the mean.
 
 use super::kernel::{BLOCK_PX, LEVEL};
 use super::light::TILE_PX;
 
-/// A difference beyond this says no more, levels.
+/// A larger difference gives no more information, levels.
 const MOST_LEVELS: f64 = 40.0;
 /// A channel alone must be this much better than the mean: each tile decides by a few hundred noisy pixels.
 const BETTER: f64 = 1.1;
@@ -69,7 +70,7 @@ impl Views {
     }
 }
 
-/// Columns of tiles, and of blocks, across so many pixels.
+/// Columns of tiles, and of blocks, across this many pixels.
 pub fn columns(width: usize) -> usize {
     width.div_ceil(BLOCK_PX)
 }

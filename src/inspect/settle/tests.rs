@@ -39,7 +39,7 @@ impl Film {
         }
     }
 
-    /// How many pixels broke, and of how many it cannot be said.
+    /// The number of pixels that broke, and the number for which this cannot be decided.
     fn settled(&self) -> (usize, usize) {
         let Settled { broke_s, unsure } = settled(&WINDOW, self.broke_s.clone(), SIZES, self);
         (broke_s.iter().filter(|time_s| **time_s < NEVER).count(), unsure.len())
@@ -103,7 +103,8 @@ fn an_even_disc_broke() {
     assert_eq!(Film::with(disc).settled(), (113, 0));
 }
 
-/// A bell from 0.6 to 0.9 varies by more than 0.14 of what the film takes, and is no break; nor can it be said that it is none.
+/// A bell from 0.6 to 0.9 varies by more than 0.14 of the brightness that the film takes away, and does not count
+/// as a break. A break cannot be excluded either.
 #[test]
 fn a_bell_that_does_not_move_is_unsure() {
     let mut film = Film::with(disc);
@@ -120,7 +121,7 @@ fn a_thin_line_is_unsure() {
     assert_eq!(Film::with(|column, row| (5..35).contains(&column) && (20..22).contains(&row)).settled(), (0, 60));
 }
 
-/// A film that looks bare all around it, or reflections beside it: nothing can be said.
+/// If a film looks bare all around the place, or reflections lie beside it, there is no result.
 #[test]
 fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
     assert_eq!(Film { has_contrast: false, ..Film::with(disc) }.settled(), (0, 113));

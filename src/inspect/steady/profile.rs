@@ -42,7 +42,7 @@ pub(super) struct Profile {
     pub(super) mean: Option<f32>,
 }
 
-/// The levels across a place in one view; `None` where they leave the picture.
+/// The levels across a place in one view; `None` if the profile leaves the picture.
 fn profile_of(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; COUNT]> {
     let mut profile = [0.0_f32; COUNT];
     for (value, step) in profile.iter_mut().zip(-REACH_PX..) {

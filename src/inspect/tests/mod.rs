@@ -1,4 +1,4 @@
-//! The test as a whole on a plane panel whose pixels stand for 2 × 2 mm.
+//! The whole test on a plane panel with pixels that represent 2 × 2 mm.
 
 mod model;
 mod pipeline;
@@ -114,7 +114,7 @@ fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
     picture
 }
 
-/// The same picture with the noise of one exposure, of one level: a camera that stands still has none.
+/// The same picture with the noise of one exposure, of one level: the pictures of a frozen camera have none.
 fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     for (index, pixel) in picture.rgb.iter_mut().enumerate() {
         *pixel = pixel.map(|gray| gray + ((index * 7 + exposure * 13 + index / 160 * exposure) % 2) as u8);
@@ -122,7 +122,7 @@ fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
     picture
 }
 
-/// A dry picture, and six wet ones a second apart; what `dry_at` says is dry then.
+/// A dry picture, and six wet ones a second apart; the blocks that `dry_at` returns are dry then.
 fn run(mut watch: Watch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
     watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watched(watch, dry_at)

@@ -30,7 +30,7 @@ fn a_film_that_closes_again_has_broken() {
     assert_eq!((inspection.judgement.verdict, found.first_seen_s, found.closed_share), (Verdict::Fail, 1.0, 1.0));
 }
 
-/// A fifth more or less light over all is light; half of it, or half more, is none that could be made up for.
+/// A fifth more or less light everywhere is compensated as light; half of it, or half more, cannot be compensated.
 #[test]
 fn light_is_made_up_for_within_its_limit() {
     let lit = |share: f64| {
@@ -40,7 +40,7 @@ fn light_is_made_up_for_within_its_limit() {
             let mut picture = picture(&[[70, 30, 90, 45]]);
             let gain = if second == 0 { 1.0 } else { share };
             picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * gain) as u8);
-            // The noise last: scaled, it would vanish, and the camera would seem to stand still.
+            // The noise comes last: scaled, it would vanish, and the camera would seem frozen.
             watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
         }
         watch.finish().expect("wet pictures")
@@ -51,7 +51,7 @@ fn light_is_made_up_for_within_its_limit() {
         assert!(inspection.mask().count().abs_diff(300) <= 8, "{share}: rounding at the corners");
     }
     assert_eq!(codes(&lit(0.5))[0], "light");
-    // So much brighter, the film looks as one that broke all over.
+    // With this much more light, the film looks as one that broke everywhere.
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
@@ -203,7 +203,7 @@ fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usi
     watch.finish().expect("wet pictures")
 }
 
-/// A shadow takes a fifth of the light when the film is first whole: a whole film passes, and a break is found.
+/// A shadow removes a fifth of the light when the film is first whole: a whole film passes, and a break is found.
 #[test]
 fn a_shadow_on_the_first_wet_picture_is_no_film() {
     let shaded = |blocks: &[[usize; 4]]| {
@@ -224,9 +224,9 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
     assert_eq!((broken.judgement.verdict, broken.mask().count()), (Verdict::Fail, 300), "{:?}", broken.judgement);
 }
 
-/// A film that mirrors: on the left grids dark, 30 levels, on the next ones a diffuser, 150 levels, where the dry panel has 105.
-/// Both break to the dry brightness, to the pixel, while the lamp tints the pictures, red by +6 % and blue by −6 %. What lies
-/// around the region, here of the wall, tells the light.
+/// A film that mirrors: on the left grids a dark object, 30 levels, on the next ones a diffuser, 150 levels; the
+/// dry panel has 105. Both break to the dry brightness, to the pixel, while the lamp tints the pictures, red by +6
+/// % and blue by −6 %. The surroundings of the region, here the wall, show the light.
 #[test]
 fn a_film_that_mirrors_is_told_by_either_sign_and_in_tinted_light() {
     let levels = [[30; 3], [150; 3], [30; 3]];

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// By hand: a block of 20 × 15 px without its corners is 296 px of 4 mm²; it lies in grid r1c2, whose pixels begin at
+/// By hand: a block of 20 × 15 px without its corners is 296 px of 4 mm²; it lies in grid r1c2, which begins at
 /// column 60, and is dry from 2 s on.
 #[test]
 fn a_break_has_its_area_time_and_grid() {
@@ -103,7 +103,7 @@ fn colour_can_rule_a_change_out() {
     assert!(inspection.breaks.is_empty());
 }
 
-/// The colour says that a place is no break; that it was ever wet it does not say.
+/// The colour shows that a place is no break; it does not show that the place was ever wet.
 #[test]
 fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
     let mut watch = watch(0.0, &format!("{SHARP}\nhsv_min = [0, 0, 120]"));

@@ -7,8 +7,8 @@ use super::super::types::Type;
 use super::compiler::{Argument, Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Calls a routine; the type of what it gives back, `None` if it gives back nothing. `wanted` is the type that is
-    /// expected of it.
+    /// Calls a routine and returns the type of its result, `None` if it has no result. `wanted` is the expected
+    /// type.
     pub(super) fn call(&mut self, call: &Call, wanted: Type) -> Option<Type> {
         if let Some(index) = self.routine_seen(&call.name) {
             return self.call_routine(call, index);
@@ -42,7 +42,7 @@ impl Compiler<'_> {
             self.problem(&call.name, format!("{given} arguments are given, {wanted} are wanted"));
         }
         if given != wanted || call.arguments.contains(&None) {
-            // The routine asks by VARSTATE what it was given.
+            // The routine uses VARSTATE to find which arguments were given.
             self.not_executed(&call.name);
         }
         for (place, given) in call.arguments.iter().enumerate() {
@@ -166,7 +166,7 @@ impl Compiler<'_> {
         returns
     }
 
-    /// VARSTATE takes the text as a name: an index in it is a number.
+    /// VARSTATE interprets the text as a name: an index in it is a number.
     fn check_text_of_varstate(&mut self, call: &Call, known: &Known) {
         let Some(Some(Expression::Text(text))) = call.arguments.first() else { return };
         let index = text.split_once('[').and_then(|(_, behind)| behind.split_once(']')).map(|(index, _)| index);
@@ -229,7 +229,7 @@ impl Compiler<'_> {
     }
 }
 
-/// How many arguments a routine takes in its execution.
+/// The number of arguments that a routine needs for its execution.
 fn executed_with(builtin: Builtin, known: &Known) -> usize {
     match builtin {
         Builtin::Bas => 2,

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Longer names do not compile on a controller.
 const LONGEST_NAME: usize = 24;
 
-/// Where a variable is.
+/// The location of a variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Home {
     Global(u32),
@@ -190,7 +190,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Where a type is looked for, the innermost place first.
+    /// The scopes in which a type is looked for, the innermost one first.
     pub(super) fn scopes(&self) -> Vec<Scope> {
         let routine = self.routine.map(|place| Scope::Routine { file: self.file, place });
         routine.into_iter().chain([Scope::Module(self.modules[self.file])]).collect()
@@ -236,7 +236,7 @@ impl Compiler<'_> {
         self.emit(Op::Statement(self.statement));
     }
 
-    /// Lets a jump lead to where the next step will be.
+    /// Sets the target of a jump to the next step.
     pub(super) fn lead_here(&mut self, jump: usize) {
         let here = self.here();
         match &mut self.program.code[jump] {

@@ -9,7 +9,7 @@ use super::compiler::{Compiler, Home, SharedVariable, Variable, cells_u32};
 use super::types::is_seen_everywhere;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Part of a shared variable that takes a first value.
+/// Part of a shared variable that receives a first value.
 #[derive(Clone)]
 struct Part {
     /// Its first cell; `None` if it is not laid out.
@@ -219,7 +219,7 @@ impl Compiler<'_> {
         Some((u16::try_from(index).ok()?, number))
     }
 
-    /// A CONST without a value in its declaration takes one below.
+    /// A CONST without a value in its declaration must receive one below.
     fn values_of_constants(&mut self, data: &Data) {
         let valued: BTreeSet<&str> = data
             .values
@@ -336,7 +336,7 @@ impl Compiler<'_> {
                 if length > cells && !dimensions.contains(&0) {
                     self.warn(name, format!("the text has {length} characters, the variable {cells}"));
                 }
-                // The execution knows one byte for each character.
+                // The execution uses one byte for each character.
                 let bytes = text.chars().map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?'));
                 for (place, byte) in bytes.take(cells).enumerate() {
                     self.set(at.map(|at| at + place), Cell::Char(byte));

@@ -1,9 +1,9 @@
-//! What a routine may read before it was assigned, and whether a function can end without RETURN. Both are warnings: what
-//! an IF keeps from happening is not known here.
+//! Finds what a routine may read before it was assigned, and whether a function can end without RETURN. Both are
+//! warnings: it is not known here what an IF prevents.
 //!
-//! A variable counts as assigned if every way to the place has assigned it or a part of it. What is handed to a routine as a
-//! variable counts as assigned by it; EthernetKRL's readers want a variable that holds a value already. A routine with
-//! labels is not looked at: a GOTO may come from anywhere.
+//! A variable counts as assigned if every path to the place has assigned it or a part of it. If a routine gets a
+//! variable as an argument, it counts as assigned by that routine; EthernetKRL's readers need a variable that
+//! already holds a value. A routine with labels is not checked: a GOTO may come from anywhere.
 
 use super::super::routines::{Wants, known};
 use super::super::syntax::{
@@ -43,7 +43,7 @@ struct Flow<'a, 'b> {
     compiler: &'a mut Compiler<'b>,
     locals: BTreeMap<&'a str, usize>,
     reported: Set,
-    /// What holds where an EXIT leaves a loop.
+    /// The assigned variables at the places where an EXIT leaves a loop.
     exits: Vec<Vec<Set>>,
 }
 

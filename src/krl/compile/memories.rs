@@ -67,7 +67,7 @@ impl Compiler<'_> {
     }
 }
 
-/// EKI_CheckBuffer says whether something has come; what opens or sends takes time.
+/// EKI_CheckBuffer reports whether something has arrived; routines that open or send need time.
 fn takes_no_time(builtin: Builtin) -> bool {
     use Builtin::{
         Bas, Cwrite, EkiCheck, EkiClear, EkiClearBuffer, EkiInit, EkiLock, EkiOpen, EkiSend, EkiUnlock, IrStopm,
@@ -89,7 +89,7 @@ fn takes_no_time(builtin: Builtin) -> bool {
     )
 }
 
-/// Whether a tag is what was cleared, or a part of it.
+/// Returns whether a tag is the cleared one, or a part of it.
 fn is_within(tag: &str, cleared: Option<&str>) -> bool {
     cleared.is_none_or(|cleared| {
         tag.strip_prefix(cleared).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))

@@ -85,7 +85,7 @@ impl Compiler<'_> {
         self.lead_here(trigger);
     }
 
-    /// Each GOTO leads to a label of its own routine, and each label is there once.
+    /// Checks that each GOTO leads to a label of its own routine, and that each label exists once.
     pub(super) fn check_labels(&mut self, body: &[Statement]) {
         let (mut labels, mut jumps) = (Vec::new(), Vec::new());
         collect_labels(body, &mut labels, &mut jumps);

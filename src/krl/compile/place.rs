@@ -8,7 +8,7 @@ use super::super::types::{Component, Type};
 use super::compiler::{Compiler, Home, Variable, cells_u32};
 use super::data::nowhere;
 
-/// A variable or part of one, whose address the steps have put on the stack.
+/// A variable or part of one; the steps have put its address on the stack.
 pub(super) struct Found {
     pub(super) kind: Type,
     /// Of an array as a whole; empty for one value.
@@ -87,8 +87,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Puts the address of a variable or of a part of it on the stack; `None` if it is not known, and then the statement
-    /// is not executed.
+    /// Puts the address of a variable or of a part of it on the stack; `None` if the variable is not known, and
+    /// then the statement is not executed.
     pub(super) fn address(&mut self, place: &VariableRef) -> Option<Found> {
         let Some(variable) = self.variable(&place.name) else {
             self.not_executed(&place.name);

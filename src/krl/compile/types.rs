@@ -121,7 +121,7 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    /// Whether the second structure is known where the first one is declared.
+    /// Returns whether the second structure is known at the declaration of the first one.
     fn sees(&self, from: &Waiting<'_>, other: &Waiting<'_>) -> bool {
         other.scope == Scope::Everywhere
             || other.scope == Scope::Module(self.modules[from.file])

@@ -7,8 +7,8 @@ use super::super::types::{Component, Type};
 use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Puts the value of an expression on the stack and returns its type. `wanted` says which enumeration a word is of,
-    /// which structure an aggregate, and whether a text of one character is a CHAR.
+    /// Puts the value of an expression on the stack and returns its type. `wanted` determines the enumeration of a
+    /// word, the structure of an aggregate, and whether a text of one character is a CHAR.
     pub(super) fn value(&mut self, expression: &Expression, wanted: Type) -> Type {
         match expression {
             Expression::Int(number) => self.push(Cell::Int(*number), Type::Int),

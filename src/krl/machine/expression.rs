@@ -12,7 +12,7 @@ use super::outcome::Wrong;
 use super::stack::INVALID;
 
 impl Interpreter {
-    /// Executes what begins here; false where that is to be done step by step.
+    /// Executes the combined steps that begin here; returns false if they must be executed one by one.
     pub(super) fn condensed(
         &mut self,
         program: &Program,
@@ -23,7 +23,7 @@ impl Interpreter {
             None | Some((Together::Nothing, _)) => return Ok(false),
             Some((together, waits)) => (together, *waits),
         };
-        // The robot program may have to wait for the arm in the midst of it.
+        // The robot program may have to wait for the arm in the middle of these steps.
         let may_not = self.condition_base.is_none() || matches!(together, Together::Assign { .. });
         if waits && self.moves && may_not {
             return Ok(false);
@@ -99,7 +99,7 @@ impl Interpreter {
             Value::Local(at) => self.cells[base + at as usize],
             _ => Cell::Unset,
         };
-        // What was never assigned is told there, too.
+        // A value that was never assigned is reported there, too.
         if cell == Cell::Unset { self.value(value, base, program, memory, host) } else { Ok(cell) }
     }
 

@@ -39,16 +39,16 @@ pub struct EkiAnswer {
 
 /// The controller around an interpreter.
 pub trait Host {
-    /// A cell of a system variable.
+    /// Reads a cell of a system variable.
     ///
     /// # Errors
-    /// Where reading it stops an interpreter.
+    /// If reading it stops an interpreter.
     fn read(&mut self, variable: u16, offset: u32) -> Result<Cell, String>;
 
     /// Writes a cell of a system variable.
     ///
     /// # Errors
-    /// Where the value is not allowed.
+    /// If the value is not allowed.
     fn write(&mut self, variable: u16, offset: u32, value: Cell) -> Result<(), String>;
 
     /// ms since the controller's start.
@@ -63,16 +63,16 @@ pub trait Host {
     /// `$ADVANCE`.
     fn advance(&self) -> usize;
 
-    /// Plans a motion; its number among all comes back, by which its end is told.
+    /// Plans a motion and returns its number among all motions; its end is reported with this number.
     ///
     /// # Errors
-    /// Where the controller gives it up.
+    /// If the controller gives it up.
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String>;
 
     /// A statement waits for the arm: what is planned is executed to its end.
     fn let_arm_finish(&mut self);
 
-    /// Brakes; the arm stands once [`Host::arm_stands`] says so.
+    /// Brakes; the arm has stopped once [`Host::arm_stands`] is true.
     fn brake(&mut self, fast: bool);
 
     /// RESUME: what was planned is forgotten.
@@ -81,13 +81,13 @@ pub trait Host {
     /// EthernetKRL.
     ///
     /// # Errors
-    /// Where the call stops an interpreter.
+    /// If the call stops an interpreter.
     fn eki(&mut self, what: Builtin, channel: &str, tag: &str, value: &[Cell]) -> Result<EkiAnswer, String>;
 
     /// CWRITE to `$CMD`.
     ///
     /// # Errors
-    /// Where the command is none that is known.
+    /// If the command is not known.
     fn command(&mut self, text: &str) -> Result<(), String>;
 
     /// BAS(#INITMOV,…): speeds and accelerations at their defaults.
@@ -97,7 +97,7 @@ pub trait Host {
     fn is_initialized(&mut self, name: &str) -> bool;
 }
 
-/// Who asks for a motion: the interpreter's frames, for logs that say which command it was.
+/// The caller of a motion: the interpreter's frames, for logs that state which command it was.
 pub struct Caller<'a> {
     pub(super) program: &'a Program,
     pub(super) interpreter: &'a Interpreter,
@@ -105,7 +105,7 @@ pub struct Caller<'a> {
 }
 
 impl Caller<'_> {
-    /// So many cells of the innermost local variable of this name.
+    /// This many cells of the innermost local variable of this name.
     pub fn local(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
         self.interpreter.local(self.program, self.memory, name, cells)
     }

@@ -12,7 +12,7 @@ pub(super) struct Frame {
     pub(super) base: usize,
     /// Of the stack when it was called.
     pub(super) height: usize,
-    /// Where an interrupt or trigger broke in: its priority, and what the interrupted program waited for.
+    /// Present if an interrupt or trigger broke in: its priority, and what the interrupted program waited for.
     pub(super) broke_in: Option<BrokeIn>,
 }
 
@@ -64,7 +64,7 @@ pub struct Interpreter {
     /// Triggers of the motion that comes next, and of those that are planned.
     pub(super) armed: Vec<Trigger>,
     pub(super) waits_until_ms: Option<u64>,
-    /// In this interrupt BRAKE was asked for; true where what was planned is lost.
+    /// BRAKE was requested in this interrupt; true if the planned motions are lost.
     pub(super) braked: Option<bool>,
     /// The motion of this statement is planned.
     pub(super) planned: bool,
@@ -105,7 +105,7 @@ impl Interpreter {
         }
     }
 
-    /// Forgets everything and begins at this routine, which takes no arguments.
+    /// Forgets everything and begins at this routine, which has no arguments.
     pub fn begin(&mut self, program: &Program, routine: u32) {
         self.clear();
         self.enter(program, routine, usize::MAX, 0);

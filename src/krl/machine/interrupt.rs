@@ -9,9 +9,9 @@ use super::interpreter::{BrokeIn, Frame, Interpreter, Interrupt};
 use super::memory::Memory;
 use super::outcome::{Flow, Wrong};
 
-/// Of a trigger with PRIO=-1: the controller takes one of those that programs may not use.
+/// Priority of a trigger with PRIO=-1: the controller uses one of those that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
-/// So many interrupts may be declared at once.
+/// The number of interrupts that may be declared at once.
 pub const INTERRUPT_DEPTH: usize = 32;
 
 impl Interpreter {
@@ -119,10 +119,10 @@ impl Interpreter {
         }
     }
 
-    /// Looks at all conditions: an edge is kept until its program may run.
+    /// Evaluates all conditions: an edge is kept until its program may run.
     ///
     /// # Errors
-    /// Where a condition cannot be told.
+    /// If a condition cannot be evaluated.
     pub fn look(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
         for index in 0..self.interrupts.len() {
             if !self.interrupts[index].on {
@@ -136,7 +136,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Breaks into the program where an interrupt waits that may. True where it does.
+    /// Breaks into the program if an interrupt waits that may do so. Returns true if it does.
     pub fn break_in(&mut self) -> bool {
         let current = self.priority();
         let found = self.interrupts.iter().position(|it| it.on && it.pending && it.number < current);
@@ -149,8 +149,8 @@ impl Interpreter {
         true
     }
 
-    /// A motion has passed its end, or the middle of its blend: its triggers fire. True where one breaks in; else it is
-    /// to be offered again.
+    /// A motion has passed its end, or the middle of its blend: its triggers fire. Returns true if one breaks in;
+    /// if false, the motion must be offered again.
     pub fn fire_triggers(&mut self, sequence: u64) -> bool {
         if self.priority() <= TRIGGER_PRIORITY {
             return false;
@@ -214,7 +214,7 @@ impl Interpreter {
         }
     }
 
-    /// Leaves everything above the level that declared the interrupt, and goes on there.
+    /// Leaves everything above the level that declared the interrupt, and continues there.
     pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
         let innermost = self.frames.iter().rposition(|frame| frame.broke_in.is_some());
         let innermost = innermost.ok_or("RESUME stands in an interrupt program only")?;

@@ -8,13 +8,13 @@ use crate::krl::program::Program;
 pub struct Meaning {
     /// RESUME needs `$ADVANCE` = 0 at its moment; else the program stops.
     pub resume_needs_advance_0: bool,
-    /// INTERRUPT ON fires where the condition holds already.
+    /// INTERRUPT ON fires if the condition already holds.
     pub on_fires_at_once: bool,
-    /// AND and OR leave out their right side where the left one decides.
+    /// AND and OR leave out their right side if the left one decides.
     pub short_circuit: bool,
     /// `{X 1}` assigned to a variable leaves its other components as they were; else they become invalid.
     pub aggregate_keeps_rest: bool,
-    /// A trigger may fire a while after the arm has reached its point, even when the advance run goes on already.
+    /// A trigger may fire a while after the arm has reached its point, even when the advance run already continues.
     pub late_triggers: bool,
     /// An approximated motion from standstill waits for the next motion, or for a statement that stops the advance run.
     pub lone_approximation_waits: bool,
@@ -24,7 +24,8 @@ pub struct Meaning {
     pub immediate_reopen_fails: bool,
     /// The trigger of a motion behind which nothing is planned may not fire at all.
     pub triggers_get_lost: bool,
-    /// A program that the safety controller stops is told as stopped a few cycles later, and executes statements until then.
+    /// A program that the safety controller stops is reported as stopped a few cycles later, and executes
+    /// statements until then.
     pub stops_late: bool,
 }
 
@@ -40,7 +41,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// As the data lists say it.
+    /// Creates the memory with the values of the data lists.
     pub fn new(program: &Program) -> Self {
         Memory {
             cells: program.memory.clone(),
@@ -49,7 +50,7 @@ impl Memory {
         }
     }
 
-    /// A shared INT; 0 where it holds none.
+    /// A shared INT; 0 if the cell holds none.
     #[inline]
     pub fn int(&self, cell: Option<u32>) -> i32 {
         match cell.and_then(|cell| self.cells.get(cell as usize)) {
@@ -58,7 +59,7 @@ impl Memory {
         }
     }
 
-    /// A shared BOOL; FALSE where it holds none.
+    /// A shared BOOL; FALSE if the cell holds none.
     #[inline]
     pub fn bool(&self, cell: Option<u32>) -> bool {
         matches!(cell.and_then(|cell| self.cells.get(cell as usize)), Some(Cell::Bool(true)))

@@ -9,7 +9,7 @@ pub enum Pause {
     Waits,
     /// The program is at its end.
     Ended,
-    /// It cannot go on: file, line and reason.
+    /// It cannot continue: file, line and reason.
     Fault(String),
 }
 

@@ -9,7 +9,7 @@ use super::outcome::{Flow, Pause, Stepped, Wrong};
 use super::stack::INVALID;
 
 impl Interpreter {
-    /// Executes the statement that comes next, or goes on with one that waits.
+    /// Executes the next statement, or continues one that waits.
     pub fn step(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Pause {
         if self.frames.is_empty() {
             return Pause::Ended;
@@ -55,7 +55,7 @@ impl Interpreter {
         }
     }
 
-    /// ON_ERROR_PROCEED: the statement is left where it is.
+    /// ON_ERROR_PROCEED: skips the rest of the statement.
     fn skip_statement(&mut self, program: &Program) {
         self.stack.truncate(self.statement_height);
         let behind = &program.code[self.at..];

@@ -1,4 +1,4 @@
-//! Steps that take and give values: operators and functions of the language.
+//! Steps that pop and push values: operators and functions of the language.
 
 use super::super::code::{Cell, Op};
 use super::super::program::Program;
@@ -11,7 +11,7 @@ use super::outcome::Wrong;
 use super::stack::INVALID;
 
 impl Interpreter {
-    /// Steps that take and give values alone; false where this is none.
+    /// Executes a step that only pops and pushes values; returns false for other steps.
     pub(super) fn value_op(&mut self, op: &Op) -> Result<bool, Wrong> {
         match *op {
             Op::Binary(operator) => {

@@ -1,8 +1,9 @@
-//! One straight edge to a fraction of a pixel, and where two of them meet.
+//! One straight edge to a fraction of a pixel, and the intersection of two edges.
 //!
-//! A line through contour pixels says roughly where the edge is. Every pixel's length along it the grey of the unfiltered
-//! picture is read across the edge, from the panel's side to the other; the edge is where it crosses the middle between
-//! what it is on both sides. A robust line through these places is the edge; it is read once more from there.
+//! A line through contour pixels shows roughly where the edge is. At every pixel along this line, the grey of the
+//! unfiltered picture is read across the edge, from the panel's side to the other. The edge is where the grey
+//! crosses the middle between its values on both sides. A robust line through these places is the edge; the grey is
+//! read once more from this line.
 
 use super::error::CornerError;
 use crate::geometry::{GrayPicture, Pixel, median};
@@ -21,7 +22,7 @@ const MEDIANS: f64 = 4.0;
 const FLOOR_PX: f64 = 0.33;
 const LINE_ROUNDS: usize = 6;
 
-/// Where an edge is looked for, from the corner on.
+/// The stretch in which an edge is searched, starting at the corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Length {
     /// Left out beside the corner, px.
@@ -65,7 +66,7 @@ pub(super) fn fit(picture: &GrayPicture, contour: &[Pixel], length: Length) -> R
     })
 }
 
-/// Where two edges meet.
+/// Returns the intersection of two edges.
 pub(super) fn meet(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pixel, CornerError> {
     let along = |edge: &EdgeLine| (vector(edge.to) - vector(edge.from)).normalize();
     let (along_a, along_b) = (along(a), along(b));
@@ -134,8 +135,8 @@ fn crossings(picture: &GrayPicture, line: &Line) -> Vec<Vector2<f64>> {
     (0..=steps).filter_map(place).collect()
 }
 
-/// Where a profile crosses the middle between its ends, nearest to its centre, in samples; `None` where the ends are
-/// too much alike.
+/// Finds where a profile crosses the middle between its ends, nearest to its centre, in samples; `None` if the ends
+/// differ too little.
 fn crossing(profile: &[f64]) -> Option<f64> {
     let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
     let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));

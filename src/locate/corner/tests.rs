@@ -28,7 +28,7 @@ fn picture(corner: Pixel, turn_deg: f64, rounding_px: f64) -> GrayPicture {
 
 const SHORT: &str = "rounding_mm = 4\nedge_mm = 12\n";
 
-/// By construction the edges meet at (103.4, 77.8), where no panel is: the corner is rounded by 22 px.
+/// By construction the edges meet at (103.4, 77.8), outside the panel: the corner is rounded by 22 px.
 #[test]
 fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
     for turn_deg in [-14.0, 0.0, 3.0, 12.0] {
@@ -43,7 +43,7 @@ fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
     }
 }
 
-/// The other corners by turning the picture: `which` says which one is meant.
+/// Tests another corner by turning the picture: `which` selects the corner.
 #[test]
 fn the_named_corner_is_found() {
     let upright = picture(Pixel::at(103.0, 77.0), 2.0, 10.0);

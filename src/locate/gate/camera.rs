@@ -1,7 +1,7 @@
-//! Has the 3D camera moved since teaching, and could it be told from this scan?
+//! Checks whether the 3D camera has moved since teaching, and whether this scan could show it.
 //!
-//! The fixture shows it, to within an error: what it says less that error is how far the camera moved the panel at least. A fixture
-//! that shows too little notices no camera that moves.
+//! The fixture shows the motion with an error. The measured motion minus this error is the least distance by which
+//! the camera motion displaced the panel. A fixture that shows too little cannot detect a camera motion.
 
 use super::super::evidence::Fit;
 use crate::verdict::{Check, SetBy, Severity};
@@ -9,16 +9,17 @@ use crate::words::{apart, fixed, percent_apart};
 
 /// A camera that has moved the panel by this much is another camera, mm.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
-/// A camera that moves must be noticed where it puts the panel this far off, mm, by a fixture that shows it.
+/// A fixture that shows camera motion must detect a motion that displaces the panel by this distance, mm.
 pub const MAX_CAMERA_NOTICED_MM: f64 = 0.55;
-/// Fixture that still lies where it lay: things come and go, the fixture stays.
+/// Share of the fixture that must lie as it lay: objects come and go, the fixture stays.
 pub const MIN_FIXTURE_SAME: f64 = 0.4;
 /// From how far on a camera that moved is noticed, by a fixture that determines its pose with this uncertainty, 95 %, mm.
 pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
 }
 
-/// Whether a fixture that tells a camera's place with this uncertainty, mm, watches it; `None` where it carries no information.
+/// Returns whether a fixture that gives a camera's pose with this uncertainty, mm, can detect its motion; `None` if
+/// the fixture carries no information.
 pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
 }
@@ -53,7 +54,7 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
         same,
         Check::new("camera has moved the panel since teaching, by the fixture", "mm", moved_mm),
         Check::new("error of that, 95 %", "mm", uncertainty_mm),
-        // A fixture that is another one tells nothing of the camera's motion.
+        // A different fixture gives no information about the camera's motion.
         if is_other { moved.without_consequence() } else { moved },
     ]
 }
@@ -62,10 +63,10 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
 pub(super) fn watch(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
-    // Held to it where a fixture shows it, here or at teaching.
+    // The limit applies if a fixture shows camera motion, here or at teaching.
     let is_shown = is_watched(uncertainty_mm) || is_watched(fit.camera_at_teaching_mm);
     let noticed = if is_shown { noticed.at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program) } else { noticed };
-    // Where teaching's own fixture shows too little as well, teaching has warned of it.
+    // If the fixture at teaching also shows too little, teaching has already given a warning.
     let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
     vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {

@@ -1,7 +1,7 @@
-//! Is the panel's pose known well enough, is it the only one, and may the panel stand there?
+//! Checks whether the panel's pose is known well enough, is the only one, and is allowed.
 //!
-//! What makes a pose uncertain decides what helps: more of the panel in view, a place nearer to the taught one, or a 3D camera whose
-//! scale was measured.
+//! The cause of a pose's uncertainty decides what helps: more of the panel in view, a place nearer to the taught
+//! one, or a 3D camera with a measured scale.
 
 use super::super::CompetingPose;
 use super::super::evidence::Fit;
@@ -18,7 +18,7 @@ pub const MIN_MARGIN: f64 = 2.0;
 /// (`geometry/statistics`).
 pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
-/// Is it known well enough where it stands?
+/// Checks whether the panel's pose is known well enough.
 pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
     let rival = fit.rival.as_ref();
     let ambiguous = |rival: &CompetingPose| {
@@ -78,7 +78,7 @@ fn why_uncertain(fit: &Fit) -> String {
     }
 }
 
-/// Does it stand where it may?
+/// Checks whether the panel's pose is within its limits.
 pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     vec![
         Check::new("shift of the panel's centre", "mm", fit.shift_mm)

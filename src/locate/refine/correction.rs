@@ -2,23 +2,23 @@
 
 use crate::geometry::{Base, Degrees, Panel, Pixel, Rigid};
 
-/// What one corner says.
+/// The result of one corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerReport {
     /// Its number among the taught ones, from 0.
     pub corner: usize,
-    /// Where the corner was expected.
+    /// The expected position of the corner.
     pub expected_px: Pixel,
     /// Found minus expected, px.
     pub error_px: f64,
-    /// The shift that this corner alone asks for, along its camera's X and Y, mm.
+    /// The shift that this corner alone indicates, along its camera's X and Y, mm.
     pub shift_mm: [f64; 2],
-    /// What is left of it after the common correction, mm.
+    /// The rest of this shift after the common correction, mm.
     pub left_mm: f64,
 }
 
 impl CornerReport {
-    /// How far this corner alone asks the panel to be shifted, mm.
+    /// The size of the shift of the panel that this corner alone indicates, mm.
     pub fn asked_mm(&self) -> f64 {
         self.shift_mm[0].hypot(self.shift_mm[1])
     }
@@ -27,7 +27,7 @@ impl CornerReport {
 /// A corrected pose with what it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
-    /// Where the panel stands.
+    /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],

@@ -7,7 +7,7 @@ use crate::recipe;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, fixed};
 
-/// After the correction the corners of one rigid panel are where they are seen within this, mm.
+/// Largest distance between a corner of a rigid panel and its measured place after the correction, mm.
 pub const MAX_LEFT_MM: f64 = 0.3;
 
 /// Judges a correction by the recipe's limit.
@@ -15,8 +15,8 @@ pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
     Judgement::of_checks(&checks(refined, limits))
 }
 
-/// How far each corner asks the panel to be moved, and what is left after the correction of all of them; each time the
-/// most first.
+/// The shift that each corner indicates, and the rest after the correction of all corners; the largest first in
+/// both lists.
 pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.max_correction_mm();
     let asked = by_size(refined, CornerReport::asked_mm).into_iter().flat_map(|(corner, asked_mm)| {
@@ -61,8 +61,8 @@ pub fn judge_stands(seen: &Refined, limits: &recipe::Corner) -> Judgement {
     Judgement::of_checks(&checks_of_stand(seen, limits))
 }
 
-/// How far each corner stands from where the localization puts it, the most first. One that stands elsewhere is for a person: no
-/// contact follows, the panel is dried and located again.
+/// The distance of each corner from where the localization puts it, the largest first. A corner that is elsewhere
+/// needs a person's decision: no contact follows, the panel is dried and located again.
 pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.verify_mm();
     let checks = by_size(seen, CornerReport::asked_mm).into_iter().flat_map(|(corner, off_mm)| {
@@ -92,9 +92,9 @@ pub const FARTHEST: &str = "farthest corner, against what scan, corner and calib
 /// A corner's own error in the plane of its camera, 95 %: edges to a tenth of a pixel, taught and found, mm.
 const CORNER_CLAIM_MM: f64 = 0.05;
 
-/// Where a corner stands farther from where the 3D scan puts it than both claim, that is a finding and not a mean; of
-/// several the farthest. `claims_mm` are what else is claimed, 95 % each: the localization's and both calibrations'. None
-/// where there is no corner.
+/// Reports a corner that is farther from where the 3D scan puts it than both claim. This is a finding and is not
+/// averaged; of several corners, the farthest is reported. `claims_mm` contains the other claimed errors, 95 %
+/// each: the localization's and both calibrations'. None if there is no corner.
 pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
     // Twice what 95 % stay below: one in ten thousand is beyond it by chance.

@@ -43,8 +43,9 @@ fn taught(
     }
 }
 
-/// By hand: camera at (320, 0, 360) looks along the base's X at a corner 240 mm away, f = 2400 px: 10 px are 1 mm. Found
-/// 24 px to the right and 10 px up, the panel stands 2.4 mm to the right, base −Y, and 1 mm up, base +Z.
+/// By hand: a camera at (320, 0, 360) looks along the base's X at a corner 240 mm away, f = 2400 px: 10 px are 1
+/// mm. The corner is found 24 px to the right and 10 px up. So the panel is 2.4 mm to the right, base −Y, and 1 mm
+/// up, base +Z.
 #[test]
 fn a_corner_to_the_right_moves_the_panel_to_the_right() {
     let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
@@ -58,8 +59,8 @@ fn a_corner_to_the_right_moves_the_panel_to_the_right() {
     assert!(refined.corners[0].left_mm < 1e-9);
 }
 
-/// By hand: cameras along X and along −Y, both 240 mm away. The first asks for 1 mm in −Y and 1 mm up, the second for
-/// 2 mm in −X and 2 mm up: together (−2, −1, 1.5), with 0.5 mm left of each.
+/// By hand: cameras along X and along −Y, both 240 mm away. The first corner indicates 1 mm in −Y and 1 mm up, the
+/// second 2 mm in −X and 2 mm up. Together they give (−2, −1, 1.5), and 0.5 mm remains for each.
 #[test]
 fn two_corners_share_the_difference() {
     let along_x = looks_along_x(Point::at(320.0, 0.0, 360.0));
@@ -134,7 +135,7 @@ fn a_corner_has_the_number_that_it_was_taught_with() {
     assert_eq!(said, codes.map(|code| (code.to_owned(), true)));
 }
 
-/// What is not a number keeps no limit, whichever corner it is of.
+/// A value that is not a number violates every limit, for each corner.
 #[test]
 fn what_is_not_a_number_is_never_accepted() {
     let report = |corner, shift_mm, left_mm| CornerReport {

@@ -1,8 +1,10 @@
-//! The page on which a person draws the region, its grids, what is masked, the panel's outline and what holds it, on the taught scan's picture.
+//! The page on which a person draws on the taught scan's picture: the region, its grids, the masked areas, the
+//! panel's outline and the places that hold the panel.
 //!
-//! The sheet with its tools (`sheet`) is the same on the operator's page. Here:
-//! `GET .` the page · `GET drawing.json` what the recipe says · `GET picture.png` · `POST save` what was drawn: it is put into the
-//! recipe's file where the recipe's own check accepts it, else the problems come back · `POST done` ends the page.
+//! The sheet with its tools (`sheet`) is the same on the operator's page. Here: `GET .` the page · `GET
+//! drawing.json` the recipe's shapes · `GET picture.png` · `POST save` the drawn shapes: they are written to the
+//! recipe's file if the recipe's own check accepts them, otherwise the problems are returned · `POST done` ends the
+//! page.
 
 pub mod sheet;
 
@@ -44,10 +46,10 @@ struct Inside {
     session: Session,
 }
 
-/// Serves the page until the person is done; how often the recipe was saved.
+/// Serves the page until the person is done; returns how often the recipe was saved.
 ///
 /// # Errors
-/// Where the system refuses.
+/// If the system refuses.
 pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(Inside { sheet, session });
@@ -117,7 +119,7 @@ async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Re
     }
 }
 
-/// Puts what was drawn into the file, where the recipe is still one with it.
+/// Writes the drawn shapes to the file, if the result is still a valid recipe.
 fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
     let name = sheet.recipe.display().to_string();

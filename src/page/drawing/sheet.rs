@@ -12,7 +12,7 @@ pub const STYLE: &str = include_str!("sheet.css");
 pub const WORDS: &str = include_str!("words.csv");
 const MARKUP: &str = include_str!("sheet.html");
 
-/// The sheet for a page: the picture's address, what stands above the tools, and the word for a key.
+/// Returns the sheet for a page, given the picture's address, the content above the tools, and the word for a key.
 pub fn markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String) -> String {
     let words: BTreeMap<&str, String> = keys().map(|key| (key, word(key))).collect();
     let of_script = escaped(&json!(words).to_string());
@@ -38,7 +38,7 @@ fn escaped(text: &str) -> String {
     put.iter().fold(text.to_owned(), |text, (sign, name)| text.replace(sign, name))
 }
 
-/// What the recipe says is drawn.
+/// Returns the shapes that the recipe contains.
 pub fn drawn(recipe: &Recipe) -> Drawn {
     let region = recipe.region();
     Drawn {
@@ -51,7 +51,8 @@ pub fn drawn(recipe: &Recipe) -> Drawn {
     }
 }
 
-/// The recipe's text with what was drawn on a picture of this size, where it is still a recipe with it.
+/// Returns the recipe's text with the shapes drawn on a picture of this size, if the result is still a valid
+/// recipe.
 ///
 /// # Errors
 /// Each problem, in words.

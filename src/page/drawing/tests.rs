@@ -1,4 +1,4 @@
-//! The page as a browser asks for it.
+//! The page as a browser requests it.
 
 use super::*;
 use std::io::{Read as _, Write as _};
@@ -31,7 +31,7 @@ impl Open {
         self.url.trim_start_matches("http://").split('/').next().expect("a host")
     }
 
-    /// Asks as this host; the status and the body.
+    /// Sends a request as this host; returns the status and the body.
     fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
         let mut stream = TcpStream::connect(self.host()).expect("it listens");
         let request = format!(

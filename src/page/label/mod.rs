@@ -1,8 +1,9 @@
-//! The page on which a person marks what broke in a clip: polygons over its pictures, with times.
+//! The page on which a person marks the breaks in a clip: polygons over its pictures, with times.
 //!
-//! `GET .` the page · `GET clip.json` the clip, the grids, and what is kept so far · `GET picture/N` its picture N, from 1 ·
-//! `POST draft` what is drawn now, kept as it is so that a reload loses nothing · `POST save` the same as labels: they are kept where
-//! they can be so, else the problems come back · `POST done` ends the page.
+//! `GET .` the page · `GET clip.json` the clip, the grids, and the data kept until now · `GET picture/N` its
+//! picture N, from 1 · `POST draft` the current drawing, kept unchanged so that a reload loses nothing · `POST
+//! save` the same as labels: they are kept if they are valid, otherwise the problems are returned · `POST done`
+//! ends the page.
 
 use super::session::Session;
 use super::{Local, LocalError};
@@ -47,13 +48,13 @@ pub struct GridOutline {
 /// What is kept so far.
 #[derive(Debug, Clone, Serialize)]
 pub struct Now {
-    /// What the person says.
+    /// The person's statement.
     pub said: Statement,
-    /// When labels were saved last, UTC; `None` where they never were.
+    /// When labels were last saved, UTC; `None` if they never were.
     pub saved_at: Option<String>,
     /// Is it not saved yet?
     pub is_draft: bool,
-    /// What the person should know of it.
+    /// A note for the person.
     pub note: Option<String>,
 }
 
@@ -68,18 +69,18 @@ pub struct Saved {
     pub former: Option<String>,
 }
 
-/// Where labels are kept.
+/// The storage of labels.
 pub trait Keep: Send + Sync {
-    /// What is kept so far.
+    /// Returns the data kept until now.
     ///
     /// # Errors
-    /// Where a file is not what it must be, in words.
+    /// If a file is not valid, in words.
     fn now(&self) -> Result<Now, String>;
 
-    /// Keeps what is drawn now, whatever it is.
+    /// Keeps the current drawing, valid or not.
     ///
     /// # Errors
-    /// Where the disk refuses, in words.
+    /// If the disk refuses, in words.
     fn draft(&self, said: &Statement) -> Result<(), String>;
 
     /// Keeps it as labels.
@@ -97,9 +98,9 @@ pub struct Sheet {
     pub shots: Vec<ClipEntry>,
     /// Their size, px.
     pub size_px: [usize; 2],
-    /// The grids to show, where they are known.
+    /// The grids to show, if they are known.
     pub grids: Vec<GridOutline>,
-    /// Where labels are kept.
+    /// The storage of labels.
     pub keep: Arc<dyn Keep>,
 }
 
@@ -108,10 +109,10 @@ struct Inside {
     session: Session,
 }
 
-/// Serves the page until the person is done; how often labels were saved.
+/// Serves the page until the person is done; returns how often labels were saved.
 ///
 /// # Errors
-/// Where the system refuses.
+/// If the system refuses.
 pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(Inside { sheet, session });

@@ -45,8 +45,8 @@ mod tests {
         assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
     }
 
-    /// A tool of 120 mm goes 60 mm along its axis; what stands 30 mm before its end is too near for the 40 mm that it keeps,
-    /// what stands 60 mm before is not.
+    /// A tool of 120 mm moves 60 mm along its axis. An object 30 mm ahead of its end is too near for the required
+    /// 40 mm, an object 60 mm ahead is not.
     #[test]
     fn a_line_that_comes_too_near_to_the_panel_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));

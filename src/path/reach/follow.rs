@@ -1,4 +1,4 @@
-//! Follows a path from place to place, in the configuration in which the arm stands or in the one with the most room.
+//! Follows a path from place to place, in the arm's current configuration or in the one with the most room.
 
 use super::clearance::keeps_clear;
 use super::infeasible::{Infeasibility, ReachFault};
@@ -27,7 +27,7 @@ pub struct Travel {
     pub room_deg: f64,
 }
 
-/// Follows a path from where the axes stand, or, without that, in the configuration that has the most room.
+/// Follows a path from the current axes, or, without them, in the configuration that has the most room.
 ///
 /// # Errors
 /// The first cause in the configuration that comes farthest.
@@ -63,7 +63,7 @@ pub fn follow(
     best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
 }
 
-/// The ways in which the arm may stand with its flange there, out of all margins and keep-out boxes; `tip` is the tool's.
+/// Returns the axis solutions for this flange pose, outside all margins and keep-out boxes; `tip` is the tool's.
 pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: Point<Flange>) -> Vec<Joints> {
     let look = Look {
         index: 0,
@@ -82,8 +82,8 @@ pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: P
     arm.ways(base_from_flange).into_iter().filter(may_stand).map(Joints::from).collect()
 }
 
-/// The smallest shift of the panel along an axis of the base with which the arm follows the path; `None` where none of
-/// those tried helps.
+/// Returns the smallest shift of the panel along an axis of the base with which the arm follows the path; `None` if
+/// none of the tried shifts helps.
 pub fn helpful_shift(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -125,7 +125,7 @@ fn looks(
     if let Some(start) = before {
         all.push(look(0, start, 0.0, None, false));
     }
-    // Where nothing is known of before, the path begins standing.
+    // If nothing is known about the motion before, the path begins at standstill.
     let mut blend = 0.0;
     for (index, leg) in legs.iter().enumerate() {
         let to = leg.base_from_tool;
@@ -148,7 +148,7 @@ fn looks(
     Ok(all)
 }
 
-/// Goes on from step to step in one configuration; how far it came otherwise.
+/// Continues from step to step in one configuration; returns how far it came if it fails.
 fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usize, ReachFault)> {
     let (mut at, mut speed) = (start, [0.0; 6]);
     let mut travel = Travel { joints: Vec::new(), room_deg: f64::INFINITY };
@@ -177,7 +177,7 @@ fn widest(turned: &Angles) -> usize {
     (0..6).fold(0, |widest, axis| if turned[axis].abs() > turned[widest].abs() { axis } else { widest })
 }
 
-/// The way to a place nearest to where the axes stand, turn by turn.
+/// Returns the axis solution of a place that is nearest to the current axes, turn by turn.
 fn nearest(arm: &Kinematics, look: &Look, at: &Angles) -> Result<Angles, Infeasibility> {
     nearest_way(&look.ways, at).ok_or_else(|| out_of_reach(arm, look))
 }
@@ -186,7 +186,7 @@ fn out_of_reach(arm: &Kinematics, look: &Look) -> Infeasibility {
     Infeasibility::OutOfReach { beyond_mm: arm.beyond_reach_mm(&look.base_from_flange) }
 }
 
-/// A way and the same with axes 4 and 6 a turn on, where limits allow it.
+/// Returns a solution and the same with axes 4 and 6 a turn further, if the limits allow it.
 fn turns(arm: &Kinematics, way: &Angles) -> Vec<Angles> {
     let mut all = Vec::new();
     for turn_4 in [-360.0, 0.0, 360.0] {

@@ -2,7 +2,7 @@
 
 use crate::words::{apart, plain};
 
-/// At a stop in contact the controller's program lifts the tool off by so much, mm: CELL_RETRACT_MM of
+/// At a stop in contact the controller's program lifts the tool off by this distance, mm: CELL_RETRACT_MM of
 /// config/kuka/cell_config.dat.
 pub const RETRACT_MM: f64 = 50.0;
 
@@ -37,7 +37,7 @@ pub enum Infeasibility {
     AxisLimit {
         /// 1 to 6.
         axis: usize,
-        /// Where it would stand, degrees.
+        /// The angle that it would have, degrees.
         angle_deg: f64,
         /// Lowest and highest, margins taken off, degrees.
         allowed_deg: [f64; 2],
@@ -133,7 +133,7 @@ fn singular_words(which: Singular) -> &'static str {
     }
 }
 
-/// Where a path is refused, and why.
+/// The place at which a path is refused, and the reason.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("waypoint {index}: {cause}")]
 pub struct ReachFault {

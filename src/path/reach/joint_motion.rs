@@ -13,10 +13,10 @@ use crate::path::kinematics::{Angles, Kinematics};
 /// Largest turn of an axis between two looks, degrees.
 const STEP_DEG: f64 = 2.0;
 
-/// All axes from here to there, each at its share of the way, with this tool.
+/// Moves all axes from here to there, each at its share of the way, with this tool.
 ///
 /// # Errors
-/// What stands in the way.
+/// The obstacle or limit.
 pub fn joint_motion(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -74,7 +74,8 @@ mod tests {
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Infeasibility::NotFinite));
     }
 
-    /// The same turn over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
+    /// The same turn over an object that a scan saw at the place of the post: by hand, at 45° the forearm passes
+    /// over it.
     #[test]
     fn a_joint_motion_keeps_clear_of_what_the_scan_saw() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));

@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 /// One line of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
-    /// Where it ends.
+    /// The pose at its end.
     pub base_from_tool: Rigid<Base, Tool>,
     /// Speed of the tool's point on the way there, mm/s.
     pub feed_mm_s: f64,
@@ -22,7 +22,7 @@ pub(super) struct Look {
     pub tip: Point<Base>,
     /// Time since the look before, s.
     pub seconds: f64,
-    /// Time in which the speed may change from the look before, s; `None` where the arm stops in between.
+    /// Time in which the speed may change from the checked place before, s; `None` if the arm stops in between.
     pub change_s: Option<f64>,
     /// Does a waypoint end here?
     pub is_end: bool,

@@ -20,7 +20,7 @@ pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
     })
 }
 
-/// What stands in the way of all ways: the axis of the one that is least far beyond.
+/// Returns the reason that excludes all solutions: the axis limit of the solution that is least far beyond.
 pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Infeasibility {
     let far = |cause: &Infeasibility| match cause {
         Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
@@ -61,7 +61,7 @@ pub(super) fn too_fast(
     before: &Angles,
 ) -> Result<Angles, Infeasibility> {
     let axes = arm.arm().axes();
-    // A turn on the spot takes the time that the controller gives it.
+    // A turn on the spot lasts as long as the controller plans for it.
     if look.seconds <= 0.0 {
         return Ok([0.0; 6]);
     }

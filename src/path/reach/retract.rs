@@ -1,7 +1,8 @@
-//! Whether the arm could leave the panel at a stop: from each waypoint in contact, along the tool's axis, as far and as fast
-//! as the controller's program lifts it off, in the configuration in which the arm stands there.
+//! Checks whether the arm could leave the panel at a stop: from each waypoint in contact, along the tool's axis, in
+//! the arm's configuration there. Distance and speed are those with which the controller's program lifts the tool
+//! off.
 //!
-//! Said of a path that was followed; the retract alone is looked at, not the way back.
+//! Applies to a path that was followed; only the retract is checked, not the way back.
 
 use super::follow::follow;
 use super::infeasible::{Infeasibility, RETRACT_MM, ReachFault};
@@ -19,7 +20,7 @@ pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
     Leg { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
 }
 
-/// Asks of each waypoint in contact. Of each is told whether it is one, where the tool stands and how the axes do.
+/// Checks each waypoint in contact. Each item states whether it is in contact, the tool's pose and the axes.
 ///
 /// # Errors
 /// The first from which the arm could not lift off, as [`Infeasibility::Retract`].
@@ -56,8 +57,8 @@ mod tests {
         assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
     }
 
-    /// Found by a walk over the controller's programs: the tool points down and stands so near to axis 5's limit that the arm
-    /// cannot lift it by 50 mm. Before a panel it can.
+    /// Found by a walk over the controller's programs: the tool points down and is so near to axis 5's limit that
+    /// the arm cannot lift it by 50 mm. In front of a panel it can.
     #[test]
     fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));

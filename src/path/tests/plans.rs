@@ -3,9 +3,10 @@
 use super::*;
 use crate::verdict::{Check, Severity};
 
-/// By hand: on a plane seen from +z with feed along x, Z = (0, 0, −1), X = (1, 0, 0), Y = Z × X = (0, −1, 0), which is
-/// C = 180°; approach and retract stand 40 mm above; 5 rows of 44 mm with 4 turns of 11 mm are 264 mm of contact, beside
-/// 2 · 40 mm of air at 60 mm/s. In contact the feed is 20 to 60 mm/s, so that takes 4.4 to 13.2 s.
+/// By hand: on a plane seen from +z with feed along x, Z = (0, 0, −1), X = (1, 0, 0), Y = Z × X = (0, −1, 0), which
+/// is C = 180°. Approach and retract are 40 mm above. 5 rows of 44 mm with 4 turns of 11 mm are 264 mm of contact,
+/// in addition to 2 · 40 mm of air at 60 mm/s. In contact the feed is 20 to 60 mm/s, so the contact lasts 4.4 to
+/// 13.2 s.
 #[test]
 fn a_plan_over_a_plane_by_hand() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings("landing_mm = 0"));
@@ -87,7 +88,8 @@ fn every_planted_defect_has_its_reason() {
     assert_eq!(planted(|plan| plan.step_over_mm.as_mut().expect("rows").max_mm = 12.01), review("step_over"));
 }
 
-/// A path with a number that is not finite is a fault of this program: nobody is told to move the panel for it.
+/// A path with a number that is not finite is a fault of this program: the operator is not requested to move the
+/// panel for it.
 #[test]
 #[should_panic(expected = "is not finite")]
 fn a_path_that_is_not_finite_is_never_followed() {
@@ -104,7 +106,8 @@ fn a_path_that_is_not_finite_is_never_followed() {
     let _ = panel_reach::of_plan(&plan, &stand, &settings);
 }
 
-/// A grid out of reach is for a person to decide; a path that the gate rejects is not, whichever grid it is over.
+/// A person decides on a grid out of reach, but not on a path that the gate rejects, no matter which grid it is
+/// over.
 #[test]
 fn a_path_that_the_gate_rejects_is_not_for_review() {
     let unreached = panel_reach::Unreached {
@@ -129,7 +132,7 @@ fn a_path_that_the_gate_rejects_is_not_for_review() {
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "large_turn"));
 }
 
-/// By hand: a pad of 6 mm takes up 2 mm of error.
+/// By hand: a pad of 6 mm absorbs 2 mm of error.
 #[test]
 fn a_press_in_needs_a_pad_that_takes_up_the_error() {
     let pressed = settings("press_in_mm = 2\npad_stroke_mm = 6");

@@ -1,4 +1,4 @@
-//! How the tool stands along a path: on the normal, landing, between areas, leaning.
+//! The tool's attitude along a path: on the normal, landing, between areas, leaning.
 
 use super::*;
 
@@ -20,7 +20,7 @@ fn the_tool_stands_on_the_normal_and_turns_gently() {
                 let normal = shape.normal(tool(waypoint).origin());
                 angle = angle.max((-(rotation * Vector3::z())).angle(&normal).to_degrees());
                 assert!(shape.distance_mm(tool(waypoint).origin()).abs() < 0.05);
-                // X is the reference as seen along the tool: Y has nothing of it.
+                // X is the reference as seen along the tool: Y has no component along it.
                 spin = spin.max((rotation * Vector3::y()).dot(&reference).abs());
                 assert!(reference.norm() == 0.0 || (rotation * Vector3::x()).dot(&reference) > 0.5);
             }
@@ -101,7 +101,7 @@ fn the_disc_lands_and_leaves_while_it_moves() {
     assert_eq!((path[0].blend_mm, path[last].blend_mm), (0.0, 0.0));
 }
 
-/// The tool leans about its own axes, and its point stays where it was.
+/// The tool leans about its own axes, and its point does not move.
 #[test]
 fn lead_and_tilt_lean_the_tool_about_its_point() {
     let surface = rectangle(50.0, 50.0);

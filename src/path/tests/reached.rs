@@ -31,8 +31,8 @@ fn a_large_disc_keeps_off_the_outline_where_it_can() {
     assert!((1.9..=2.0).contains(&plan.overhang.largest_mm), "{:?}", plan.overhang);
 }
 
-/// By hand: the panel ends where its region does and the disc may not reach over the edge: its middle keeps 15 mm off,
-/// and of the corner (1 − π/4) · 15² = 48.3 of 56² mm² stay, 1.54 %.
+/// By hand: the panel ends at the end of its region and the disc must not reach over the edge. So its middle keeps
+/// 15 mm off, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm² remain, 1.54 %.
 #[test]
 fn what_the_outline_forbids_is_left_and_said() {
     let (surface, region) = (rectangle(280.0, 168.0), region());
@@ -102,8 +102,8 @@ fn dwell_by_hand() {
     assert!((sample(&twice, 25, 25).0 - 2.0).abs() < 0.21);
 }
 
-/// A disc that is larger than the grid reaches all of it, by the plan and by the simulation of its poses, with every
-/// pattern; where it reaches nothing that is 0 and not −0.
+/// A disc that is larger than the grid reaches the whole grid, by the plan and by the simulation of its poses, with
+/// every pattern. If it reaches nothing, the result is 0 and not −0.
 #[test]
 fn a_disc_larger_than_the_grid_covers_it_by_every_count() {
     let region = one_grid();
@@ -170,8 +170,8 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
     assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.asks_for_a_change());
 }
 
-/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over it the tool is lifted, beside it nothing changes,
-/// and what was not abraded is said.
+/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over it the tool is lifted, beside it nothing
+/// changes, and the part that was not abraded is reported.
 #[test]
 fn the_tool_is_lifted_over_a_hole() {
     let spoil = Spoil { hole_px: 14.0, ..Spoil::default() };

@@ -51,7 +51,7 @@ fn the_last_row_follows_the_far_border() {
     }
 }
 
-/// The cylinder unrolled: rows that run along its axis stand r' apart around it, which is 400 mm times the angle.
+/// The cylinder unrolled: rows that run along its axis are r' apart around it, which is 400 mm times the angle.
 #[test]
 fn the_step_over_holds_around_a_cylinder() {
     let (fit, _, _, settings) = fitted(Shape::Cylinder, Spoil::default(), "[path]\nstep_over_mm = 12\n");
@@ -112,7 +112,7 @@ fn rows_stand_at_the_equal_distance_of_their_column() {
     }
 }
 
-/// A slanted grid of this size whose corners are shifted, and how it is treated.
+/// A slanted grid of this size with shifted corners, and how it is treated.
 #[derive(Debug, Clone, Copy)]
 struct Slanted {
     shift_mm: [f64; 8],
@@ -124,7 +124,7 @@ struct Slanted {
 }
 
 impl Slanted {
-    /// Rows no farther apart than asked for, waypoints no farther apart than asked for, and nothing of the grid left out.
+    /// Rows no farther apart than requested, waypoints no farther apart than requested, and the whole grid covered.
     fn rows_hold_what_they_promise(self) -> Result<(), TestCaseError> {
         let Slanted { shift_mm: shift, size_mm: [w, h], disc_mm, share, spacing_mm } = self;
         let surface = quad([
@@ -171,9 +171,10 @@ proptest! {
     }
 }
 
-/// By hand: a patch 56 mm wide on one side and 64 on the other, insets of 3 mm. In the middle half of 54 mm is left: with 2
-/// steps of 10.8 mm the innermost ring would end 24.6 mm before the wide side, where the patch is 62.0 mm wide, its sides
-/// 62.0 − 6 − 43.2 = 12.8 mm apart. With 3 steps of 7.71 mm they are 61.9 − 6 − 46.3 = 9.6 mm apart there.
+/// By hand: a patch 56 mm wide on one side and 64 on the other, insets of 3 mm. In the middle half of 54 mm is
+/// left. With 2 steps of 10.8 mm the innermost ring would end 24.6 mm before the wide side. There the patch is 62.0
+/// mm wide, and the sides of the ring are 62.0 − 6 − 43.2 = 12.8 mm apart. With 3 steps of 7.71 mm they are 61.9 −
+/// 6 − 46.3 = 9.6 mm apart there.
 #[test]
 fn the_innermost_ring_s_sides_keep_the_step_over_where_the_patch_is_widest() {
     let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 64.0], [0.0, 56.0]]);

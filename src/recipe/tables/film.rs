@@ -35,8 +35,8 @@ settings! {
 }
 
 impl Process {
-    /// In how many passes one part may be abraded, over all cycles that name its serial number; where the recipe does not
-    /// state it, twice `max_passes_per_grid`.
+    /// Number of passes in which one part may be abraded, over all cycles that name its serial number; if the
+    /// recipe does not state it, twice `max_passes_per_grid`.
     pub fn passes_of_a_part(&self) -> usize {
         self.max_passes_per_part().unwrap_or(2 * self.max_passes_per_grid())
     }
@@ -120,8 +120,8 @@ settings! {
         channel_weights: [f64; 3], 0.0..=1.0, default [1.0, 1.0, 1.0];
         /// How long a place must be seen dry before it counts as broken, s. It broke when it was first seen so.
         persist_s: f64, 0.1..=10.0, default 1.2;
-        /// A place whose film broke comes back to this share of its dry brightness at least; the rest is damp. The smallest break that
-        /// is surely found is stated for it.
+        /// Share of its dry brightness that a place at least regains when its film has broken; the rest is damp.
+        /// The smallest break that is surely found is stated for this share.
         damp: f64, 0.5..=1.0, default 0.8;
         /// The largest reflection that is taken for a glint, mm².
         glint_mm2: f64, 0.0..=500.0, default 40.0;
@@ -146,8 +146,8 @@ settings! {
         median_px: usize, 3..=31, default 3;
         /// How often the median blur is applied.
         median_passes: usize, 1..=5, default 2;
-        /// Smallest adjusted difference of a changed pixel: about half of that between dry and wet, so that a break's
-        /// edge is found where it is. 52 is for 26 grey levels, dark composite.
+        /// Smallest adjusted difference of a changed pixel: about half of the difference between dry and wet, so
+        /// that a break's edge is found at its true place. 52 is for 26 grey levels, dark composite.
         threshold: usize, 1..=255, default 52;
         /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them. The defaults rule
         /// nothing out, since a range that is too narrow passes a broken film.

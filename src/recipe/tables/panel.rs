@@ -5,16 +5,18 @@ use crate::geometry::{Pixel, polygon};
 use crate::words::apart;
 
 settings! {
-    /// `[panel]`: the panel's name, and what a person knows of its outline. `panel = "name"` alone is the short form.
+    /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short
+    /// form.
     pub struct Panel {
         /// The name, under which the store keeps what was taught.
         name: String, (), required;
-        /// The corners of the panel's outline, in order, px in the taught scan's picture: for a panel whose edge the scan does
-        /// not show, because points are missing there or another thing lies beside it. Without them the scan's depths say
-        /// where the panel ends. Edges are still measured by colour within 3 px of these lines.
+        /// The corners of the panel's outline, in order, px in the taught scan's picture: for a panel with an edge
+        /// that the scan does not show, because points are missing there or another object lies beside it. Without
+        /// them the scan's depths determine where the panel ends. Edges are still measured by colour within 3 px of
+        /// these lines.
         outline_px: Vec<[f64; 2]>, 0.0..=20_000.0, default Vec::new();
-        /// Where holders or clamps touch the panel's edge: four corners each, px in the taught scan's picture. What lies
-        /// inside is neither outline nor surface when the panel is taught or located.
+        /// The places at which holders or clamps touch the panel's edge: four corners each, px in the taught scan's
+        /// picture. The area inside is neither outline nor surface when the panel is taught or located.
         held_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
     }
 }
@@ -25,7 +27,7 @@ impl Panel {
     }
 }
 
-/// An outline with more corners is a curve that nobody has drawn.
+/// An outline with more corners is a curve that no person has drawn.
 const MAX_CORNERS: usize = 200;
 /// The smallest area that a drawn polygon encloses, px².
 const MIN_AREA_PX2: f64 = 16.0;

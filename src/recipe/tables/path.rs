@@ -74,19 +74,19 @@ settings! {
         step_over_mm: f64, 0.5..=200.0, default 12.0;
         /// Largest distance between waypoints along a row, mm.
         waypoint_spacing_mm: f64, 1.0..=100.0, default 10.0;
-        /// How far the straight way between two waypoints may lie off the surface, mm; waypoints come closer where the
-        /// panel bends more.
+        /// Largest distance of the straight way between two waypoints from the surface, mm; waypoints are closer if
+        /// the panel bends more.
         chord_error_mm: f64, 0.005..=5.0, default 0.1;
-        /// What the controller needs to plan one line, ms; where waypoints are closer, the feed is lower.
+        /// Time that the controller needs to plan one line, ms; if waypoints are closer, the feed is lower.
         planning_time_ms: f64, 1.0..=500.0, default 60.0;
-        /// Rounding at a waypoint, as a share of the shorter line beside it. The controller takes at most a half.
+        /// Rounding at a waypoint, as a share of the shorter line beside it. The controller accepts at most a half.
         blend_share: f64, 0.0..=0.5, default 0.2;
         /// How far the disc may reach beyond the panel's outline, mm.
         edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
         /// Largest ratio of the longest to the shortest time under the disc, 95 % to 5 % of the treated area, of each grid
         /// and of all together.
         max_dwell_ratio: f64, 1.1..=20.0, default 2.0;
-        /// Highest feed along the surface, mm/s; it is lower where a place would be under the disc for less time.
+        /// Highest feed along the surface, mm/s; it is lower at places that would be under the disc for less time.
         feed_mm_s: f64, 1.0..=500.0, default 60.0;
         /// Acceleration of the tool's point from and to a stop, mm/s².
         acceleration_mm_s2: f64, 50.0..=10_000.0, default 1_000.0;
@@ -96,7 +96,7 @@ settings! {
         landing_mm: f64, 0.0..=100.0, default 15.0;
         /// Height above the surface at which that way begins, mm.
         landing_height_mm: f64, 0.5..=50.0, default 3.0;
-        /// The tool is lifted where a hole holds a square of this side, mm; smaller ones it passes over.
+        /// The tool is lifted over a hole that contains a square of this side, mm; it passes over smaller holes.
         lift_hole_mm: f64, 1.0..=200.0, default 10.0;
         /// How far the tool's point goes into the panel along the normal: the compression of its pad, mm.
         press_in_mm: f64, 0.0..=50.0, default 0.0;
@@ -104,7 +104,7 @@ settings! {
         pad_stroke_mm: Option<f64>, 0.5..=100.0, default None;
         /// Force with which a compliant tool presses, N; it needs one, and no other tool has one.
         force_n: Option<f64>, 1.0..=500.0, default None;
-        /// Force with which it comes down and leaves, N; a third of force_n where unstated.
+        /// Force with which it comes down and leaves, N; a third of force_n if not stated.
         landing_force_n: Option<f64>, 0.5..=500.0, default None;
         /// From one of these forces to the other, s.
         force_ramp_s: f64, 0.0..=2.0, default 0.2;
@@ -112,7 +112,7 @@ settings! {
         lead_deg: f64, -20.0..=20.0, default 0.0;
         /// Lean of the tool across that axis, degrees.
         tilt_deg: f64, -20.0..=20.0, default 0.0;
-        /// Reference of the tool's spin, a direction in the panel's frame; [0, 0, 0] takes each grid's feed axis.
+        /// Reference of the tool's spin, a direction in the panel's frame; [0, 0, 0] selects each grid's feed axis.
         reference_axis: [f64; 3], -1.0..=1.0, default [0.0, 0.0, 0.0];
         /// Is the tool round, so that its spin may be turned for the arm's reach?
         round_tool: bool, (), default true;
@@ -168,7 +168,7 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
 }
 
 impl Path {
-    /// Force with which a compliant tool comes down and leaves, N; `None` where no force is stated.
+    /// Returns the force with which a compliant tool comes down and leaves, N; `None` if no force is stated.
     pub fn landing_n(&self) -> Option<f64> {
         Some(self.landing_force_n().unwrap_or(self.force_n()? / 3.0))
     }

@@ -1,4 +1,4 @@
-//! Where the panel stands: `[locate]` and `[corner]`.
+//! The panel's place: `[locate]` and `[corner]`.
 
 use crate::config::{Choice, Section, Setting, settings};
 use crate::words::list;
@@ -19,7 +19,7 @@ impl Choice for Registration {
 }
 
 settings! {
-    /// `[locate]`: where the panel is searched, and what is accepted (thesis 3.8).
+    /// `[locate]`: where the panel is searched, and the limits for acceptance (thesis 3.8).
     pub struct Locate {
         /// How the pose is refined. The thesis's method states no error of its own: its distance from the other one counts as error.
         method: Registration, (), default Registration::PointToPlane;
@@ -129,11 +129,11 @@ settings! {
         edge_mm: f64, 2.0..=200.0, default 25.0;
         /// Largest correction in the camera's plane, mm.
         max_correction_mm: f64, 0.1..=50.0, default 8.0;
-        /// A picture that asks for less than this is the last one, mm.
+        /// A picture that indicates a smaller correction than this is the last one, mm.
         settled_mm: f64, 0.05..=5.0, default 0.3;
         /// Moves after the first picture, at most.
         max_moves: usize, 0..=10, default 3;
-        /// Farthest that the corner may stand from where the localization puts it just before contact, mm.
+        /// Largest distance of the corner from where the localization puts it just before contact, mm.
         verify_mm: f64, 0.05..=5.0, default 0.2;
     }
 }

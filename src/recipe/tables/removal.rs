@@ -6,7 +6,7 @@ use crate::config::{Choice, Section, settings};
 /// How the feed follows from what is to be removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RemovalMethod {
-    /// Not at all: the feed makes the times under the disc even, and what that removes is told.
+    /// Not at all: the feed makes the times under the disc even, and the resulting removal is reported.
     Constant,
     /// The feed on each move is found so that the target is removed, evenly.
     Scheduled,
@@ -26,13 +26,13 @@ settings! {
         target_um: f64, 0.1..=5_000.0, required;
         /// Depth that is removed nowhere, µm: of the coating, or of the first ply. Its 95 % bound is held against it, over all passes.
         max_um: f64, 0.1..=10_000.0, required;
-        /// By so much of the target 95 % of the treated area may differ from it, percent.
+        /// Largest deviation from the target for 95 % of the treated area, percent of the target.
         even_percent: f64, 1.0..=100.0, default 20.0;
-        /// Force of the tool on the panel, N, where the tool is a spring; that of a compliant one stands in `[path]`.
+        /// Force of the tool on the panel, N, if the tool is a spring; that of a compliant tool is in `[path]`.
         force_n: Option<f64>, 0.5..=500.0, default None;
-        /// By so much that force may be off, 95 %, percent of it.
+        /// Error of that force, 95 %, percent of the force.
         force_error_percent: f64, 0.0..=50.0, default 10.0;
-        /// Lowest feed that a schedule may ask for, mm/s; the highest is the path's.
+        /// Lowest feed that a schedule may use, mm/s; the highest is the path's.
         min_feed_mm_s: f64, 0.5..=500.0, default 5.0;
     }
 }

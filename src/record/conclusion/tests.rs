@@ -79,7 +79,8 @@ fn a_review_counts_until_a_person_decides() {
     assert_eq!(dispositions(&all, &accept)[3], Disposition::Decided(&accept[0]));
 }
 
-/// Each reason once, in the order of the findings; why the cycle was ended comes last, if no finding says it.
+/// Each reason once, in the order of the findings; the reason for the cycle's end comes last, if no finding states
+/// it.
 #[test]
 fn all_reasons_are_named_once_and_in_order() {
     let all = vec![
@@ -168,7 +169,8 @@ proptest! {
         prop_assert_eq!(is_pass, ended == Verdict::Pass && may_pass(&findings, &requests), "{:?}", judgement);
     }
 
-    /// A record that was concluded so is earned; the same record with the verdict pass is, only where that is its verdict.
+    /// A record with its concluded verdict is earned; the same record with the verdict pass is earned only if pass
+    /// is its concluded verdict.
     #[test]
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);

@@ -1,4 +1,5 @@
-//! What happened to the panel and what was asked of the cell: as far as it is known, and where it is not, that.
+//! The events on the panel and the requests to the cell, as far as they are known; if they are not known, the page
+//! states that.
 
 use crate::cycle::{Path, Request};
 use crate::record::{Abraded, Answer, Bounds, CycleRecord, How, MotionRecord, RequestRecord, Wanted};
@@ -42,7 +43,8 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
     }
 }
 
-/// What people and programs asked of the cell: when, what, who, and what came of it; before the cycle, and in it.
+/// The requests of people and programs to the cell: the time, the request, the sender and the result; before the
+/// cycle, and in it.
 pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
     let section = |heading: &str, text: &str, asked: &[RequestRecord]| Section {
         heading: heading.to_owned(),
@@ -77,7 +79,7 @@ fn request(asked: &RequestRecord) -> Row {
     Row::new(&utc(asked.unix_ms.div_euclid(1_000)), format!("{came}. Asked by: {who}"), "")
 }
 
-/// A request in words, and what it means where it was done.
+/// Returns a request in words, and its meaning if it was done.
 fn wanted(wanted: &Wanted) -> (String, String) {
     let plain = |what: &str, meant: &str| (what.to_owned(), meant.to_owned());
     match wanted {

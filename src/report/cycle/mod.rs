@@ -16,7 +16,7 @@ const BLANK: &str = "……………………………………";
 const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
                        tested nor abraded, and this page does not release it. ";
 
-/// The page of a cycle; `pictures` holds its JPEGs by their hash. One that is missing is said to be.
+/// Returns the page of a cycle; `pictures` holds its JPEGs by their hash. A missing picture is reported as missing.
 pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
     let running = || Judgement {
         verdict: Verdict::Invalid,
@@ -46,10 +46,10 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     }
 }
 
-/// Whose clock the times of films and motions are by.
+/// The clock by which the times of films and motions are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Times {
-    /// The computer's: nothing needs to be said beside a number.
+    /// The computer's: a number needs no remark.
     Wall,
     /// The simulated cell's.
     Simulated,
@@ -66,7 +66,7 @@ impl Times {
         }
     }
 
-    /// What is added to a time, so that nobody takes one for the other.
+    /// Returns the remark on a time, so that a reader does not confuse the two clocks.
     fn beside(self, kind: Kind, check: &Check) -> &'static str {
         match (self, check.unit.as_str()) {
             // No clock measured it.
@@ -78,7 +78,7 @@ impl Times {
     }
 }
 
-/// When the cycle was, and how long it took, by each clock.
+/// Returns the time of the cycle, and its duration, by each clock.
 fn duration(record: &CycleRecord) -> String {
     let began = utc(record.started_unix_s);
     let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);

@@ -130,8 +130,8 @@ fn numbers_keep_four_digits() {
     assert_eq!(texts, ["0.1235", "59.8", "123457", "0.0001234", "-2.5", "0", "100", "3"]);
 }
 
-/// A contact path whose end nobody told: 3 waypoints were told, 16 permitted; r1c1 is reached from 2 on, r1c2 from 10,
-/// r1c3 from 30.
+/// A contact path with an end that was not reported: 3 waypoints were reported, 16 permitted; r1c1 is reached from
+/// 2 on, r1c2 from 10, r1c3 from 30.
 fn cut_short() -> CycleRecord {
     let reached = |grid: &str, first| Reached { grid: grid.to_owned(), first };
     let grids = vec![reached("r1c1", 2), reached("r1c2", 10), reached("r1c3", 30)];
@@ -190,7 +190,7 @@ fn simulated_time_and_wall_time_are_told_apart() {
     assert!(cycle_page(&earlier, &BTreeMap::new()).html().contains("was not recorded"));
 }
 
-/// By hand: of 102 waypoints 101 are the path's, which is what is executed; the first is where the approach ends.
+/// By hand: of 102 waypoints 101 are the path's, and these are executed; at the first one the approach ends.
 #[test]
 fn planned_and_executed_waypoints_agree() {
     let executed = Check::new(name::EXECUTED, "", 101.0).within(Limit::AtLeast(101.0), SetBy::Program);
@@ -220,7 +220,8 @@ fn a_number_that_is_not_allowed_differs_from_its_limit() {
     assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
 }
 
-/// The verdict of an air-run says that the motions passed, not the panel: its page says so, and has no conditions of a test.
+/// The verdict of an air-run states that the motions passed, not the panel: its page states this, and has no
+/// conditions of a test.
 #[test]
 fn the_page_of_an_air_run_releases_nothing() {
     let cycle = record();

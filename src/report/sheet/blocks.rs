@@ -49,7 +49,7 @@ pub(super) fn attempts(record: &CycleRecord) -> Block {
 
 /// The numbers by which a reader judges the treatment; of a kind the last one.
 pub(super) fn numbers(record: &CycleRecord) -> Block {
-    // In the record a check's name may lean on the one before it; here each stands by itself.
+    // In the record a check's name may depend on the one before it; here each name is complete.
     let wanted = [
         (Kind::Inspect, name::SMALLEST_BREAK, name::SMALLEST_BREAK),
         (Kind::Locate, name::RESIDUAL, name::RESIDUAL),

@@ -1,4 +1,4 @@
-//! What stands on the page, in tables of text, from what is kept of a cycle.
+//! The content of the page, in tables of text, from the kept data of a cycle.
 
 use super::blocks::{
     Block, all_checks, attempts, deviations, equipment, line_to_sign, numbers, reasons, short, shortened,
@@ -38,7 +38,7 @@ const NOT_NAMED: &str = "not named at the start";
 /// Numbers, equipment and then failed grids have the rows that other tables leave free: a row of theirs is one line.
 const FIRST_SERVED: [usize; 3] = [2, 3, 0];
 
-/// How many rows of each table stand on the page; it holds as many as if each had [`ROWS_EACH`].
+/// Returns how many rows of each table are on the page; it holds as many as if each had [`ROWS_EACH`].
 fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
     let mut shown = rows.map(|count| count.min(ROWS_EACH));
     let mut free = shown.iter().map(|count| ROWS_EACH - count).sum::<usize>();
@@ -87,7 +87,7 @@ impl Sheet {
             }
             blocks.push(shown);
         }
-        // Beside those who signed, in whatever number, there is a line for whoever decides.
+        // In addition to those who signed, in any number, there is a line for the person who decides.
         if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
             block.rows.push(line);
         }
@@ -236,7 +236,8 @@ fn budget(record: &CycleRecord) -> String {
 mod tests {
     use super::*;
 
-    /// By hand: the film table leaves 3 rows free, the signatures 4; the numbers take 4 of those 7, the equipment the other 3 of its 4.
+    /// By hand: the film table leaves 3 rows free, the signatures 4; the numbers use 4 of those 7, the equipment
+    /// uses the other 3 for its 4.
     #[test]
     fn free_rows_go_to_numbers_and_equipment_first() {
         assert_eq!(rows_on_the_page([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);

@@ -1,4 +1,4 @@
-//! What became of each grid: passed at once, failed and passed after it was abraded, failed, or not told.
+//! The result of each grid: passed at once, failed and passed after it was abraded, failed, or not reported.
 
 use super::numbers::rounded;
 use crate::record::{CycleRecord, Finding, Kind, abraded};
@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 /// What became of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GridState {
-    /// No film that counts tells.
+    /// No film that counts shows it.
     NotTested,
     /// The film held.
     Passed,
@@ -23,7 +23,7 @@ impl GridState {
     pub const ALL: [GridState; 4] =
         [GridState::Passed, GridState::PassedAfterAbrasion, GridState::Failed, GridState::NotTested];
 
-    /// The letter by which it is told without colour.
+    /// Returns the letter that identifies it without colour.
     pub fn letter(self) -> &'static str {
         match self {
             GridState::NotTested => "–",
@@ -43,7 +43,7 @@ impl GridState {
         }
     }
 
-    /// Its colour, red, green, blue, which says nothing that the letter and the hatch do not say.
+    /// Returns its colour, red, green, blue; the letter and the hatch give the same information.
     pub fn colour(self) -> [u8; 3] {
         match self {
             GridState::NotTested => [255, 255, 255],
@@ -77,14 +77,14 @@ fn name(row: usize, column: usize) -> String {
     format!("r{}c{}", row + 1, column + 1)
 }
 
-/// Films that say something of each grid, in order.
+/// Returns the films that give a result for each grid, in order.
 fn films(record: &CycleRecord) -> impl Iterator<Item = &Finding> {
     let counts =
         |finding: &&Finding| finding.kind == Kind::Inspect && finding.judgement.verdict != Verdict::Invalid;
     record.findings.iter().filter(counts)
 }
 
-/// The broken area of a grid in a film, mm²; `None` where the grid was not wholly seen.
+/// Returns the broken area of a grid in a film, mm²; `None` if the grid was not wholly seen.
 fn broken_mm2(film: &Finding, grid: &str) -> Option<f64> {
     film.number(&format!("broken film in {grid}"))
 }

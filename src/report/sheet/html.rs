@@ -11,11 +11,11 @@ font-size:13px;margin:.7em 0 .1em}.sheet table{width:100%;margin:0}.sheet th,.sh
 vertical-align:top;overflow-wrap:anywhere;white-space:normal}.sheet .facts{display:grid;grid-template-columns:1fr 1fr;gap:0 1.5rem}\
 .sheet .facts div{border-bottom:1px solid #ddd;display:flex;gap:.6rem}.sheet .facts b{flex:0 0 38%;font-weight:normal;color:#555}\
 .sheet .map table{width:auto}.sheet .map{display:flex;gap:1rem;align-items:flex-start;margin-top:.6em}@media print{.sheet{font-size:7.6pt;break-after:page}}";
-/// The side of a cell of the map, px, where the region has few grids; more of them are drawn smaller.
+/// The side of a cell of the map, px, if the region has few grids; if there are more, they are drawn smaller.
 const CELL_PX: usize = 34;
 const MAP_PX: usize = 380;
 
-/// The page; it stands before the annex.
+/// Returns the page; it comes before the annex.
 pub fn html(sheet: &Sheet) -> String {
     let page = markup! {
         style { (PreEscaped(STYLE)) }

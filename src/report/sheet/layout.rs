@@ -1,4 +1,5 @@
-//! Where each text, line and picture of the PDF stands: a list of marks for each page, in points from its top left corner.
+//! The place of each text, line and picture of the PDF: a list of marks for each page, in points from its top left
+//! corner.
 
 use super::blocks::Block;
 use super::content::Sheet;
@@ -66,7 +67,7 @@ impl Faces {
         units * size_pt / f32::from(face.units_per_em())
     }
 
-    /// The same text in signs that the font has: of another one its number stands.
+    /// Returns the same text in characters that the font has; any other character is replaced by its number.
     fn printable(&self, text: &str) -> String {
         let mut printable = String::with_capacity(text.len());
         for sign in text.chars() {
@@ -154,7 +155,7 @@ impl Laying<'_> {
         self.y = MARGIN_PT;
     }
 
-    /// Begins a page where so much has no room on this one.
+    /// Begins a new page if this height has no room on the current one.
     fn needs(&mut self, height_pt: f32) {
         if self.y + height_pt > PAGE_PT[1] - MARGIN_PT && self.y > MARGIN_PT {
             self.next_page();

@@ -1,7 +1,8 @@
-//! The record of a cycle on one page to read and to sign, as HTML and as PDF; what it has no room for follows as annex.
+//! The record of a cycle on one page to read and to sign, as HTML and as PDF; content that has no room on it
+//! follows as annex.
 //!
-//! One content (`content`, its tables in `blocks`) from what is kept of the cycle (`sources`), drawn twice. Decides nothing: every word and number stands in the
-//! record already.
+//! One content (`content`, its tables in `blocks`) from the kept data of the cycle (`sources`), drawn twice.
+//! Decides nothing: every word and number is already in the record.
 
 mod blocks;
 mod content;

@@ -21,7 +21,7 @@ pub(super) fn rounded(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed(value, decimals(value, unit))).trim_end().to_owned()
 }
 
-/// An uncertainty, of which two digits say something.
+/// Returns an uncertainty with its two significant digits.
 pub(super) fn uncertainty(value: f64, unit: &str) -> String {
     let digits = if value > 0.0 { (1 - value.log10().floor() as i32).clamp(0, 4) as usize } else { 2 };
     format!("{} {unit}", fixed(value, digits))

@@ -1,4 +1,5 @@
-//! The page and its annex as PDF/A-3, with the signed record inside: whoever has this one file has all that was signed.
+//! The page and its annex as PDF/A-3, with the signed record inside: this one file contains everything that was
+//! signed.
 
 use super::content::Sheet;
 use super::layout::{Faces, Mark, PAGE_PT, Shown, pages};
@@ -56,10 +57,10 @@ impl PdfError {
     }
 }
 
-/// The PDF. `unix_s` is when the record was made, s since 1970: the same record gives the same bytes.
+/// Returns the PDF. `unix_s` is when the record was made, s since 1970: the same record gives the same bytes.
 ///
 /// # Errors
-/// Where a picture is no JPEG, or the file would not be PDF/A-3.
+/// If a picture is not a JPEG, or the file would not be PDF/A-3.
 pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64) -> Result<Vec<u8>, PdfError> {
     let faces = Faces::new().map_err(|error| PdfError::new(&error.to_string()))?;
     let fonts = [dejavu::sans_condensed::regular(), dejavu::sans_condensed::bold()];

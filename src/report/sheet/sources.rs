@@ -8,13 +8,13 @@ use crate::record::{CycleRecord, PartNames};
 pub struct Sources<'s> {
     /// The cycle.
     pub record: &'s CycleRecord,
-    /// Its part; `None` where none was named.
+    /// Its part; `None` if none was named.
     pub part: Option<&'s PartNames>,
-    /// Its recipe; `None` where what was kept of it is missing.
+    /// Its recipe; `None` if the stored copy is missing.
     pub recipe: Option<&'s Recipe>,
     /// What measured.
     pub equipment: &'s [Equipment],
-    /// Earlier cycles that abraded the same part; `None` where no serial number was named.
+    /// Earlier cycles that abraded the same part; `None` if no serial number was named.
     pub earlier: Option<&'s [EarlierCycle]>,
     /// Who signed, in order.
     pub signatures: &'s [Signatory],
@@ -25,13 +25,13 @@ pub struct Sources<'s> {
 pub struct Equipment {
     /// What it is, such as "scanner, lens".
     pub what: String,
-    /// Its serial number; `None` where its calibration names none.
+    /// Its serial number; `None` if its calibration names none.
     pub serial: Option<String>,
     /// The day of its calibration.
     pub calibrated: Option<String>,
     /// SHA-256 of the calibration file.
     pub hash: String,
-    /// The last verification before the cycle; `None` where there is none.
+    /// The last verification before the cycle; `None` if there is none.
     pub verified: Option<LastVerification>,
 }
 
@@ -66,6 +66,6 @@ pub struct Signatory {
     pub meaning: String,
     /// Its number on the chain of signed records, and the record's hash.
     pub bound: String,
-    /// A person who says whether the part is released.
+    /// A person who decides whether the part is released.
     pub decides: bool,
 }

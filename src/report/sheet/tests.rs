@@ -1,4 +1,4 @@
-//! What stands on the page is what the record says, and it fits on one sheet.
+//! The page shows what the record contains, and it fits on one sheet.
 
 use super::layout::{Faces, Mark, pages};
 use super::*;
@@ -113,7 +113,7 @@ fn rows<'s>(sheet: &'s Sheet, heading: &str) -> &'s [Vec<String>] {
     &block.unwrap_or_else(|| panic!("no {heading}")).rows
 }
 
-/// By hand, from `films`; the invalid film says nothing of any grid.
+/// By hand, from `films`; the invalid film states nothing about any grid.
 #[test]
 fn the_map_tells_what_became_of_each_grid() {
     use GridState::{Failed, NotTested, Passed, PassedAfterAbrasion};
@@ -152,7 +152,8 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(rows(&sheet, "Deviations")[1], ["decision", "no person decided"]);
 }
 
-/// A number that was not measured stands beside no limit; one beyond its limit differs from it.
+/// A number that was not measured has no limit beside it; a number beyond its limit is printed so that it differs
+/// from the limit.
 #[test]
 fn numbers_stand_in_one_form() {
     let locate = |value: Option<f64>| {
@@ -186,7 +187,7 @@ fn a_line_to_sign_stands_until_a_person_has_decided() {
     assert_eq!((lines(&[]), lines(&[signed(false)]), lines(&[signed(false), signed(true)])), (1, 1, 0));
 }
 
-/// As HTML: escaped, and every state told by a letter and by lines, not by colour alone.
+/// As HTML: escaped, and every state shown by a letter and by lines, not by colour alone.
 #[test]
 fn the_map_is_read_without_colour() {
     let html = html(&sheet(&record(films()), &[]));

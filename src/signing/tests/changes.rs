@@ -130,8 +130,8 @@ fn each_kind_of_change_is_named() {
     }
 }
 
-/// Who has the cell's key can sign what he likes; but not a second record in the place of one whose head is kept elsewhere, and
-/// not under a person's signature of the first.
+/// A person with the cell's key can sign anything. This person still cannot replace a record if its head is kept
+/// elsewhere, or a record that another person has signed.
 #[test]
 fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     let (mut export, head) = exported();
@@ -151,7 +151,7 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     assert!(told.iter().any(|told| told.contains("rolled back")), "{told:?}");
 }
 
-/// Changes one thing at random; what it was, and a word that must be told of it.
+/// Changes one element at random; returns the kind of change and a word that the finding must contain.
 fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'static str, String) {
     let (pages, names): (Vec<String>, Vec<String>) =
         export.statements.keys().cloned().partition(|name| name.contains("-page."));

@@ -1,4 +1,4 @@
-//! A signed record beside the one in the store: where they differ, and what is no difference.
+//! A signed record beside the one in the store: their differences, and what is no difference.
 
 use super::super::differences;
 use serde_json::json;
@@ -20,7 +20,8 @@ fn differences_name_their_place_and_let_a_later_program_keep_more() {
     }
 }
 
-/// After an abort is signed, the robot may still tell the end of a motion, and a request in the journal gets its answer.
+/// After an abort is signed, the robot may still report the end of a motion, and a request in the journal gets its
+/// answer.
 #[test]
 fn what_comes_after_a_cycle_is_no_difference() {
     let motion =

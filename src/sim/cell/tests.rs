@@ -42,8 +42,8 @@ fn scenes_differ_in_what_stands_before_the_fixture() {
     assert!(!good.truth().spots.is_empty());
 }
 
-/// The plate stands at X = 665 mm, so a point's error in X is its error along the ray times the cosine of incidence:
-/// 0.055 mm · (z/700)², whatever the incidence.
+/// The plate is at X = 665 mm, so a point's error in X is its error along the ray times the cosine of incidence:
+/// 0.055 mm · (z/700)², independent of the incidence.
 #[test]
 fn white_noise_of_the_scanner() {
     let cell = Cell::new(1, Scene::NoPanel, 4);
@@ -257,7 +257,7 @@ fn a_whole_film_is_dark_and_a_broken_one_is_not() {
     assert!((ratio(2) - 1.0).abs() < 1e-3, "{}", ratio(2));
 }
 
-/// One panel at several places: shape, grease and teaching stay, only where it stands changes.
+/// One panel at several places: shape, grease and teaching stay, only its pose changes.
 #[test]
 fn another_place_is_the_same_panel() {
     let at = |place: u32| Cell::new(3, Scene::Good, 8).placed(place);

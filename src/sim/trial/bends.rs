@@ -12,8 +12,8 @@ impl Trial {
         Trial { present: self.present.map(|shape| shape.bent_by(bend)), ..self }
     }
 
-    /// A region in the middle of the taught scan's picture that takes this share of the panel's length and width: top left, top right,
-    /// bottom right, bottom left.
+    /// A region in the middle of the taught scan's picture that covers this share of the panel's length and width:
+    /// top left, top right, bottom right, bottom left.
     pub fn middle_px(&self, share: f64) -> [Pixel; 4] {
         let [s, t] = self.size_mm.map(|mm| share / 2.0 * mm);
         [[-s, t], [s, t], [s, -t], [-s, -t]].map(|at| {
@@ -52,7 +52,8 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
 
-    /// A panel that is not bent is nearest where it stands; one that bows lies before its ends by the bow.
+    /// The nearest pose of a panel that is not bent is its own pose; the middle of a bowed panel lies in front of
+    /// its ends by the bow.
     #[test]
     fn a_bend_is_known() {
         let trial = Trial::good(3, 8);

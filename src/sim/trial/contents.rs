@@ -4,11 +4,11 @@ use super::marks::Marks;
 use crate::sim::clutter::Slab;
 use crate::sim::noise::ValueNoise;
 
-/// Where points are missing on the panel.
+/// The areas of the panel without points.
 #[derive(Debug, Clone)]
 pub(super) struct MissingPatches {
     pub noise: ValueNoise,
-    /// Points are missing where the noise lies below this.
+    /// Points are missing where the noise is below this.
     pub below: f64,
 }
 

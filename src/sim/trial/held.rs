@@ -1,8 +1,8 @@
-//! Properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that touches its edge, large
-//! patches without points, which differ from scan to scan.
+//! Properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that touches its edge,
+//! and large patches without points, which differ from scan to scan.
 //!
-//! A structured-light camera 1.1 m above such a plate, 300×300 mm, measured points on 54 to 79 % of it. Large patches and
-//! whole corners were missing, and the adapter at the upper edge caused no step of depth.
+//! A structured-light camera 1.1 m above such a plate, 300×300 mm, measured points on 54 to 79 % of the plate.
+//! Large patches and whole corners were missing, and the adapter at the upper edge caused no step of depth.
 
 use super::Trial;
 use super::contents::MissingPatches;
@@ -49,7 +49,7 @@ impl Trial {
         Trial { missing, ..self }
     }
 
-    /// Where points are missing in a scan.
+    /// The areas without points in a scan.
     pub(super) fn patches(&self, shot: u64) -> Option<MissingPatches> {
         if self.missing <= 0.0 {
             return None;
@@ -67,23 +67,23 @@ impl Trial {
         Trial { taught_marks: marks.clone(), present_marks: marks, ..self }
     }
 
-    /// The same, where the panel that stands there has the marks as a mirror shows them.
+    /// The same, but the panel that is present has mirrored marks.
     pub(super) fn with_mirrored_marks(self) -> Trial {
         let marked = self.marked();
         Trial { present_marks: marked.taught_marks.as_ref().map(Marks::mirrored), ..marked }
     }
 
-    /// The same panel scanned by a camera whose smooth error is alike over squares of this side, mm.
+    /// The same panel scanned by a camera with a smooth error that is similar within squares of this side, mm.
     pub fn alike_over(self, alike_mm: f64) -> Trial {
         Trial { alike_mm: Some(alike_mm), ..self }
     }
 
-    /// The same panel scanned by a camera whose distances are too long by these shares, at teaching and now.
+    /// The same panel scanned by a camera that measures distances too long by these shares, at teaching and now.
     pub fn with_scale(self, scale: [f64; 2]) -> Trial {
         Trial { scale, ..self }
     }
 
-    /// The holder of a panel that stands here, at its longest side or at the one after that.
+    /// The holder of a panel at this pose, at its longest side or at the side after that.
     pub(super) fn holder(&self, base_from_panel: &Rigid<Base, Panel>, is_moved: bool) -> Option<Slab> {
         if !self.is_held {
             return None;
@@ -155,7 +155,8 @@ fn sides(shape: &Shape) -> impl Iterator<Item = Side> {
 mod tests {
     use super::*;
 
-    /// A third of a good scan's points on the panel are missing, and the holder goes on where the panel ends, without a step.
+    /// A third of a good scan's points on the panel are missing, and the holder continues at the end of the panel,
+    /// without a step.
     #[test]
     fn a_held_dark_panel_has_patches_and_no_step_at_its_holder() {
         let trial = Trial::flat(3, 4).held().patchy(0.33);

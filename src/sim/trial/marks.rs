@@ -1,5 +1,5 @@
-//! Bright discs printed on a trial's panel, as on the dark plate of public scans: their light is seen and measured where the dark
-//! surface around them gives hardly a point.
+//! Bright discs printed on a trial's panel, as on the dark plate of public scans: their light is seen and measured,
+//! while the dark surface around them gives hardly a point.
 
 use super::space::lattice;
 use crate::sim::appearance::Color;
@@ -14,7 +14,7 @@ const RADIUS_MM: std::ops::Range<f64> = 3.5..8.0;
 /// Discs stay this far from each other and from the panel's edge, mm.
 const APART_MM: f64 = 10.0;
 const FROM_EDGE_MM: f64 = 16.0;
-/// At most so many.
+/// The most discs.
 const MOST: usize = 24;
 
 /// Discs on the sheet: centre and radius, mm.
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
     use crate::sim::noise::{Purpose, Seed};
 
-    /// By hand: a pixel of 0.4 mm whose middle lies 0.1 mm inside a disc's border is mark by three quarters.
+    /// By hand: a pixel of 0.4 mm with its middle 0.1 mm inside a disc's border is three quarters mark.
     #[test]
     fn a_pixel_at_the_border_is_mark_by_its_share() {
         let marks = Marks { discs: vec![([10.0, 0.0], 5.0)] };

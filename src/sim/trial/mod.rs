@@ -30,7 +30,7 @@ use contents::SceneContents;
 use marks::Marks;
 use space::lattice;
 
-/// Size of the panels of which two stand in the box, against others.
+/// Size of the panels relative to those of other trials, if two are in the box.
 const SMALL: f64 = 0.55;
 
 /// A scene with known truth.
@@ -54,10 +54,10 @@ pub struct Trial {
     is_held: bool,
     /// Share of the panel without points, in patches.
     missing: f64,
-    /// What is printed on the taught panel, and on the one that stands there.
+    /// The print on the taught panel, and on the panel that is present.
     taught_marks: Option<Marks>,
     present_marks: Option<Marks>,
-    /// Where the scanner's smooth error is alike over another length than usual, mm.
+    /// The length over which the scanner's smooth error is similar, mm, if it is not the usual one.
     alike_mm: Option<f64>,
     /// By this share the scanner's distances are too long, at teaching and now.
     scale: [f64; 2],
@@ -134,7 +134,7 @@ impl Trial {
         &self.camera
     }
 
-    /// Where it stands, as its calibration says.
+    /// The camera's pose, as its calibration states.
     pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
         scene::base_from_camera()
     }
@@ -149,7 +149,7 @@ impl Trial {
         self.hidden
     }
 
-    /// Where the panel stands.
+    /// The panel's pose.
     pub fn base_from_panel(&self) -> Rigid<Base, Panel> {
         self.place
     }
@@ -159,7 +159,7 @@ impl Trial {
         self.middle_px(0.4)
     }
 
-    /// How far a found place puts the panel's surface from where it is.
+    /// The distance between the panel's surface at a found place and the true surface.
     pub fn error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
         let points = lattice(&self.taught);
         let errors = points.iter().map(|&at| self.place.distance_at_mm(*found, self.taught.point(at)));
@@ -202,7 +202,7 @@ impl Trial {
     }
 }
 
-/// Of two scans of one view what is nearer; where one has no point, what the other has.
+/// Of two scans of one view, the nearer points; if one has no point, the other's point.
 fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
     let count = scan.width() * scan.height();
     let depth = |cloud: &OrganizedCloud<Camera>, index: usize| {
@@ -222,7 +222,8 @@ fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> Organi
 mod tests {
     use super::*;
 
-    /// A good panel stands in the box, before the fixture, and most of it is seen; the scan has points where it stands.
+    /// A good panel is in the box, in front of the fixture, and most of it is seen; the scan has points at its
+    /// place.
     #[test]
     fn good_trials_are_good() {
         for seed in 0..6 {

@@ -96,7 +96,7 @@ impl Trial {
         lattice.iter().all(is_inside) && self.faces(place, lattice)
     }
 
-    /// The share of these places of a panel that stands there which camera or projector do not see.
+    /// The share of these places of a panel at this pose that the camera or the projector does not see.
     pub(super) fn hidden_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
         let camera_from_base = base_from_camera.inverse();
@@ -113,7 +113,7 @@ impl Trial {
     }
 }
 
-/// Does a slab stand between the eye and the end of a ray?
+/// Is a slab between the eye and the end of a ray?
 fn is_before(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
     let length_mm = ray.norm();
     let met = slab.look(eye, &(ray / length_mm), 1e-6);
@@ -129,7 +129,7 @@ fn placed(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) ->
     Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * Vector3::from(CENTRE_MM)), rotation))
 }
 
-/// Things beside and behind the panel, in the box; few hide a part of it.
+/// Objects beside and behind the panel, in the box; few hide a part of the panel.
 fn beside(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
     let middle = place.isometry() * Point3::from(CENTRE_MM);
     let count = random.random_range(2..6);

@@ -1,9 +1,9 @@
-//! Where a trial's panel may stand, and the points at which it is checked.
+//! The space in which a trial's panel may be, and the points at which it is checked.
 
 use crate::sim::shape::Shape;
 use nalgebra::Vector2;
 
-/// The box in which a trial's panel stands, mm in the base frame; the fixture lies behind it.
+/// The box that contains a trial's panel, mm in the base frame; the fixture lies behind it.
 pub const TRIAL_BOX_MM: [[f64; 3]; 2] = [[250.0, -420.0, 10.0], [640.0, 420.0, 720.0]];
 
 /// Places of the sheet on the panel, 8 mm apart.

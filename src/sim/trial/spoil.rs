@@ -55,7 +55,7 @@ impl Trial {
         }
     }
 
-    /// A place beside the panel where another of its kind is seen as well as the first.
+    /// A place beside the panel at which a second panel of its kind is seen as well as the first.
     fn second(&self, random: &mut Pcg64) -> Option<Rigid<Base, Panel>> {
         let lattice = lattice(&self.taught);
         let middle = self.place.isometry() * Point3::from(CENTRE_MM);

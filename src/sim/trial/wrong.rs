@@ -44,10 +44,10 @@ pub enum Wrong {
     /// The panel moved during the scan: the picture is smeared.
     #[strum(serialize = "moved while scanned")]
     Smeared,
-    /// Two of its kind stand there.
+    /// Two panels of its kind are present.
     #[strum(serialize = "two panels")]
     TwoPanels,
-    /// A flat panel, alike in a mirror, whose marks are those of its mirror image.
+    /// A flat panel, equal to its mirror image, that has the marks of its mirror image.
     #[strum(serialize = "mirrored marks")]
     MirroredMarks,
     /// A flat panel that is held at another side than at teaching.

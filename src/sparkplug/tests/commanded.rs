@@ -51,7 +51,7 @@ fn a_rebirth_tells_everything_again_under_the_same_number() {
     assert!(birth.metrics.iter().any(|one| one.value == Some(Wire::Text("held".to_owned()))));
     assert!(matches!(&acts[1], Act::Note(AuditNote { what, refused: None, .. }) if what == "rebirth"), "{acts:?}");
 
-    // Asked for again at once it waits, and no data go out before it.
+    // A second request immediately afterwards waits, and no data are sent before it.
     assert_eq!(told(&mut node, &yes("Node Control/Rebirth"), 30), []);
     assert_eq!(node.step(Event::Seen(shown("idle")), at(500)), []);
     let acts = node.step(Event::Seen(shown("idle")), at(1_020));
@@ -60,7 +60,7 @@ fn a_rebirth_tells_everything_again_under_the_same_number() {
     assert_eq!(published(&acts)[0].1.seq, Some(1), "and on it goes");
 }
 
-/// Every other message asks for nothing, and its line says why.
+/// Every other message has no effect, and its line states why.
 #[test]
 fn other_messages_are_refused() {
     let stop = NodeCommand::Stop.name();
@@ -94,7 +94,8 @@ fn other_messages_are_refused() {
     assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
 }
 
-/// A command that the broker kept may be of yesterday; a topic that nobody asked for is the broker's own idea.
+/// A command that the broker retained may be from yesterday. The other topics are not subscribed: such a message is
+/// the broker's own idea.
 #[test]
 fn a_broker_that_lies_is_not_believed() {
     let payload = yes(NodeCommand::Stop.name());
@@ -109,8 +110,9 @@ fn a_broker_that_lies_is_not_believed() {
     }
 }
 
-/// Ten thousand stops and ten thousand messages without sense in ten seconds: the cell is asked once a second at most, the last stop
-/// is not lost, and the audit trail has a bounded number of lines and one that counts the others.
+/// Ten thousand stops and ten thousand meaningless messages in ten seconds: the cell receives at most one request a
+/// second, and the last stop is not lost. The audit trail has a bounded number of lines and one that counts the
+/// others.
 #[test]
 fn a_flood_is_bounded_and_swallows_no_stop() {
     let mut node = born(true);

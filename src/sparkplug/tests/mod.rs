@@ -1,4 +1,4 @@
-//! The node without a broker: what it says, message by message.
+//! The node without a broker: its output, message by message.
 
 mod commanded;
 mod walks;
@@ -107,7 +107,7 @@ fn a_birth_has_everything() {
     }
 }
 
-/// Only what changed, under its alias alone; nothing where nothing changed.
+/// Only changed values, under their alias alone; nothing if nothing changed.
 #[test]
 fn data_are_what_changed() {
     let mut node = born(false);
@@ -126,7 +126,7 @@ fn data_are_what_changed() {
     assert!(payload.metrics.iter().all(|one| one.is_null == Some(true) && one.value.is_none()), "{payload:?}");
 }
 
-/// A host that knows no aliases is told names and types.
+/// A host that cannot use aliases receives names and types.
 #[test]
 fn without_aliases_data_are_named() {
     let mut node = node(None, false, false);
@@ -183,8 +183,8 @@ fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<Act> {
     node.step(Event::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
 }
 
-/// Nothing is published before the primary host is online; where it goes offline the node dies and connects anew. What an earlier
-/// connection of the host says does not count.
+/// Nothing is published before the primary host is online; if it goes offline the node dies and connects anew. A
+/// statement of an earlier connection of the host does not count.
 #[test]
 fn the_primary_host_is_waited_for() {
     let mut node = node(Some("scada"), false, true);
@@ -233,7 +233,7 @@ fn what_no_host_says_is_refused() {
     }
 }
 
-/// Names differ also where a host does not know small from capital letters, and make no topic.
+/// Names also differ for a host that does not distinguish small from capital letters, and they form no topic.
 #[test]
 fn names_are_told_apart() {
     let names: Vec<_> = METRICS.iter().map(|one| one.name.to_lowercase()).collect();
@@ -242,7 +242,7 @@ fn names_are_told_apart() {
     assert_eq!(values(&CellView::default()).len(), METRICS.len());
 }
 
-/// The numbers are those of `packml`, whose own tests have all of them.
+/// The numbers are those of `packml`, which has its own tests for all of them.
 #[test]
 fn state_and_mode_are_told_by_number_and_word() {
     let mut state = State { at: At::Idle, ..State::NEW };
@@ -271,7 +271,7 @@ fn the_mode_is_not_guessed() {
     assert_eq!([heard(Robot::LinkLost), heard(Robot::Unknown), unit_mode(&LoopView::default())], [None; 3]);
 }
 
-/// A value that is no number is told as none.
+/// A value that is not a number is published as null.
 #[test]
 fn a_number_that_is_none_is_null() {
     let kept = KeptView { disc_worn_mm2: Some(f64::NAN), free_mb: Some(1_799), ..KeptView::default() };

@@ -83,7 +83,8 @@ proptest! {
     ) {
         let mut node = node(with_host.then_some("scada"), true, true);
         let (mut host, mut ms, mut connected) = (Host::default(), 0, false);
-        // The newest state that was seen, and whether the primary host has said that it is online since the connection began.
+        // The newest state seen, and whether the primary host has stated that it is online since the connection
+        // began.
         let (mut seen, mut online) = (None, false);
         for (step, passed) in walk {
             ms += passed;
@@ -133,7 +134,7 @@ proptest! {
                 prop_assert!(!with_host || online || kind == "NDEATH", "{kind} without its host");
                 host.hears(&kind, &payload);
             }
-            // At each look a host that listens knows everything.
+            // At each look a listening host has every value.
             if host.born && matches!(step, Step::See(_)) {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
                 let told = host.values[word].clone();

@@ -13,14 +13,15 @@ use serde::{Deserialize, Serialize};
 /// What earlier cycles removed of the same part.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct RemovedBefore {
-    /// The upper 95 % bound of it anywhere, µm; it counts everywhere, since the maps of earlier cycles are not kept.
+    /// The upper 95 % bound of the removal anywhere, µm; it counts everywhere, since the maps of earlier cycles are
+    /// not kept.
     pub bound_um: f64,
-    /// Earlier cycles that abraded the part, and of which nobody knows how deep.
+    /// Earlier cycles that abraded the part to an unknown depth.
     pub unknown: usize,
 }
 
 impl RemovedBefore {
-    /// What earlier cycles come to, where there were any.
+    /// The total of earlier cycles, if there were any.
     pub(super) fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
         let unknown = Check::new("earlier cycles of this part of which nobody knows how deep", "", self.unknown as f64)
@@ -38,7 +39,7 @@ impl RemovedBefore {
     }
 }
 
-/// The recipe asks for removal, and nobody knows what the disc takes off.
+/// The recipe asks for removal, and the disc's removal is not known.
 pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check =
@@ -140,5 +141,5 @@ fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
 /// From this share of the way on, its feed is what hinders an even removal.
 const MANY: f64 = 0.1;
 
-/// A mean that is short of the target by this share takes no second pass.
+/// A mean that is short of the target by this share needs no second pass.
 const TOLERATED: f64 = 0.1;

@@ -17,7 +17,7 @@ pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path)
         .collect()
 }
 
-/// Shares of the way in contact whose feed could not be scheduled as it was wanted, 0…1.
+/// Shares of the way in contact on which the feed could not be scheduled as wanted, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct AtBounds {
     /// At `min_feed_mm_s`.

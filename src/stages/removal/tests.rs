@@ -40,7 +40,8 @@ fn scheduled_feeds_remove_the_target() {
     assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
 }
 
-/// A highest feed that removes more than the target by itself is what a person is told to change, and so is a lowest one.
+/// If the highest feed alone removes more than the target, the message tells the person to change this feed; the
+/// same holds for a lowest feed.
 #[test]
 fn the_feed_that_hinders_is_named() {
     let told = |feed_mm_s: f64, lowest_mm_s: f64| {
@@ -97,7 +98,7 @@ fn today_s_feed_stays_and_its_removal_is_told() {
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
 
-/// In the air nothing is removed: no limit of the part is a reason, and none that is broken stands in a row.
+/// In the air nothing is removed: no limit of the part is a reason, and no row contains a broken limit.
 #[test]
 fn what_an_air_run_would_remove_is_no_reason() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
@@ -123,8 +124,8 @@ fn what_an_air_run_would_remove_is_no_reason() {
     }
 }
 
-/// By hand: k·p is proportional to the force, so that half of the force on the way takes off half; without a measurement the recipe's
-/// force counts.
+/// By hand: k·p is proportional to the force, so half of the force on the way removes half; without a measurement
+/// the recipe's force counts.
 #[test]
 fn the_force_that_was_measured_counts() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));

@@ -1,4 +1,4 @@
-//! A start reads the journal from its last checkpoint on, and comes to the same as by the whole of it.
+//! A start reads the journal from its last checkpoint on, with the same result as from the whole journal.
 
 use super::evidence::{behind_its_back, store_in, verify};
 use super::journal::progress;
@@ -27,7 +27,8 @@ fn a_checkpoint_folds_as_the_whole_journal() {
     assert_eq!(folded, crate::cycle::fold(store.journal().expect("whole")));
 }
 
-/// How long a start takes with so many lines in the journal: `cargo test -- --ignored --nocapture a_million`.
+/// The duration of a start with this number of lines in the journal: `cargo test -- --ignored --nocapture
+/// a_million`.
 fn started(lines: u32) -> [std::time::Duration; 3] {
     let (folder, mut store) = new_store();
     super::super::journal::fill(&mut store, lines).expect("filled");

@@ -5,7 +5,8 @@ use super::opening::become_the_first_schema;
 use super::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A thread writes line after line; each copy made meanwhile is the store of one moment, and holds what it says.
+/// A thread writes line after line; each copy made meanwhile is the store of one moment, and has the content that
+/// it reports.
 #[test]
 fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
     let (folder, mut store) = new_store();
@@ -68,7 +69,7 @@ fn a_store_that_was_changed_is_told_and_not_copied() {
     assert!(copied.found.iter().any(|words| words.contains("rolled back")), "{copied:?}");
     assert!(!folder.path().join("copy").exists());
 
-    // A row that no head tells of: the copy is verified, too.
+    // A changed row that no head shows: the copy is verified, too.
     drop(Store::create(&path).expect("opens"));
     let connection = Connection::open(path.join(DATABASE)).expect("opens");
     connection.execute("UPDATE journal SET unix_ms = 7 WHERE sequence = 3", []).expect("changed");

@@ -57,8 +57,8 @@ fn rows_alone(found: &Verified) -> Vec<&str> {
     found.found.iter().map(String::as_str).filter(|words| !words.contains("after the program closed it")).collect()
 }
 
-/// Whoever adds a table or a column must take it into the chain. The table of parts is an index over texts that are in it, and is
-/// compared with them.
+/// A new table or column must be added to the chain. The table of parts is an index over texts that are in the
+/// chain, and is compared with them.
 #[test]
 fn every_column_of_every_table_is_in_the_chain() {
     let (_folder, store) = new_store();
@@ -90,7 +90,7 @@ fn a_store_that_nobody_touched_is_whole() {
     assert_eq!(verify(&folder).found, [] as [String; 0]);
 }
 
-/// Each with a word that is told of it.
+/// Each with a word that the finding must contain.
 #[test]
 fn every_deletion_edit_and_exchange_is_named() {
     let exchange =
@@ -139,7 +139,7 @@ fn every_deletion_edit_and_exchange_is_named() {
     }
 }
 
-/// Somebody who knows how rows are linked still does not know the head outside.
+/// A person who can link rows still does not have the head outside.
 #[test]
 fn a_chain_that_was_written_anew_contradicts_its_head() {
     let folder = whole();
@@ -197,7 +197,7 @@ fn a_flipped_bit_in_any_page_is_found() {
     assert_eq!(verify(&folder).found, [] as [String; 0]);
 }
 
-/// A bit in any byte of the head is told, and the store still opens where the other copy explains it.
+/// A changed bit in any byte of the head is reported, and the store still opens if the other copy explains it.
 #[test]
 fn a_flipped_bit_in_the_head_is_found() {
     let folder = whole();
@@ -234,7 +234,7 @@ fn a_store_without_a_chain_is_taken_into_one() {
                     DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 5";
     behind_its_back(&folder, drop_all);
     let path = store_in(&folder);
-    // Beside a head that knows better it was rolled back, not left by an earlier program.
+    // A head that contradicts it shows that it was rolled back, not left by an earlier program.
     let store = Store::create(&path).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
     drop(store);

@@ -1,4 +1,4 @@
-//! A disk that is full: pictures are dropped, the journal goes on by its reserve, and a start says what to delete.
+//! A full disk: pictures are dropped, the journal continues with its reserve, and a start reports what to delete.
 
 use super::journal::progress;
 use super::*;
@@ -7,7 +7,7 @@ use crate::record::{Finding, Kind};
 use crate::verdict::{Judgement, Verdict};
 use std::process::Command;
 
-/// A small disk of its own, where this user may mount one.
+/// A small disk of its own, if this user may mount one.
 pub struct SmallDisk(TempDir);
 
 impl SmallDisk {
@@ -24,12 +24,12 @@ impl SmallDisk {
         }
     }
 
-    /// Where it is.
+    /// Its folder.
     pub fn folder(&self) -> &std::path::Path {
         self.0.path()
     }
 
-    /// Takes all that is left.
+    /// Fills all free space.
     fn fill(&self) {
         let mut ballast =
             fs::OpenOptions::new().create(true).append(true).open(self.0.path().join("ballast")).expect("made");
@@ -49,8 +49,8 @@ impl Drop for SmallDisk {
     }
 }
 
-/// Some other program fills the disk in contact: the retract, the hold and the stop are journaled, pictures are dropped, and
-/// whoever starts the program on the full disk hears what to delete.
+/// Another program fills the disk during contact: the retract, the hold and the stop are journaled, and pictures
+/// are dropped. A person who starts the program on the full disk is informed what to delete.
 #[test]
 fn the_journal_goes_on_where_the_disk_is_full() {
     let Some(disk) = SmallDisk::of(140) else { return };
@@ -83,7 +83,7 @@ fn the_journal_goes_on_where_the_disk_is_full() {
     let recovered = store.recover().expect("recovers");
     assert!(store.is_disk_full());
     drop(store);
-    // And in nothing at all: an error that says so, each time, and nothing is damaged by it.
+    // And a start without any space: an error that reports this, each time, and no damage.
     disk.fill();
     for _ in 0..40 {
         match Store::create(&path) {

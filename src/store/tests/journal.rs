@@ -111,8 +111,8 @@ impl Loop {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Whatever happened and wherever the process ended, the store folds to the table's own state, and its rows of
-    /// motions and cycles say the same as the journal.
+    /// For all events and wherever the process ended, the store folds to the table's own state, and its rows of
+    /// motions and cycles agree with the journal.
     #[test]
     fn what_is_appended_folds_as_in_memory(
         surprises in prop::collection::vec(0_u8..40, 1..160),
@@ -169,7 +169,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
     assert_eq!(recovered.at, At::Aborted { cause: Cause::Interrupted });
     assert!(store.has_open_motion().expect("read"));
 
-    // The next process: boot, robot ready, clear, and the robot says that it stands.
+    // The next process: boot, robot ready, clear, and the robot reports standstill.
     let mut cell = Loop { running: store.open_cycles().expect("read").first().copied(), store };
     let mut walk = Walk { state: cycle::fold(cell.store.journal().expect("read")), ..Walk::new() };
     let mut event = Event::Told(Report::Boot);
@@ -220,8 +220,8 @@ fn a_line_that_was_changed_lost_or_put_in_is_found() {
     }
 }
 
-/// The disk is full, also once the reserve was given up: the append is an error, what was acknowledged is there afterwards,
-/// and the journal goes on as soon as there is room.
+/// The disk is full, also after the reserve was released: the append is an error, acknowledged lines are still
+/// present afterwards, and the journal continues as soon as there is room.
 #[test]
 fn a_full_disk_takes_the_reserve_and_then_nothing() {
     let (folder, mut store) = new_store();

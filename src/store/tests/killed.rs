@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 
 const FOLDER: &str = "PANELPREP_TEST_APPENDS_TO";
 
-/// Not a test by itself: the child, which appends until it is killed, and says so after each line.
+/// Not a separate test: the child, which appends until it is killed, and reports each line.
 #[test]
 #[ignore = "run by the test below as a process of its own"]
 fn appends_until_killed() {
@@ -50,7 +50,8 @@ fn a_killed_process_leaves_a_prefix_without_duplicates() {
             }
             acknowledged =
                 line.strip_prefix("appended ").and_then(|count| count.parse::<u64>().ok()).or(acknowledged);
-            // Between 1 and 28 lines, then the kill hits wherever the child is; what it said meanwhile is read too.
+            // Between 1 and 28 lines, then the kill hits the child at any point; its output of the meantime is read
+            // too.
             if acknowledged == Some(before + 1 + kill * 3) {
                 child.kill().expect("killed");
             }

@@ -1,4 +1,4 @@
-//! What a crash, a copy or a lost file leaves: told where something is missing, and no alarm where nothing is.
+//! The state after a crash, a copy or a lost file: reported if something is missing, and no alarm if nothing is.
 
 use super::super::head;
 use super::super::steps::Step;
@@ -10,8 +10,8 @@ use crate::verdict::Verdict;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// An older database under a newer head, and the first to open it is a command that keeps one row: the next start rests in Aborted all
-/// the same, and the verification goes on saying so.
+/// An older database under a newer head, first opened by a command that writes one row: the next start still rests
+/// in Aborted, and the verification continues to report it.
 #[test]
 fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
     let folder = whole();
@@ -31,7 +31,7 @@ fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
     assert!(waits.found.iter().any(|words| words.contains("rolled back")), "{waits:?}");
 }
 
-/// A copy without its log: what it says is old, and the start rests until a person clears it.
+/// A copy without its log: its content is old, and the start rests until a person clears it.
 #[test]
 fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     let folder = whole();
@@ -56,7 +56,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     assert!(store.changed()[0].contains("rolled back: 2 writings"), "{:?}", store.changed());
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
     drop(store);
-    // The next start finds nothing new, and rests where it was.
+    // The next start finds nothing new, and rests in the same state.
     let mut store = Store::create(&lost).expect("opens");
     assert_eq!(store.changed(), [] as [String; 0]);
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
@@ -110,7 +110,7 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
         let to = to.join(format!("{number:03} {step:?}"));
         fs::create_dir_all(to.join("blobs")).expect("made");
         for name in [DATABASE, "panelprep.sqlite-wal", head::FILE] {
-            // Through another process: closing a file here would take SQLite's locks along.
+            // Through another process: closing a file here would also release SQLite's locks.
             let copied = std::process::Command::new("cp").arg(from.join(name)).arg(&to).status().expect("cp");
             assert!(copied.success() || name.ends_with("-wal"));
         }
@@ -142,7 +142,7 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
     assert!(count.load(Ordering::Relaxed) >= 200 && seen == [67; 3]);
 }
 
-/// A lock does not live by a file that somebody may remove.
+/// A lock does not depend on a file that a person may remove.
 #[test]
 fn a_second_writer_is_refused_though_the_lock_file_is_gone() {
     let (folder, mut store) = new_store();
@@ -157,7 +157,7 @@ fn a_second_writer_is_refused_though_the_lock_file_is_gone() {
     Store::create(&path).expect("free again");
 }
 
-/// A label is kept as the clock says it, also before 1970.
+/// A label is stored with the clock's time, also before 1970.
 #[test]
 fn a_clock_of_1960_stops_nothing() {
     let (folder, mut store) = new_store();

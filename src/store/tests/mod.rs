@@ -60,7 +60,7 @@ fn what_was_taught_comes_back_to_the_bit_after_a_restart() {
     assert!(version.len() == 16 && taught.taught_at_unix_s > 1_700_000_000);
 }
 
-/// The latest is what was taught last, also where it was taught before.
+/// The latest version is the one taught last, even if it was also taught before.
 #[test]
 fn the_latest_version_is_the_default_and_older_ones_stay() {
     let (_folder, mut store) = new_store();
@@ -147,7 +147,7 @@ fn nothing_half_written_stays() {
     broken.corners[1].base_from_flange.b_deg = f64::NAN;
     assert!(store.teach(&broken).expect_err("NaN").to_string().contains("corner 2"));
     assert!(store.taught("wing", None).is_err());
-    // A transaction that fails after the panel's row takes the row with it.
+    // A transaction that fails after the panel's row also removes that row.
     store.connection.execute("DROP TABLE taught_corners", []).expect("dropped");
     assert!(
         store.teach(&teaching("wing")).expect_err("no table").to_string().starts_with("cannot write the store")

@@ -154,7 +154,7 @@ fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     assert!(found.iter().all(|words| words.contains("is not the one that signature")), "{found:?}");
 }
 
-/// Leaves a chain as an earlier program wrote it, without what the office is to have, and a head that says so.
+/// Leaves a chain as an earlier program wrote it, without the rows for the office, and a head that agrees with it.
 pub fn chain_without_outbox(path: &Path) {
     let connection = Connection::open(path.join(DATABASE)).expect("opened");
     let links: Vec<(String, i64, [u8; 32])> = connection

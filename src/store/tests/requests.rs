@@ -1,4 +1,4 @@
-//! What was asked, by whom, with what came of it.
+//! Requests, with the person and the result.
 
 use super::*;
 use crate::cycle::{Event, Request};

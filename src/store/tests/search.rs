@@ -105,7 +105,7 @@ fn pages_follow_each_other_while_cycles_begin() {
     assert_eq!(seen, [4, 3, 2, 1]);
 }
 
-/// Leaves the tables of schema 7 in a store without findings, whose times the chain would miss.
+/// Leaves the tables of schema 7 in a store without findings; otherwise the chain would miss the findings' times.
 pub const SCHEMA_7: &str = "DROP TABLE cycle_parts; DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; \
                         DROP TABLE audit; DROP TABLE signatures; DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 7";
 

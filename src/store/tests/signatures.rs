@@ -99,7 +99,8 @@ fn a_person_signs_a_record_once_for_each_meaning() {
     assert_eq!(found(&path), [] as [String; 0]);
 }
 
-/// Somebody who knows the program writes its chain and head anew over rows that he changed: what was signed contradicts them.
+/// A person who knows the program writes its chain and head anew over changed rows: the signed records contradict
+/// them.
 #[test]
 fn rows_changed_with_their_chain_contradict_what_was_signed() {
     let (_folder, path) = signed();
@@ -147,7 +148,7 @@ fn a_changed_statement_signature_or_row_is_named() {
     assert!(told.iter().any(|told| told.contains("signature 2: ") && told.contains("is damaged")), "{told:?}");
 }
 
-/// Who signs does not write a new head over the one that knows better: the next start finds the rollback.
+/// Signing does not write a new head over a head that contradicts the rows: the next start finds the rollback.
 #[test]
 fn a_store_that_was_rolled_back_is_not_signed() {
     let (folder, mut store) = new_store();
@@ -166,7 +167,8 @@ fn a_store_that_was_rolled_back_is_not_signed() {
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
 }
 
-/// What is kept of a cycle after its end does not change its verdict; where it contradicts a pass, the store is not as it must be.
+/// A finding stored after a cycle's end does not change the cycle's verdict; if it contradicts a pass, the store
+/// does not verify.
 #[test]
 fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     let (folder, mut store) = new_store();
@@ -276,7 +278,7 @@ fn passes_of_a_serial_are_counted_over_its_cycles() {
 
 const FOLDER: &str = "PANELPREP_TEST_SIGNS_IN";
 
-/// Not a test by itself: the child, which signs until it is killed, and says so after each signature.
+/// Not a separate test: the child, which signs until it is killed, and reports each signature.
 #[test]
 #[ignore = "run by the tests below as a process of its own"]
 fn signs_until_killed() {

@@ -1,5 +1,5 @@
-//! An arm as it truly is: a chain of Denavit–Hartenberg frames whose numbers are off, axes that yield under the weight of the
-//! links, and gears that err with the angle.
+//! The true arm: a chain of Denavit–Hartenberg frames with numbers that are off, axes that yield under the weight
+//! of the links, and gears that err with the angle.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::cell::ArmGeometry;
@@ -36,7 +36,8 @@ pub struct TrueArm {
     gears: [(f64, f64, f64); 6],
 }
 
-/// Mass of what hangs on axes 2, 3 and 5, kg, and where its middle is along it, of its length.
+/// Mass of the parts that hang on axes 2, 3 and 5, kg, and the place of its middle along them, as a share of their
+/// length.
 const MASSES_KG: [f64; 3] = [9.0, 8.0, 5.0];
 
 impl TrueArm {
@@ -60,7 +61,7 @@ impl TrueArm {
         }
     }
 
-    /// With errors of its own, larger ones under load and in the gears where `is_hard`.
+    /// An arm with its own errors, larger ones under load and in the gears if `is_hard`.
     pub fn random(geometry: ArmGeometry, random: &mut Pcg64, is_hard: bool) -> Self {
         let mut arm = TrueArm::drawn(geometry);
         let mut within = |reach: f64| (2.0 * random.random::<f64>() - 1.0) * reach;
@@ -82,7 +83,7 @@ impl TrueArm {
         arm
     }
 
-    /// Where its flange truly is.
+    /// The true place of the flange.
     pub fn base_from_flange(&self, joints: &Joints) -> Isometry3<f64> {
         let all = joints.degrees();
         let g = &self.geometry;
@@ -91,7 +92,7 @@ impl TrueArm {
         for (angle, (amplitude, phase, periods)) in q.iter_mut().zip(&self.gears) {
             *angle += amplitude * (periods * *angle + phase).sin();
         }
-        // The weights' moments about axes 2 to 5, from the arm as it stands, N·m.
+        // The weights' moments about axes 2 to 5, from the arm's present pose, N·m.
         let frames = self.frames(&q);
         let middles = [
             frames[0].translation.vector * 0.55 + frames[1].translation.vector * 0.45,

@@ -1,5 +1,5 @@
-//! A scenario's course, from the service's start to the end of an honest cycle behind the lie: waits for the moment, lets the lie be
-//! told, and has the person press what the scenario says.
+//! A scenario's course, from the service's start to the end of an honest cycle after the lie. It waits for the
+//! moment, lets the lie be told, and has the person press what the scenario states.
 
 use super::liar::Liar;
 use super::lie::{Kind, Moment, Scenario};
@@ -9,7 +9,7 @@ use super::truth::{Truth, WATER};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// So long a person looks what has come of it, before anything else is asked for.
+/// Time for which a person watches the result before requesting anything else.
 const LOOKS_ON: Duration = Duration::from_millis(1_700);
 /// To the moment of the scenario.
 const TO_MOMENT: Duration = Duration::from_secs(90);
@@ -24,10 +24,10 @@ pub struct Course<'c> {
 }
 
 impl Course<'_> {
-    /// The whole course.
+    /// Runs the whole course.
     ///
     /// # Errors
-    /// Where the service does not come back.
+    /// If the service does not recover.
     pub fn run(&mut self) -> Result<(), String> {
         match self.scenario.moment {
             Moment::Connect => self.at_connect()?,
@@ -56,7 +56,7 @@ impl Course<'_> {
         self.tells(Instant::now())
     }
 
-    /// Whether a lie of this kind needs a connection that is there.
+    /// Returns whether a lie of this kind needs an existing connection.
     pub fn begins_late(&self) -> bool {
         matches!(self.scenario.lie.kind, Kind::Close | Kind::OldBytes)
     }
@@ -81,7 +81,7 @@ impl Course<'_> {
         Ok(())
     }
 
-    /// Where a busy machine ends the cycle before its moment, or nothing is found to abrade, another one is begun.
+    /// If a busy machine ends the cycle before its moment, or nothing is found to abrade, another cycle is begun.
     fn within_a_cycle(&mut self, moment: Moment) -> Result<(), String> {
         let film = if self.scenario.needs_contact() { ONE_BREAK } else { NO_BREAK };
         let awaited = if moment == Moment::Stop { self.scenario.amid } else { moment };

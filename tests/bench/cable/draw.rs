@@ -22,7 +22,7 @@ impl Draw {
         self.0.random_range(first..=last)
     }
 
-    /// One of so many times.
+    /// Returns true in one of this number of cases.
     pub fn one_in(&mut self, many: u64) -> bool {
         self.below(many) == 0
     }

@@ -1,10 +1,13 @@
-//! The judges: what must hold of the arm and its outputs, by what the controller itself said, whatever the service was told.
+//! The judges: requirements on the arm and its outputs, by the controller's own reports, whatever the service was
+//! told.
 //!
-//! 1. An ended epoch moves nothing: while the controller says that it has stopped, the arm stands, but for braking and the retract.
-//! 2. A stop that was pressed has stopped the controller within [`STOP_MS`], whether by its own request, by closing, or by the watchdog.
-//! 3. Tool and water are off where an epoch has ended, and while the client is silent; what may run on is off in its time. A stop in
-//!    contact is followed by a retract, and nobody stands on the panel.
-//! 4. A cycle passes only where the controller has executed every waypoint in contact that the service sent.
+//! 1. An ended epoch moves nothing: while the controller reports that it has stopped, the arm stands still, except
+//!    for braking and the retract.
+//! 2. A stop that was pressed has stopped the controller within [`STOP_MS`], by its own request, by closing, or by
+//!    the watchdog.
+//! 3. Tool and water are off after the end of an epoch, and while the client is silent; outputs that may run on are
+//!    off in their time. A stop in contact is followed by a retract, and the tool never stays on the panel.
+//! 4. A cycle passes only if the controller has executed every waypoint in contact that the service sent.
 
 use super::lie::{Kind, Lie};
 use super::person::{Cycle, Order};
@@ -32,7 +35,7 @@ const RETRACT_DEG: f64 = 1.0;
 const EXTRACTION_MS: f64 = 30_000.0;
 const LIGHT_MS: f64 = 60_000.0;
 
-/// What the judges say.
+/// The findings of the judges.
 #[derive(Debug, Default)]
 pub struct Judged {
     pub violations: Vec<String>,
@@ -50,7 +53,7 @@ impl Judged {
     }
 }
 
-/// When the controller's own log says that it stopped an epoch, by its own clock, ms.
+/// Returns the times at which the controller's own log reports the stop of an epoch, by its own clock, ms.
 pub fn logged_stops(log: &str) -> Vec<f64> {
     let of = |line: &str| {
         let (seconds, rest) = line.trim().split_once(" s ")?;
@@ -123,7 +126,8 @@ fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, o
             states.iter().filter(|state| state.at_ms > press.at_ms && state.at_ms < end_ms).collect();
         let Some(last) = after.iter().rposition(|state| !is_safe(state)) else { continue };
         let stood_ms = after.get(last + 1).map(|state| state.at_ms);
-        // Where the connection was lost first, the controller's own log knows; both clocks are compared by the last state.
+        // If the connection was lost first, the controller's own log has the time; the last state relates the two
+        // clocks.
         let offset_ms = after[last].at_ms - after[last].time_ms;
         let logged_ms = stops_ms.iter().map(|at| at + offset_ms).find(|at| *at >= press.at_ms - STATE_MS);
         let stopped_ms = [stood_ms, logged_ms].into_iter().flatten().fold(f64::MAX, f64::min);

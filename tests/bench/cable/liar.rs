@@ -1,4 +1,4 @@
-//! Tells the lie: what becomes of each message between the service and the controller.
+//! Tells the lie: decides what becomes of each message between the service and the controller.
 
 use super::draw::Draw;
 use super::lie::{Change, Kind, Lie, Way};
@@ -7,15 +7,15 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// So many messages of each way are remembered.
+/// Number of messages of each way that are remembered.
 const REMEMBERED: usize = 40;
-/// What stands between messages: nothing that a controller or the service would say.
+/// Text between messages that neither a controller nor the service would send.
 const GARBAGE: [&[u8]; 6] = [b"xyz", b"<a/>", b"</St>", b"<", b"\xff\xfe<", b"<!DOCTYPE a [<!ENTITY b \"c\">]>"];
 
 /// What travels on.
 #[derive(Debug)]
 pub enum Piece {
-    /// So much later than usual.
+    /// Bytes that travel this much later than usual.
     Bytes(Duration, Vec<u8>),
     /// Both ends of the connection are closed.
     Close,
@@ -39,7 +39,7 @@ struct Inside {
     draw: Draw,
     /// Bytes of an old connection for the next one.
     replayed: Option<(Way, Vec<u8>)>,
-    /// Nobody is let in until then.
+    /// No connection is accepted until then.
     refused_until: [Option<Instant>; 2],
 }
 
@@ -56,7 +56,7 @@ impl Liar {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins to tell it.
+    /// Begins to tell the lie.
     pub fn begin(&self, lie: &Lie) {
         let mut inside = self.lock();
         if lie.kind == Kind::OldBytes {
@@ -91,7 +91,7 @@ impl Liar {
         self.lock().count
     }
 
-    /// Whether all of it has been told.
+    /// Returns whether the whole lie has been told.
     pub fn is_over(&self) -> bool {
         self.lock().told.as_ref().is_none_or(|told| told.left == 0 || told.is_late())
     }
@@ -226,7 +226,7 @@ impl Inside {
             _ => changed(&text, lie.field, lie.change).unwrap_or_else(|| text.clone()),
         };
         if changed == text {
-            // Nothing is different: nothing was said that is not so.
+            // The message is unchanged, so no lie was told.
             self.count -= 1;
             told.left = told.left.saturating_add(1);
         }

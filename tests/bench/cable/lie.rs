@@ -1,5 +1,5 @@
-//! What a scenario is: which lie is told, when, on which way, and whether a person presses something meanwhile. Everything is drawn
-//! from the bench's seed and the scenario's number, so that one scenario can be run again.
+//! Defines a scenario: which lie is told, when, on which way, and whether a person presses something meanwhile.
+//! Everything is drawn from the bench's seed and the scenario's number, so that one scenario can be run again.
 
 use super::draw::Draw;
 use std::fmt;
@@ -67,7 +67,7 @@ kinds! {
     RequestField "a request's field",
 }
 
-/// When it is told.
+/// The moment at which the lie is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Moment {
     Contact,
@@ -108,9 +108,9 @@ pub enum Change {
 pub struct Lie {
     pub kind: Kind,
     pub way: Way,
-    /// Both channels, where that makes a difference.
+    /// Both channels, if that makes a difference.
     pub both: bool,
-    /// How long it is told at most, and how often.
+    /// The longest time for which it is told, and the number of times.
     pub lasts_ms: u64,
     pub times: u64,
     /// A delay, or a pause.
@@ -128,7 +128,7 @@ pub struct Scenario {
     pub number: u64,
     pub lie: Lie,
     pub moment: Moment,
-    /// Where the moment is the stop itself: what is going on then.
+    /// The phase in which the stop occurs, if the moment is the stop itself.
     pub amid: Moment,
     /// How long after the moment the lie begins.
     pub after_ms: u64,
@@ -241,7 +241,7 @@ impl Lie {
             Kind::Stall | Kind::BlackHole => draw.of(&[150, 300, 390, 500, 1_000, 2_500]),
             Kind::Refuse => draw.of(&[300, 1_500, 4_000]),
             Kind::Frozen | Kind::Clock => draw.of(&[250, 600, 1_500, 4_000]),
-            // Until it has been told so often.
+            // Until it has been told this number of times.
             _ if times < u64::MAX => 5_000,
             _ => draw.of(&[1_000, 2_000, 3_000]),
         };

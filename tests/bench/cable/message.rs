@@ -31,7 +31,7 @@ fn end_of(bytes: &[u8], end: &[u8]) -> Option<usize> {
     bytes.windows(end.len()).position(|window| window == end).map(|at| at + end.len())
 }
 
-/// Where the value of an attribute stands; `Base/X` is the attribute X of the element Base.
+/// Returns the place of an attribute's value; `Base/X` is the attribute X of the element Base.
 fn place(document: &str, name: &str) -> Option<(usize, usize)> {
     let (element, attribute) = name.split_once('/').unwrap_or(("", name));
     let from = if element.is_empty() { 0 } else { document.find(&format!("<{element} "))? };
@@ -47,7 +47,7 @@ pub fn number(document: &str, name: &str) -> Option<f64> {
     value(document, name)?.parse().ok()
 }
 
-/// As a whole number; 0 where it is none.
+/// The value as a whole number; 0 if it is not one.
 pub fn whole(document: &str, name: &str) -> i64 {
     value(document, name).and_then(|text| text.parse().ok()).unwrap_or(0)
 }

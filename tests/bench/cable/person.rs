@@ -1,5 +1,5 @@
-//! The person at the cell, who has the socket alone: sees how the cell stands, clears, resets, starts, stops, and keeps in mind what was
-//! asked for when, and how each cycle ended.
+//! The person at the cell, who has only the socket. The person sees the state of the cell, clears, resets, starts
+//! and stops, and remembers the time of each request and the end of each cycle.
 
 use super::asking::ask;
 use super::cell::Prepared;
@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 
 /// From one look at the cell to the next.
 pub const LOOKS: Duration = Duration::from_millis(60);
-/// A cycle that goes on after the lie has ended within this.
+/// A cycle that continues after the lie has ended within this.
 const TO_REST: Duration = Duration::from_secs(110);
-/// After the lie and the cycle that it was told in, a person has the next cycle started within this.
+/// After the lie and the cycle in which it was told, a person has started the next cycle within this.
 const BACK: Duration = Duration::from_secs(45);
 /// An honest cycle.
 const CYCLE: Duration = Duration::from_secs(110);
@@ -24,7 +24,7 @@ const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];
 pub const ONE_BREAK: [&str; 2] = ["observation_s = 8.0", "min_break_mm2 = 150.0"];
 pub const NO_BREAK: [&str; 2] = ["observation_s = 5.5", "min_break_mm2 = 900.0"];
 
-/// What the person asked for.
+/// A request of the person.
 #[derive(Debug, Clone)]
 pub struct Order {
     pub at_ms: f64,
@@ -49,7 +49,7 @@ pub struct Person<'c> {
     refusal: String,
 }
 
-/// What the service says of itself.
+/// The service's report of its own state.
 pub struct Look {
     pub word: String,
     pub phase: String,
@@ -117,7 +117,7 @@ impl<'c> Person<'c> {
         self.order(&json!({ "ask": "start", "recipe": recipe, "text": text, "part": part }))
     }
 
-    /// Looks until this holds; false where it takes too long.
+    /// Looks until this holds; returns false if it takes too long.
     pub fn until(&mut self, patience: Duration, holds: impl Fn(&Look) -> bool) -> Result<bool, String> {
         let since = Instant::now();
         while since.elapsed() < patience {
@@ -154,12 +154,12 @@ impl<'c> Person<'c> {
         }
     }
 
-    /// Until the abort that was asked for is at its end.
+    /// Waits until the requested abort is at its end.
     pub fn until_aborted(&mut self) -> Result<(), String> {
         self.until(TO_REST, |look| look.word == "aborted").map(drop)
     }
 
-    /// The cycle goes on to its end, or was ended.
+    /// Waits until the cycle has continued to its end, or was ended.
     pub fn rest(&mut self) -> Result<(), String> {
         if self.until(TO_REST, |look| look.rests())? {
             return Ok(());

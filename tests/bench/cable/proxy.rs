@@ -61,7 +61,7 @@ impl Proxy {
         Proxy(cable)
     }
 
-    /// Closes a channel's connection; false where there was none.
+    /// Closes a channel's connection; returns false if there was none.
     pub fn close(&self, index: usize) -> bool {
         let connection = self.0.connections[index].lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(connection) = &connection {
@@ -90,7 +90,7 @@ impl Cable {
                 listener = TcpListener::bind(sought).and_then(|new| new.set_nonblocking(true).map(|()| new)).ok();
             }
             if let Some(Ok((client, _))) = listener.as_ref().map(TcpListener::accept) {
-                // A controller that has its client, or is not there, takes no other.
+                // A controller that has its client, or does not exist, accepts no other client.
                 let _ = self.carry(index, client, controller);
             }
             thread::sleep(ROUND);
@@ -124,7 +124,7 @@ impl Cable {
         Ok(())
     }
 
-    /// Reads until the end, and passes on what the liar makes of it.
+    /// Reads until the end, and passes on the result of the liar.
     fn read(&self, way: Way, mut from: TcpStream, pieces: &Sender<(Instant, Piece)>) {
         let side = if way.is_to_controller() { Side::Said } else { Side::True };
         let (mut splitter, mut bytes, mut due) = (Splitter::default(), vec![0; 65_536], Instant::now());

@@ -1,4 +1,5 @@
-//! Tries the judges: what the controller said is changed before they hear it, so that each of them must find something.
+//! Tests the judges: the controller's reports are changed before the judges hear them, so that each judge must find
+//! something.
 
 use super::message;
 use super::truth::{Event, Side};
@@ -8,11 +9,11 @@ use super::truth::{Event, Side};
 pub enum Tried {
     /// A stopped arm creeps on.
     Motion,
-    /// The controller never says that it has stopped, and moves.
+    /// The controller never reports that it has stopped, and moves.
     Stop,
     /// The tool runs on.
     Tool,
-    /// The arm stays where it was stopped.
+    /// The arm stays at the place where it was stopped.
     Retract,
     /// The last waypoints were not executed.
     Pass,
@@ -20,7 +21,7 @@ pub enum Tried {
 
 impl Tried {
     /// # Panics
-    /// Where there is no such word.
+    /// If there is no such word.
     pub fn named(word: &str) -> Self {
         match word {
             "motion" => Tried::Motion,
@@ -32,7 +33,7 @@ impl Tried {
         }
     }
 
-    /// What the judges are told.
+    /// Returns the events that the judges hear.
     pub fn changed(self, mut events: Vec<Event>) -> Vec<Event> {
         let (mut before, mut crept_deg) = (String::new(), 0.0);
         let states = events.iter_mut().filter(|event| event.side == Side::True && event.text.contains("<St "));
@@ -63,7 +64,7 @@ impl Tried {
     }
 }
 
-/// With the axes as they stood then.
+/// Returns the state with the earlier axis angles.
 fn standing(text: &str, before: &str) -> String {
     ["J/A1", "J/A2", "J/A3", "J/A4", "J/A5", "J/A6"].iter().fold(text.to_owned(), |text, axis| {
         let angle = message::value(before, axis);

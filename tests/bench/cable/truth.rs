@@ -1,19 +1,19 @@
-//! What really happened, on the controller's side of the lie: the states as it sent them, the commands and requests as they reached it;
-//! and what the service said, before any of it was changed.
+//! The true events, on the controller's side of the lie: the states as it sent them, the commands and requests as
+//! they reached it. Also the service's messages, before any of them was changed.
 
 use super::message;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Who says something, and who hears it.
+/// The sender or receiver of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// The service said it.
+    /// The service sent it.
     Said,
     /// The controller was given it.
     Given,
-    /// The controller said it.
+    /// The controller sent it.
     True,
     /// The service was shown it.
     Shown,
@@ -83,7 +83,7 @@ impl State {
     }
 }
 
-/// Commands in contact: what was said of each, and what the controller was given.
+/// Commands in contact: each as the service sent it, and as the controller received it.
 pub type Contacts = BTreeMap<Key, [Option<String>; 2]>;
 
 #[derive(Debug, Default)]
@@ -175,7 +175,7 @@ pub fn states(events: &[Event]) -> Vec<State> {
     events.iter().filter_map(of).collect()
 }
 
-/// The commands in contact of these events. What the service said is counted by its own epoch and id.
+/// Returns the commands in contact of these events. A command of the service is counted by its own epoch and id.
 pub fn contacts(events: &[Event]) -> Contacts {
     let mut contacts = Contacts::new();
     for event in events.iter().filter(|event| event.text.contains("<Cmd ")) {
@@ -186,7 +186,7 @@ pub fn contacts(events: &[Event]) -> Contacts {
         };
         let text = event.text[event.text.find("<Cmd ").unwrap_or(0)..].to_owned();
         let key = (message::whole(&text, "Ep"), message::whole(&text, "Id"));
-        // The service says each once; a second that the controller is given under the same number is refused.
+        // The service sends each command once; a second command under the same number is refused by the controller.
         contacts.entry(key).or_default()[place].get_or_insert(text);
     }
     contacts.retain(|_, [said, given]| said.is_some() || given.as_ref().is_some_and(|text| is_contact(text)));

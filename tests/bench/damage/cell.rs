@@ -1,4 +1,5 @@
-//! The simulated cell's scan, corner pictures and clip as files, what the stages say of them, and of damaged copies.
+//! The simulated cell's scan, corner pictures and clip as files, and the results of the stages on them and on
+//! damaged copies.
 
 use super::{Damage, damaged, one_of};
 use panelprep::cell::LensExtent;
@@ -25,17 +26,17 @@ const OBSERVED_S: f64 = 4.0;
 pub enum Found {
     /// A file was refused.
     Refused,
-    /// The verdict is no accept where it was one, or another kind of failure.
+    /// The verdict is no longer accept, or is another kind of failure.
     Told,
     /// An accepted pose, so far from the one by the undamaged files.
     Pose { moved_mm: f64 },
-    /// The broken film is told as broken.
+    /// The broken film is reported as broken.
     StillFails,
     /// The broken film passes.
     Passed,
 }
 
-/// A corner's picture, and where its flange was.
+/// A corner's picture, and the place of its flange.
 struct CornerFile {
     png: Vec<u8>,
     picture: ColorPicture,
@@ -125,7 +126,7 @@ impl Held {
             .fold(0.0, f64::max)
     }
 
-    /// `None` where the file is refused; then where the panel stands, where that is accepted.
+    /// `None` if the file is refused; otherwise the panel's pose, if it is accepted.
     fn locate(&self, scan: &[u8]) -> Option<Option<Rigid<Base, Panel>>> {
         let camera = self.cell.scanner();
         let scan = files::read_cloud(scan, camera).ok()?;
@@ -150,7 +151,7 @@ impl Held {
         }
     }
 
-    /// Where the corners put the panel, where that is accepted.
+    /// The panel's pose from the corners, if it is accepted.
     fn refine(&self, pictures: &[&ColorPicture]) -> Option<Rigid<Base, Panel>> {
         let camera = self.cell.flange_camera();
         let held =
@@ -191,7 +192,7 @@ impl Held {
         }
     }
 
-    /// The verdict of a clip with this list; `None` where something of it is refused.
+    /// The verdict of a clip with this list; `None` if a part of it is refused.
     fn inspect(&self, pictures: &[Arc<ColorPicture>], list: &str) -> Option<Verdict> {
         let listed = files::read_clip(list.as_bytes()).ok()?;
         let camera_from_panel =

@@ -1,4 +1,4 @@
-//! Clips of the simulator with all that makes a film hard to read, and what the test says of them.
+//! Clips of the simulator with everything that makes a film hard to read, and the results of the test on them.
 
 use crate::conditions::Conditions;
 use crate::tally::{Clip, Tally, Truth, contrast_to_noise};
@@ -10,7 +10,7 @@ use panelprep::recipe::Recipe;
 use panelprep::sim::{self, Cell, Film, FilmSpec, Grease, SandedLook, Sanding, Scene, Spot, SpotKind, WET_FROM_S};
 use std::time::Instant;
 
-/// What the recipes of all clips ask for.
+/// The frame rate that the recipes of all clips require.
 pub const FRAMES_PER_SECOND: f64 = 5.0;
 /// Noise of a pixel of the simulator, grey levels.
 const NOISE_LEVELS: f64 = 2.0;
@@ -28,7 +28,7 @@ pub struct Extent {
     pub kind: Option<String>,
 }
 
-/// A panel that was taught and stands displaced.
+/// A panel that was taught and is displaced.
 pub struct Bench {
     pub cell: Cell,
     pub taught: TaughtPanel,

@@ -44,7 +44,7 @@ impl Conditions {
         Conditions { frames_per_second: rate, uneven, sanded, beyond_mm, seed }
     }
 
-    /// What a camera does that is as good as the recipe asks, and nothing was sanded.
+    /// The conditions of a camera that is as good as the recipe requires, with nothing sanded.
     pub fn plain(frames_per_second: f64) -> Self {
         Conditions { frames_per_second, uneven: 0.0, sanded: Vec::new(), beyond_mm: 0.0, seed: 0 }
     }

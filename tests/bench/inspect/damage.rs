@@ -46,7 +46,7 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     }),
 ];
 
-/// How many of how many were not told.
+/// Returns how many damages were not reported, or reported wrongly.
 pub fn run(seeds: u64, reduction: usize) -> usize {
     let mut wrong = 0;
     for seed in 1..=seeds {

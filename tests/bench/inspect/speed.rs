@@ -86,7 +86,7 @@ fn peers(folder: &Path, region: &panelprep::geometry::Mask) {
     }
 }
 
-/// The most memory that `panelprep inspect` takes for a clip of 60 s, as the system counts it.
+/// The peak memory of `panelprep inspect` for a clip of 60 s, as the system counts it.
 pub fn memory(reduction: usize) {
     let folder = std::env::temp_dir().join(format!("panelprep-memory-{}", std::process::id()));
     let file = |name: &str| folder.join(name).display().to_string();

@@ -10,7 +10,7 @@ use std::time::Duration;
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
 /// What the recipes allow.
 const DAMP: f64 = 0.8;
-/// … and a grid, if so much of it has.
+/// … and a grid, if this share of it has contrast.
 const CONTRAST_SHARE: f64 = 0.95;
 
 /// What is true of a clip; masks and values are those of its pictures' pixels.
@@ -78,7 +78,7 @@ impl Tally {
         self.judging.push(duration);
     }
 
-    /// Takes a clip. `sanded` says which grids were sanded before it.
+    /// Adds a clip. `sanded` states which grids were sanded before it.
     pub fn take(
         &mut self,
         clip: &Clip<'_>,

@@ -1,4 +1,5 @@
-//! The other end of a link, as small as it can be: it answers every request at once, and loses acknowledgements when told to.
+//! The other end of a link, as small as possible: it answers every request at once, and loses acknowledgements when
+//! told to.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -31,7 +32,7 @@ impl Peer {
             let port = listener.local_addr().expect("bound").port();
             let inside = inside.clone();
             std::thread::spawn(move || {
-                // What measures must not be what is measured; where it is not permitted, it is.
+                // The instrument must not measure itself. If the priority is not permitted, it does.
                 let _ = rustix::process::setpriority_process(None, INSTRUMENT_NICE);
                 for stream in listener.incoming().map_while(Result::ok) {
                     // It ends with its client, who comes again.
@@ -65,7 +66,7 @@ impl Peer {
     }
 }
 
-/// Calls this with the values of each document: what stands between its quotes.
+/// Calls this with the values of each document: the numbers between its quotes.
 fn documents(mut stream: TcpStream, end: &str, mut act: impl FnMut(&[u32]) -> String) -> std::io::Result<()> {
     stream.set_nodelay(true)?;
     let (mut text, mut bytes) = (String::new(), [0; 16_384]);

@@ -37,8 +37,8 @@ const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
 
-/// What a request is answered; empty where it was not.
-/// Sends a word to the socket and returns its answer; a clear is upon the step that is shown just before.
+/// Sends a word to the socket and returns its answer; empty if there was none. A clear refers to the step that is
+/// shown immediately before.
 fn ask(socket: &Path, word: &str) -> String {
     let mut line = json!({ "ask": word });
     if word == "clear" {
@@ -62,7 +62,7 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// A record on a disk that hangs once each time that it is asked to.
+/// A record on a disk that hangs once each time that this is requested.
 struct Hanging<'s> {
     record: StoreRecord<'s>,
     hangs: Arc<AtomicBool>,
@@ -106,7 +106,7 @@ impl Served {
         let hung = hangs.clone();
         let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
         let gateway = Gateway::new(sender.clone(), loader, None);
-        // Whoever serves a page reads the store, which is there before the service runs.
+        // The server of a page reads the store, which must exist before the service runs.
         drop(Store::create(&store_folder).expect("a store"));
         let watched = supervisor.clone();
         let service = std::thread::spawn(move || {
@@ -140,7 +140,7 @@ impl Served {
         Served { peer, hangs, sender, gateway, folder, supervisor, service }
     }
 
-    /// How long each abort took to the frame; `ask` sends a word to a front and returns its answer.
+    /// Measures the time of each abort until its frame; `ask` sends a word to a front and returns its answer.
     fn timed(&self, trials: usize, ask: impl Fn(&str) -> String, is_done: impl Fn(&str) -> bool) -> Vec<Duration> {
         let mut found = Vec::with_capacity(trials);
         for _ in 0..trials {
@@ -161,7 +161,7 @@ impl Served {
     }
 }
 
-/// How long each abort at the socket took, and how much the clients did meanwhile.
+/// Returns the time of each abort at the socket, and the number of requests that the clients made meanwhile.
 pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     let served = Served::start();
     let path = served.folder.path().join("socket");
@@ -181,7 +181,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     (found, done.load(Ordering::Relaxed))
 }
 
-/// How long each abort at the socket took while the disk hangs under its line in the journal.
+/// Returns the time of each abort at the socket while the disk hangs under its line in the journal.
 pub fn aborts_on_a_hanging_disk(trials: usize) -> Vec<Duration> {
     let served = Served::start();
     let path = served.folder.path().join("socket");
@@ -255,7 +255,8 @@ fn http(address: &str, method: &str, path: &str) -> String {
     answer
 }
 
-/// How long each abort on the page took while so many look on; one more opens a connection and reads nothing.
+/// Returns the time of each abort on the page while this number of viewers look on; one more opens a connection and
+/// reads nothing.
 pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let served = Served::start();
     let page = cell::Page {

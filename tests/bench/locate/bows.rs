@@ -1,6 +1,7 @@
-//! Panels that bow and wave since they were taught: is a panel that is right but bent accepted, does the path on today's surface lie on the true
-//! one, and within what is stated? One of three has a camera whose distances are too long or too short, of which the maker's figure alone is known;
-//! far from the taught place such a pose is for a person, bent or not.
+//! Panels that have developed bows and waves since they were taught. Is the right panel accepted although it is
+//! bent? Does the path on today's surface lie on the true surface, and within the stated error? One of three panels
+//! has a camera whose distances are too long or too short, with only the maker's figure known. Far from the taught
+//! place such a pose is for a person, bent or not.
 
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share};
 use nalgebra::Translation3;
@@ -23,11 +24,12 @@ const BOW_MM: [f64; 2] = [0.2, 3.0];
 const WAVE_MM: [f64; 2] = [0.05, 0.3];
 const LENGTH_MM: [f64; 2] = [100.0, 800.0];
 const SCALE: [f64; 2] = [0.999, 1.002];
-/// The region takes this share of the panel's length and width.
+/// The share of the panel's length and width that the region covers.
 const REGION: f64 = 0.54;
 /// Places along each side of the region at which the path's surface is held against the true one.
 const PLACES: usize = 25;
-/// What must be reached: of those that bow no more than this, accepted; accepted ones whose path lies within what is stated; their error.
+/// Targets: the share of accepted panels among those with no larger bow than this; the share of accepted panels
+/// with a path within the stated error; the contact error.
 const ACCEPTED_TO_MM: f64 = 2.0;
 const ACCEPTED: f64 = 0.95;
 const STATED: f64 = 0.9;
@@ -96,7 +98,8 @@ fn drawn(random: &mut Pcg64, trial: &Trial) -> Bend {
     }
 }
 
-/// The panel taught by a camera whose distances are too long by this share, and the mount that was measured with it where the panel was taught.
+/// The panel taught by a camera whose distances are too long by this share, and the mount that was measured with
+/// this camera at the panel's taught place.
 fn taught(trial: &Trial, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
     let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;

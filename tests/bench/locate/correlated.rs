@@ -1,5 +1,6 @@
-//! The stated error against the real one where the scanner's smooth errors are alike over short or long distances: on panels of many
-//! shapes and on flat plates, with what `calibrate scanner` would have measured and with the maker's figures alone.
+//! The stated error compared with the real error if the scanner's smooth errors are correlated over short or long
+//! distances. On panels of many shapes and on flat plates, with the results of `calibrate scanner` and with the
+//! maker's figures alone.
 
 use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
 use nalgebra::Translation3;
@@ -15,15 +16,17 @@ use std::ops::RangeInclusive;
 
 /// Lengths over which a smooth error is alike, mm.
 const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
-/// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of it overall.
+/// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of that overall.
 const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
 /// What the scale of a camera is off, one standard deviation: in all scans alike, and from scan to scan.
 const SCALE: f64 = 0.000_5;
 const BETWEEN_SCANS: f64 = 0.0001;
-/// Of accepted poses this share is within what is stated: less is a promise that is not kept, more is one that says too little.
+/// The share of accepted poses that is within the stated error. Less is a broken promise; more is a statement that
+/// is too cautious.
 const STATED: RangeInclusive<f64> = 0.9..=1.0;
 
-/// Each length on both kinds of panel, with these seeds, or those rows whose words contain `CORRELATED`; how many floors were missed.
+/// Runs each length on both kinds of panel with these seeds, or only rows whose words contain `CORRELATED`. Returns
+/// the number of missed targets.
 pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     let asked = std::env::var("CORRELATED").unwrap_or_default();
     let kinds: [(&str, fn(u64, usize) -> Trial); 2] = [("bent", Trial::good), ("flat", Trial::flat)];
@@ -59,8 +62,8 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     missed + kinds.into_iter().map(scaled).sum::<usize>()
 }
 
-/// A camera whose distances are too long by a share that all its scans have alike, and by one of each scan's own. Its mount was
-/// measured with the same camera where the panel was taught, so that the first share cancels there.
+/// A camera whose distances are too long by a share that is the same in all its scans, and by another share of each
+/// scan. Its mount was measured with the same camera at the panel's taught place, so the first share cancels there.
 fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,

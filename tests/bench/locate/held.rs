@@ -1,5 +1,5 @@
-//! Panels as real scans have them: held by a thing in their own plane, with a third of their points missing in patches that
-//! differ from scan to scan, bent or flat; with and without what a person can say of them in the recipe.
+//! Panels as in real scans: held by an object in their own plane, with a third of their points missing in patches
+//! that differ from scan to scan, bent or flat. With and without a person's information in the recipe.
 
 use super::{RIGHT_MM, Tried, reduction, row, share, tried_with, words};
 use panelprep::sim::Trial;
@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 /// Share of the panel without points.
 const MISSING: f64 = 0.33;
-/// Accepted, of scenes whose keys are given and whose points are not missing.
+/// Share that is accepted, of scenes with keys and without missing points.
 const ACCEPTED: f64 = 0.9;
 /// The same with a third of the points missing at teaching and another third now; the others must be for a person.
 const MISSING_ACCEPTED: f64 = 0.5;
@@ -17,7 +17,7 @@ const UNTAUGHT: f64 = 0.05;
 /// Accepted poses within what they state.
 const STATED_SHARE: f64 = 0.9;
 
-/// What a person says of the panel.
+/// The information that a person gives about the panel.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Said {
     Nothing,
@@ -72,7 +72,7 @@ const KINDS: [Kind; 10] = [
     },
 ];
 
-/// The keys of the recipe's `[panel]` with what a person says.
+/// Returns the keys of the recipe's `[panel]` with the person's information.
 pub(super) fn keys(trial: &Trial, said: Said) -> String {
     let mut keys = String::new();
     if matches!(said, Said::Outline | Said::Both) {
@@ -87,7 +87,7 @@ pub(super) fn keys(trial: &Trial, said: Said) -> String {
     keys
 }
 
-/// Each kind over these seeds, or those whose words contain `HELD`; how many floors were missed.
+/// Runs each kind over these seeds, or only those whose words contain `HELD`. Returns the number of missed targets.
 pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
     let mut missed = 0;
     let asked = std::env::var("HELD").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! How much memory a localization takes at full size: a process of its own that does nothing else, asked by the system.
+//! The memory of a localization at full size: a separate process that does nothing else, measured by the system.
 
 use panelprep::geometry::{Camera, OrganizedCloud, PinholeCamera};
 use panelprep::locate::{self, View};
@@ -12,7 +12,7 @@ pub const ALONE: &str = "memory-alone";
 const SEED: u64 = 1;
 const ALLOWED_MB: f64 = 600.0;
 
-/// Starts it on a rendered scan and tells.
+/// Starts the process on a rendered scan and prints the result.
 pub fn measured() -> usize {
     let trial = Trial::good(SEED, super::reduction());
     let folder = std::env::temp_dir().join(format!("panelprep-memory-{}", std::process::id()));

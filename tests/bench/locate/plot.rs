@@ -8,7 +8,7 @@ pub struct Run {
     pub method: String,
     /// Which scan.
     pub seed: u64,
-    /// How long it took, ms.
+    /// Duration, ms.
     pub ms: f64,
     /// Mean error over the panel, mm.
     pub error_mm: f64,
@@ -25,7 +25,7 @@ pub fn methods(runs: &[Run]) -> Vec<String> {
     found
 }
 
-/// Colours that most people can tell apart (Okabe & Ito).
+/// Colours that most people can distinguish (Okabe & Ito).
 const COLOURS: [&str; 8] = ["#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000", "#999999"];
 const SIZE: [f64; 2] = [760.0, 460.0];
 const LEFT: f64 = 70.0;

@@ -11,8 +11,8 @@ use std::ops::RangeInclusive;
 const MISSING: [f64; 3] = [0.2, 0.35, 0.5];
 /// Of the panels, at least this share must be taught.
 const TAUGHT: f64 = 0.95;
-/// An edge may lie so far off along the view, mm: aside it moves by half of that in a picture from 30° beside. It says to which grid a
-/// break belongs, and no pose comes from it.
+/// Allowed deviation of an edge along the view, mm. Sideways, it moves by half of that in a picture from 30° to the
+/// side. The edge determines to which grid a break belongs, and no pose depends on it.
 const OFF_MM: f64 = 2.0;
 
 /// Each share on both kinds of panel, with these seeds; how many floors were missed.

@@ -18,7 +18,7 @@ struct Corner {
     base_from_flange: Rigid<Base, Flange>,
 }
 
-/// Runs them and tells.
+/// Runs the verifications and prints the results.
 pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
     let (mut found, mut moved, mut alarms, mut quiet, mut errors) = (0, 0, 0, 0, Vec::new());
     for seed in seeds {
@@ -29,7 +29,7 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
             TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe).expect("a panel");
         let place = cell.truth().base_from_panel;
         let corners = corners(&cell, &panel, &recipe);
-        // Refined on the dry panel, from where a rough localization sends the camera.
+        // Refined on the dry panel, from the place to which a rough localization sends the camera.
         let refined = look(&cell, &recipe, &corners, place, place, false);
         // By how much the panel is moved in its plane, before the wet pictures: the first seeds by nothing.
         let length_mm = if seed % 10 == 0 { 0.0 } else { 2.0 * ((seed * 37 % 101) as f64 / 100.0) };
@@ -86,7 +86,7 @@ fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
     cell.corner_views().into_iter().enumerate().map(teach).collect()
 }
 
-/// What both corners say of a place while the panel stands at another.
+/// The result of both corners for a place while the panel stands at another place.
 fn look(
     cell: &Cell,
     recipe: &Recipe,

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// Between two cycles.
 const PAUSE: Duration = Duration::from_millis(500);
-/// Bytes of the one picture of a cycle, where nothing else is asked for.
+/// Bytes of the one picture of a cycle, unless another size is requested.
 pub const PICTURE_BYTES: usize = 20_000;
 
 /// Starts this program as a cell.
@@ -22,7 +22,7 @@ pub fn start(name: &str, folder: &Path, broker_port: u16, cycles: usize) -> Chil
     command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts")
 }
 
-/// Is a cell until it is killed: writes until its store has so many cycles, and sends.
+/// Acts as a cell until it is killed: writes until its store has this number of cycles, and sends.
 pub fn run(arguments: &[String]) -> ExitCode {
     let [name, folder, port, cycles] = arguments else { return ExitCode::FAILURE };
     let folder = Path::new(folder);
@@ -70,7 +70,7 @@ fn cycle(store: &mut Store, picture_bytes: usize) -> CycleId {
     id
 }
 
-/// Writes a store with so many cycles, each signed and with a picture of this size.
+/// Writes a store with this number of cycles, each signed and with a picture of this size.
 pub fn write(folder: &Path, cycles: usize, picture_bytes: usize) {
     let mut store = Store::create(folder).expect("a store");
     let key = key();
@@ -87,7 +87,7 @@ pub fn has_written(folder: &Path, cycles: usize) -> bool {
     ended.is_ok_and(|count| count >= cycles) && signed.is_ok_and(|count| count >= cycles)
 }
 
-/// Up to which number the cell knows that the archive has everything.
+/// The number up to which the cell knows that the archive has everything.
 pub fn archived(folder: &Path) -> u64 {
     let text = std::fs::read_to_string(folder.join("office.json")).unwrap_or_default();
     let found: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();

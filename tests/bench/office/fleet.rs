@@ -1,4 +1,4 @@
-//! The office's pages over a large database: how long each takes, at its 95th percentile.
+//! The office's pages over a large database: the time of each, at its 95th percentile.
 
 use super::Plant;
 use std::io::{Read, Write};

@@ -1,5 +1,6 @@
-//! Twenty simulated panels: curved, k off by up to 30 % and known by twelve coupons alone, discs that wear, a force with noise. The
-//! plan is made with what the coupons say, and what is removed follows from the truth.
+//! Twenty simulated panels: curved, with k off by up to 30 % and known only from twelve coupons, discs that wear,
+//! and a force with noise. The plan is made with the results of the coupons, and the removal follows from the
+//! truth.
 
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, recipe};
 use super::{held, reached};
@@ -23,7 +24,7 @@ const PANELS: u64 = 20;
 const SIDES_MM: [f64; 2] = [320.0, 240.0];
 pub const TARGET_UM: f64 = 30.0;
 const MAX_UM: f64 = 45.0;
-/// Within so much of the target, percent.
+/// Allowed deviation from the target, percent.
 const WITHIN_PERCENT: f64 = 10.0;
 const SHARE: f64 = 0.95;
 const HELD: [f64; 2] = [0.90, 0.99];
@@ -34,15 +35,15 @@ const PIECE_DEVIATION: f64 = 0.02;
 const MEASURED_DEVIATION: f64 = 0.022;
 const FORCE_BIAS: f64 = 0.015;
 const FORCE_NOISE: f64 = 0.04;
-/// What the recipe says of the force, 95 %.
+/// The recipe's uncertainty of the force, 95 %.
 const FORCE_SHARE_95: f64 = 0.04;
 
-/// What nobody at the cell knows.
+/// Facts that are unknown at the cell.
 struct Truth {
     preston_mm2_per_n: f64,
     decay_per_mm2: f64,
     worn_mm2: f64,
-    /// How this panel's k stands to what the disc does on another piece.
+    /// Ratio of this panel's k to the disc's k on another piece.
     piece: f64,
 }
 
@@ -167,7 +168,7 @@ fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, t
     laid.fed(&feeds_mm_s, recipe.path())
 }
 
-/// What coupons by this sander say.
+/// The model that coupons by this sander give.
 fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
     let tool = CouponTool { pad: PAD, orbit: ORBIT };
     let coupons: Vec<Coupon> = (0..COUPONS)
@@ -229,8 +230,8 @@ fn share_within(map: &RemovalMap) -> f64 {
     panelprep::removal::figures::Figures::share_within(map, TARGET_UM, WITHIN_PERCENT)
 }
 
-/// The deepest place, µm; the share of places whose true depth lies within what was stated of it; and that of treated ones within ±10 %
-/// of the target; were the true depths so many times as large.
+/// Returns the deepest place, µm, the share of places with a true depth within the stated limits, and the share of
+/// treated places within ±10 % of the target. The true depths are multiplied by `times` first.
 fn compared(expected: &RemovalMap, truth: &RemovalMap, times: f64) -> [f64; 3] {
     let (mut deepest, mut held, mut all, mut within, mut treated) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (grid, exact) in expected.grids.iter().zip(&truth.grids) {

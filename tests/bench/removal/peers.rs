@@ -1,7 +1,8 @@
-//! Beside mr-sim (PyPI) in one run: lines over a flat part and over parts of constant curvature.
+//! Comparison with mr-sim (PyPI) in one run: lines over a flat part and over parts of constant curvature.
 //!
-//! mr-sim adds up still discs in small steps on a net of 1 mm, its grain's speed is the orbit's alone, and its disc stands still on
-//! the orbit; ours is told the same. Compared is the depth across the lane, away from the rim, where a net of 1 mm tells nothing.
+//! mr-sim adds up still discs in small steps on a net of 1 mm. Its grain's speed is the orbit's alone, and its disc
+//! stands still on the orbit; ours has the same settings. The bench compares the depth across the lane, away from
+//! the rim, where a net of 1 mm is not exact.
 
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
 use super::{held, reached};
@@ -64,7 +65,7 @@ pub fn measure() -> usize {
     missed
 }
 
-/// The depth across the middle of the line, µm, 1 mm apart, and how long the whole map takes, s.
+/// Returns the depth across the middle of the line, µm, 1 mm apart, and the computing time of the whole map, s.
 fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
     let surface = bent(SIDES_MM, bends);
     let region = region([1, 1]);
@@ -88,7 +89,7 @@ fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
     let rows = grid.depth_um.len() / grid.columns;
     let across: Vec<f64> =
         (0..rows).map(|row| f64::from(grid.depth_um[row * grid.columns + grid.columns / 2])).collect();
-    // mr-sim's places stand on whole millimetres, ours on halves.
+    // mr-sim's places are at whole millimetres, ours at halves.
     let whole = std::iter::once(across[0]).chain(across.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])));
     (whole.collect(), seconds)
 }

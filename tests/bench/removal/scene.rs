@@ -49,7 +49,7 @@ pub fn bent([width_mm, height_mm]: [f64; 2], [k1, k2]: [f64; 2]) -> BSplineSurfa
     BSplineSurface::new([knots(), knots()], (0..16).map(control).collect(), viewer).expect("a surface")
 }
 
-/// A recipe with a region of so many grids, and more lines.
+/// Returns a recipe with a region of this number of grids, and more lines.
 pub fn recipe([rows, columns]: [usize; 2], more: &str) -> Recipe {
     let text = format!(
         "panel = \"p\"\n[region]\ncorners_px = [[100, 100], [500, 100], [500, 400], [100, 400]]\nrows = {rows}\ncolumns = {columns}\n\

@@ -1,4 +1,4 @@
-//! How long the scheduling of 48 grids takes: stretches, matrix and descent.
+//! Duration of the scheduling of 48 grids: stretches, matrix and descent.
 
 use super::held;
 use super::panels::{beyond, path_recipe};

@@ -14,7 +14,7 @@ use tempfile::TempDir;
 const PORTS: [u16; 2] = [54_606, 54_607];
 /// Those of a cell that was copied.
 pub const OTHER_PORTS: [u16; 2] = [54_608, 54_609];
-/// Where the controller is, as the service looks for it and as it listens.
+/// The controller's address, where the service looks for it and where it listens.
 const HERE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 /// The account of those who read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
@@ -40,8 +40,8 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// The same cell in a folder of its own: its service looks for the controller at `sought`, where the page listens too, and the
-    /// controller listens at `controller`.
+    /// The same cell in a separate folder: its service looks for the controller at `sought`, where the page listens
+    /// too, and the controller listens at `controller`.
     pub fn copied(&self, sought: IpAddr, controller: IpAddr) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         copy(&self.folder.path().join("cell"), &folder.path().join("cell"));
@@ -73,7 +73,7 @@ impl Prepared {
         fs::read_to_string(self.folder.path().join("run.log")).unwrap_or_default()
     }
 
-    /// What the controller says of itself, where it is a process of its own.
+    /// The controller's own log, if the controller is a separate process.
     pub fn controller_log(&self) -> String {
         fs::read_to_string(self.folder.path().join("robot.log")).unwrap_or_default()
     }
@@ -95,7 +95,7 @@ impl Prepared {
     /// Runs a command of the program to its end.
     ///
     /// # Errors
-    /// What it said, where its exit code is not 0.
+    /// The command's message, if its exit code is not 0.
     pub fn run(&self, arguments: &str) -> Result<(), String> {
         let output = self.command(arguments).output().expect("the program starts");
         let said = || format!("{arguments}: {}", String::from_utf8_lossy(&output.stderr));
@@ -181,7 +181,7 @@ impl Drop for Killed {
     }
 }
 
-/// The service, and the controller where it is a process of its own.
+/// The service, and the controller if it is a separate process.
 pub struct Running<'p> {
     prepared: &'p Prepared,
     service: Killed,
@@ -233,7 +233,7 @@ impl<'p> Running<'p> {
         matches!(self.service.0.try_wait(), Ok(None))
     }
 
-    /// How it ended, with its last words, where nobody told it to.
+    /// Returns how the service ended, with its last log lines, if it was not told to end.
     pub fn ended_by_itself(&mut self) -> Option<String> {
         let status = self.service.0.try_wait().expect("its status")?;
         let log = self.prepared.log();

@@ -1,4 +1,4 @@
-//! Everybody who asks something of the service, or nothing, as long as it runs.
+//! All clients that send requests to the service, or nothing, as long as it runs.
 
 use super::asking::{PATIENCE, ask};
 use super::cell::{Prepared, VIEWER};
@@ -17,9 +17,9 @@ const POLLERS: usize = 3;
 /// Pages whose events are read, and pages that people open and leave.
 const FOLLOWERS: usize = 4;
 const READERS: usize = 2;
-/// Connections of each kind that say nothing, or half a request.
+/// Connections of each kind that send nothing, or half a request.
 const SILENT: usize = 6;
-/// The service says at least once a second how the cell stands; without an event for so long it does not.
+/// The service reports the state of the cell at least once a second. Without an event for this time, it does not.
 const LONGEST_WITHOUT_EVENT: Duration = Duration::from_secs(20);
 
 /// What everybody counts together.
@@ -39,7 +39,7 @@ pub struct Counts {
     orders_by_word: Mutex<BTreeMap<String, u64>>,
 }
 
-/// Tells everybody to leave when it is dropped.
+/// Tells all clients to leave when it is dropped.
 pub struct Ends<'c>(&'c Counts);
 
 impl Drop for Ends<'_> {
@@ -173,7 +173,7 @@ fn follow(cell: &Prepared, counts: &Counts) {
     }
 }
 
-/// A browser that takes nothing of what it asked for.
+/// A browser that reads nothing of its requested events.
 fn does_not_read(cell: &Prepared, counts: &Counts) {
     let asked = http::connect(cell.page).and_then(|mut stream| {
         stream.write_all(format!("{}\r\n", http::head(cell.page, "GET /events", None)).as_bytes())?;
@@ -230,7 +230,7 @@ fn come_and_go(cell: &Prepared, counts: &Counts) {
     counts.rest(Duration::from_secs(1));
 }
 
-/// It is told in words that it was too slow, and sent away.
+/// The client is told in words that it was too slow, and is disconnected.
 fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
     let hears = || {
         let mut stream = UnixStream::connect(cell.socket())?;
@@ -244,7 +244,7 @@ fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
     }
 }
 
-/// The page closes a connection whose request does not come.
+/// The page closes a connection that sends no request.
 fn silent_at_page(cell: &Prepared, counts: &Counts, begins: &str) {
     let hears = || {
         let mut stream = http::connect(cell.page)?;

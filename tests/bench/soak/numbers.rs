@@ -14,7 +14,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Of the process with this id; `None` where it has ended.
+    /// The sample of the process with this id; `None` if the process has ended.
     pub fn of(id: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{id}/status")).ok()?;
         let value = |name: &str| {
@@ -38,7 +38,7 @@ pub struct Period {
     most: Sample,
 }
 
-/// A number with its name, its unit and how much it may grow by in an hour, where that does not follow from its size.
+/// A number with its name, its unit and its allowed growth in an hour, if that does not follow from its size.
 type Named = (&'static str, &'static str, Option<f64>, fn(&Sample) -> f64);
 
 impl Period {

@@ -1,4 +1,4 @@
-//! The person at the cell: starts cycles, answers what they are asked, and now and then holds, stops or aborts one.
+//! The person at the cell: starts cycles, answers questions, and now and then holds, stops or aborts a cycle.
 
 use super::asking::ask;
 use super::cell::{Pace, Prepared};
@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 
 /// From one look at the cell to the next.
 const LOOKS: Duration = Duration::from_millis(100);
-/// A line resets the cell itself; a person does where it stays complete for longer.
+/// A line resets the cell itself; a person resets it if it stays complete for longer.
 const LINE_RESETS: Duration = Duration::from_secs(10);
-/// A held cell rests so long. It leaves the simulated line's cycles, which take no time, some.
+/// Time for which a held cell rests. It adds some time to the simulated line's cycles, which take none.
 const HOLDS: Duration = Duration::from_secs(3);
 
-/// What becomes of a cycle whose number leaves these remainders.
+/// The disturbance of a cycle whose number has these remainders.
 const DISTURBS: [(i64, i64, &str); 3] = [(7, 3, "stop"), (11, 5, "abort"), (3, 1, "hold")];
 
 pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Counts) {
@@ -34,7 +34,7 @@ struct Operator<'s> {
     cell: &'s Prepared,
     counts: &'s Counts,
     started: u64,
-    /// The last cycle whose end was seen, and the last one that was disturbed.
+    /// The last cycle with an observed end, and the last disturbed cycle.
     ended: i64,
     disturbed: i64,
     /// Since when the cell is in its state.
@@ -42,7 +42,7 @@ struct Operator<'s> {
 }
 
 impl Operator<'_> {
-    /// Asks for it; the answer, also where it is refused.
+    /// Sends the request; returns the answer, also if it is refused.
     fn order(&self, what: &Value) -> Option<Value> {
         let word = what["ask"].as_str().unwrap_or_default();
         match ask(&self.cell.socket(), &format!("{what}\n")) {
@@ -101,7 +101,7 @@ impl Operator<'_> {
         self.order(&start);
     }
 
-    /// Counts it, and removes its recording, of which nobody but a person would.
+    /// Counts the cycle, and removes its recording, which otherwise only a person would remove.
     fn end(&mut self, cycle: i64, state: &Value) {
         self.ended = cycle;
         let verdict = state["verdict"].as_str().unwrap_or("none");

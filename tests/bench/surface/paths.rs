@@ -68,8 +68,8 @@ fn row(name: &str, plan: &Plan, settings: &panelprep::recipe::Path) -> usize {
     usize::from(1.0 - least > LEFT || judgement.verdict.word() != "accept")
 }
 
-/// By how much of r' a pass stands farther from or nearer to the next one than r', at most, r' being what is between the
-/// first and the last pass there divided by their number; ends apart, where passes turn.
+/// The largest relative deviation of the distance between two neighbouring passes from r'. r' is the distance
+/// between the first and the last pass there, divided by their number. Ends, where passes turn, are excluded.
 fn passes_off(surface: &BSplineSurface, rows: &[Vec<Parameter>]) -> f64 {
     let lines: Vec<Vec<Point<Panel>>> = rows
         .iter()
@@ -110,7 +110,7 @@ fn nearest(line: &[Point<Panel>], point: Point<Panel>) -> (Point<Panel>, f64) {
     feet.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a line")
 }
 
-/// The panel as it may hang or lie: nothing depends on where up is.
+/// The panel in different attitudes, hanging or lying: no result depends on the direction of gravity.
 pub fn attitudes() -> usize {
     let mut missed = 0;
     for (name, turn) in ATTITUDES {

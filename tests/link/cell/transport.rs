@@ -1,4 +1,4 @@
-//! Bytes on their way: four ways, each late and in pieces as the cell says, or at their end.
+//! Bytes on their way: four ways, each with the delay and the pieces that the cell states, or at their end.
 
 use super::{Cell, Insides, Watch};
 use panelprep::devices::mock;

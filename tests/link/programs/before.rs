@@ -21,7 +21,8 @@ fn both(meaning: Meaning) -> [Programs; 2] {
     })
 }
 
-/// A fault that a walk shows, in a meaning that public documents leave open: what the walk over the old programs says.
+/// A fault that a walk shows, in a meaning that public documents leave open: the error of the walk over the old
+/// programs.
 #[test]
 fn walks_show_the_faults_of_before() {
     let standard = Meaning::default();
@@ -65,7 +66,8 @@ fn comes_back(programs: Programs) -> bool {
     })
 }
 
-/// Only a client that was seen was missed, before; a channel whose client nobody saw stayed closed for ever.
+/// Before, only a client that had been seen was missed; a channel with a client that had not been seen stayed
+/// closed for ever.
 #[test]
 fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
     for immediate_reopen_fails in [false, true] {
@@ -74,7 +76,7 @@ fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
     }
 }
 
-/// Someone else's program, stopped by the drives, stands where it was stopped.
+/// Another program that the drives stopped stays at the place where it was stopped.
 #[test]
 fn a_foreign_program_is_left_alone() {
     let resets = |programs: Programs| {
@@ -119,7 +121,7 @@ fn key_in_contact(programs: Programs) -> Option<u64> {
     })
 }
 
-/// The client goes on with its heartbeats; only the programs could switch the tool off.
+/// The client continues its heartbeats; only the programs could switch the tool off.
 #[test]
 fn the_stop_key_in_contact_switches_the_tool_off() {
     let [before, ships] = both(Meaning::default()).map(key_in_contact);
@@ -151,7 +153,7 @@ fn every_version_of_the_page_has_the_system_variables() {
     }
 }
 
-/// Cycles of the submit interpreter in 1.2 s without a client, where each begins as soon as the last has ended.
+/// Cycles of the submit interpreter in 1.2 s without a client, if each begins as soon as the last has ended.
 #[test]
 fn without_a_client_the_submit_interpreter_waits() {
     let cycles = |mut programs: Programs| {
@@ -172,7 +174,7 @@ fn without_a_client_the_submit_interpreter_waits() {
     assert!((45..=101).contains(&ships), "{ships}");
 }
 
-/// A user subroutine sees the axes' speed that `set_acc_speed` asked for.
+/// A user subroutine sees the axis speed that `set_acc_speed` requested.
 #[test]
 fn the_axes_speed_of_set_acc_speed_is_applied() {
     let seen = |folder: &str| {
@@ -261,7 +263,7 @@ const UNDONE: [Undone; 2] = [
     },
 ];
 
-/// Each mend that a walk can show is shown by one where it alone is undone.
+/// For each fix that a walk can show, one walk fails if only this fix is undone.
 #[test]
 fn each_mend_is_missed_where_it_is_undone() {
     let ships = load(&texts(SHIPS));

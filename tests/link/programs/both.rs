@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex};
 const SCRIPTS: u64 = 250;
 /// So long the link may need to be back.
 const BACK_MS: u64 = 15_000;
-/// So long an epoch may take.
+/// Time limit for an epoch.
 const EPOCH_MS: u64 = 15_000;
 /// From an epoch's end to when everything is mended and still.
 const SETTLE_MS: u64 = 5_000;
@@ -32,14 +32,14 @@ const HARMFUL: [u16; 2] = [2, cell::TOOL_OUTPUT];
 #[derive(Debug, Clone, Default, PartialEq)]
 struct EpochTrace {
     opened: bool,
-    /// Its last path was told done.
+    /// Its last path was reported done.
     finished: bool,
     executed: Vec<Executed>,
     /// Outputs that were on before.
     before: BTreeMap<u16, bool>,
     /// Outputs in the order in which they changed.
     outputs: Vec<(u16, bool)>,
-    /// Why it ended: the first that was told.
+    /// The reason for its end: the first that was reported.
     why: Option<&'static str>,
     harmful: bool,
     on_panel: bool,
@@ -164,7 +164,7 @@ impl Run {
     }
 }
 
-/// Why an epoch ends, by what the client is told.
+/// The reason for an epoch's end, by the reports to the client.
 fn why(report: &Report) -> Option<&'static str> {
     Some(match report {
         Report::Refused { refusal: Refusal::NotReachable, .. } => "refused: not reachable",
@@ -187,7 +187,7 @@ fn why(report: &Report) -> Option<&'static str> {
     })
 }
 
-/// A difference, where it was found, and its row among those that are meant.
+/// A difference, the script and epoch in which it was found, and its row among the intended differences.
 type Found = (u64, usize, Kind, String, Option<usize>);
 
 fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {

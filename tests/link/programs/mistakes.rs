@@ -5,8 +5,8 @@ use super::{load, meaning, texts, walk};
 use panelprep::devices::mock::Programs;
 use rayon::prelude::*;
 
-/// A mistake: the file, the text that ships, the text in its place, and a walk that finds it; where none is
-/// known the scenes must.
+/// A mistake: the file, the shipped text, its replacement, and a walk that finds it. If no walk is known, the
+/// scenes must find it.
 struct Mistake {
     name: &'static str,
     file: &'static str,

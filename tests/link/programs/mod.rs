@@ -18,7 +18,7 @@ use std::path::Path;
 
 /// Walks in every run of the tests.
 const WALKS: u64 = 2_000;
-/// From so many walks on every statement must have been executed.
+/// From this number of walks on, every statement must have been executed.
 const ALL_STATEMENTS: u64 = 2_000;
 
 /// The texts of a folder's programs and data lists.
@@ -143,7 +143,7 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
     assert!(walks - from < ALL_STATEMENTS || missing.is_empty(), "no walk has executed these: {missing:?}");
 }
 
-/// A mend, undone: the file, the text that ships, the text of before, and how the controller is asked to behave.
+/// An undone fix: the file, the shipped text, the earlier text, and the requested behaviour of the controller.
 struct Undone {
     name: &'static str,
     file: &'static str,

@@ -1,4 +1,5 @@
-//! A controller with programs, and somebody who writes to its two channels by hand: for what a good client never does.
+//! A controller with programs, and a client that writes to its two channels by hand, for actions that a good client
+//! never does.
 
 use super::super::cell::{START, setup};
 use panelprep::devices::mock::{Channel, Clock, Controller, Programs, Setup, Unwired};
@@ -64,7 +65,7 @@ impl Raw {
         self.controller.command_bytes(command.as_bytes());
     }
 
-    /// A line to this place of the panel, blended, so many points to come behind it.
+    /// A line to this place of the panel, blended, with this number of points to follow.
     pub fn line(&mut self, to_come: i32, contact: bool, [x, y, z]: [f64; 3]) {
         self.command(2, [to_come, i32::from(contact)], [1.2, 0.0], [x, y, z, 0.0, 0.0, 0.0]);
     }
@@ -89,7 +90,7 @@ impl Raw {
         }
     }
 
-    /// The arm is where it was at the start.
+    /// Returns whether the arm is where it was at the start.
     pub fn has_not_moved(&self) -> bool {
         (self.controller.joints().a1_deg - START.a1_deg).abs() < 1e-3
             && (self.controller.joints().a2_deg - START.a2_deg).abs() < 1e-3

@@ -15,7 +15,7 @@ const ABORTS: u64 = 80;
 
 type Scene = fn(&Programs) -> bool;
 
-/// Each is right where it says TRUE.
+/// Each scene is right if it returns TRUE.
 const SCENES: [(&str, Scene); 24] = [
     ("thirty commands at once are all executed", |programs| {
         let mut raw = Raw::opened(programs.clone());
@@ -70,7 +70,7 @@ const SCENES: [(&str, Scene); 24] = [
         raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
         raw.run(200);
         let done = raw.int("CELL_DONE");
-        // Silence ends it; what it has executed is told for as long as it is the last one.
+        // Silence ends the epoch; its count of executed commands is reported as long as it is the last epoch.
         raw.controller.advance_ms(1_200);
         done == 4 && !raw.is("CELL_OPEN") && raw.int("CELL_DONE") == done
     }),
@@ -150,7 +150,7 @@ const SCENES: [(&str, Scene); 24] = [
         begun && tool_off && height_mm(&raw.controller) > RETRACTED_MM
     }),
     ("another program that was selected before the controller started is not reset", |programs| {
-        // Its first cycle follows at once; later the watchdog's timer says that it was not at work.
+        // Its first cycle follows at once; later the watchdog's timer shows that it was not running.
         let mut programs = programs.clone();
         programs.busy_submit = true;
         let mut raw = Raw::opened(programs);
@@ -221,7 +221,7 @@ fn as_configured(programs: &Programs) -> Programs {
     programs
 }
 
-/// An abort shortly before or behind the landing, so many ticks later: the tool is off the panel in the end.
+/// An abort shortly before or after the landing, this number of ticks later: at the end the tool is off the panel.
 fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     let mut programs = programs.clone();
     programs.meaning = Meaning { late_triggers: true, ..Meaning::default() };
@@ -238,8 +238,8 @@ fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     height_mm(&raw.controller) > RETRACTED_MM
 }
 
-/// More commands than the ring has places, then the robot program is started again: acknowledgements tell of free places
-/// as many as there are. A client takes no other number.
+/// More commands than the ring has places, then the robot program is started again: acknowledgements report the
+/// true number of free places. A client accepts no other number.
 fn leaves_the_ring_free(programs: &Programs) -> bool {
     let mut raw = Raw::opened(programs.clone());
     for _ in 0..12 {
@@ -261,7 +261,8 @@ fn leaves_the_ring_free(programs: &Programs) -> bool {
     received > 110 && told.contains("Free=\"100\"") && !told.contains("Free=\"-")
 }
 
-/// Each state that counts the command for the base as executed says that there is a base, in this order of the interpreters.
+/// Each state that counts the command for the base as executed reports that there is a base, in this order of the
+/// interpreters.
 fn echoes_the_base(programs: &Programs, seed: u64) -> bool {
     let mut programs = programs.clone();
     (programs.seed, programs.adverse) = (seed, true);
@@ -324,7 +325,7 @@ impl Raw {
     }
 }
 
-/// Two faults that walks on both controllers have found: each scene is red where its mend alone is undone.
+/// Two faults that walks on both controllers have found: each scene fails if only its fix is undone.
 #[test]
 fn scenes_miss_the_mends_that_the_model_has_asked_for() {
     let undone = [

@@ -51,7 +51,7 @@ impl Walk {
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
             23 if !is_program => {
-                // Somebody else's, or what damage has made of one: any operation, any number.
+                // A request of another client, or one changed by damage: any operation, any number.
                 let operation = draw.random_range(9..13);
                 let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
                 return self.cell.foreign_request(operation, number);
@@ -105,7 +105,7 @@ impl Walk {
 
     /// The count of states has come to its end.
     fn turn_over(&mut self) {
-        // One less than the last: the program may stand between its look at the count and its step.
+        // One less than the last: the program may be between its check of the count and its step.
         self.cell.controller.set_shared("CELL_SEQ", i32::MAX - 1 - self.draw.random_range(0..4));
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// What was wrong, and which judge says so.
+/// An error, and the judge that found it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
     /// The judge, by which two violations are the same one.
@@ -28,7 +28,7 @@ pub struct Counts {
     pub lives: u64,
     /// Power cuts.
     pub cuts: u64,
-    /// Moments at which a power cut was imagined: what it would have left was started on, and the world went on.
+    /// Moments at which a power cut was imagined: the program was started on its result, and the world continued.
     pub imagined_cuts: u64,
     /// Kills of the process.
     pub kills: u64,

@@ -1,4 +1,5 @@
-//! Where the arm truly is, independent of what is reported: a person jogs it, its measured pose is off, its override is another one.
+//! The true place of the arm, independent of the reports: a person jogs it, its measured pose is off, its override
+//! is another one.
 
 use super::super::fixture::{Fixture, Stands};
 use super::super::sabotage::Sabotage;
@@ -13,10 +14,10 @@ use std::collections::VecDeque;
 
 /// By axes the tip never comes nearer to the panel, mm.
 const NEAR_MM: f64 = 5.0;
-/// A state on its way, and what the controller's programs take, ms.
+/// A state on its way, and the time of the controller's programs, ms.
 const OVERRIDE_MS: u64 = 300 + 250;
 const MEASURED_MS: u64 = 600;
-/// So many times what a person must look at ends a contact path at once.
+/// A contact path ends at once at this multiple of the deviation that a person must look at.
 const FAR_OFF_LIMITS: f64 = 4.0;
 /// The middle of the panel in its own frame, mm.
 const MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
@@ -35,19 +36,19 @@ pub struct Jog {
 #[derive(Debug, Default)]
 pub struct Places {
     pub jog: Option<Jog>,
-    /// Where a person took the arm, and from where.
+    /// The place to which a person took the arm, and the place before.
     jogged: Option<(Joints, Joints)>,
     /// The client's motions by axes.
     by_axes: VecDeque<(Epoch, CommandId)>,
     joints: Option<Joints>,
-    /// Until then the controller does not say its override, by a mistake that is put in.
+    /// Until this time the controller does not report its override, by a planted mistake.
     hidden_override_until_ms: u64,
     overridden_since_ms: Option<u64>,
     measured_since_ms: Option<u64>,
 }
 
 impl Places {
-    /// The client takes a motion by axes to send.
+    /// The client accepts a motion by axes to send.
     pub fn by_axes(&mut self, epoch: Epoch, id: CommandId) {
         self.by_axes.push_back((epoch, id));
         if self.by_axes.len() > AXIS_MOTIONS {
@@ -55,7 +56,7 @@ impl Places {
         }
     }
 
-    /// Where the arm was before a person took it to where it is.
+    /// The arm's place before a person took it to its present place.
     pub fn before_the_jog(&self, now: &Joints) -> Option<Joints> {
         self.jogged.filter(|(_, to)| to == now).map(|(from, _)| from)
     }
@@ -105,7 +106,7 @@ impl Inside {
         }
     }
 
-    /// Where a person takes the arm; `None` where the tool would be in the panel.
+    /// Returns the place to which a person takes the arm; `None` if the tool would be in the panel.
     fn jogged_to(&self, jog: Jog) -> Option<Joints> {
         let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::get().setup.park);
         let share = f64::from(jog.percent.min(100)) / 100.0;
@@ -126,7 +127,8 @@ impl Inside {
         self.judge_measured(moved);
     }
 
-    /// No motion from an unknown place: by axes the tip never is near the panel, however the arm came to where it begins.
+    /// No motion from an unknown place: in a motion by axes the tip is never near the panel, however the arm came
+    /// to its start.
     fn judge_axis_motion(&mut self, moved: bool) {
         let controller = &self.cell.controller;
         let under_way = CommandId(controller.counts().1.cast_unsigned() + 1);

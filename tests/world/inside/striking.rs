@@ -1,4 +1,4 @@
-//! Faults strike: each where it belongs, in the link, at the controller, among people, at cameras, disk and clock.
+//! Faults strike: each at its own place, in the link, at the controller, among people, at cameras, disk and clock.
 
 use super::super::disk;
 use super::super::link_cell::Side;
@@ -8,7 +8,7 @@ use super::places::Jog;
 use panelprep::eki::Channel;
 use std::sync::PoisonError;
 
-/// After somebody worked with another program the cell's own is selected again.
+/// Time after which the cell's own program is selected again when a person worked with another one.
 const HOME_MS: u64 = 3_000;
 /// An abort that was not obeyed is sent again so soon, ms.
 const AGAIN_MS: u64 = 300;
@@ -27,7 +27,7 @@ impl Inside {
     }
 
     pub(super) fn distrust(&mut self) {
-        // What somebody else has said or changed may have moved the count of epochs by a step.
+        // A message or change by another client may have increased the count of epochs by a step.
         let known =
             self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
         self.oracles.strange_epoch = self.oracles.strange_epoch.max(known.saturating_add(2));
@@ -140,7 +140,7 @@ impl Inside {
         }
     }
 
-    /// Somebody is done with another program, and selects the cell's own again.
+    /// A person has finished work with another program, and selects the cell's own again.
     pub(super) fn work_with_another_program(&mut self) {
         if self.home_at_ms.is_some_and(|home_at_ms| self.now_ms() >= home_at_ms) {
             self.home_at_ms = None;
@@ -150,7 +150,8 @@ impl Inside {
     }
 }
 
-/// Whether what the client is told of the arm's place may be another one: by a lie, or by a bit of a state that is turned.
+/// Returns whether the arm's place, as the client is told, may be false: by a lie, or by an inverted bit of a
+/// state.
 fn may_displace_the_arm(fault: &Fault) -> bool {
     match fault {
         Fault::Lie { channel: 1, name, .. } => matches!(&**name, "X" | "A1"),

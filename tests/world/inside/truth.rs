@@ -1,5 +1,5 @@
-//! What the controller does, whatever it and the client say of it: what must end an epoch ends it, the client learns of it, and neither
-//! of the two holds on to a link that is dead.
+//! The controller's true actions, whatever it and the client report. A cause that must end an epoch ends it, the
+//! client learns of it, and neither of the two holds on to a dead link.
 
 use super::super::link_cell::TICK_MS;
 use super::Inside;
@@ -8,14 +8,14 @@ use panelprep::eki::{CommandId, Epoch};
 
 /// A request by which a client ends an epoch.
 const ABORT: i32 = 11;
-/// So soon an epoch is at its end, by the model and by the programs, whose scheduler may starve them, ms.
+/// Time limit for the end of an epoch, by the model and by the programs, whose scheduler may starve them, ms.
 const ENDS_MS: u64 = 50;
 const PROGRAMS_END_MS: u64 = 250;
 /// What lasts so long the programs see, ms.
 const SEEN_MS: u64 = 100;
 /// A state comes each 100 ms, and the programs may be late, ms.
 const TOLD_MS: u64 = 250;
-/// So soon the client knows that its epoch has ended, ms.
+/// Time limit for the client to know that its epoch has ended, ms.
 const KNOWN_MS: u64 = 700;
 /// The client gives up a connection after a second of silence, ms.
 const GIVEN_UP_MS: u64 = 1_000 + 50;
@@ -28,7 +28,7 @@ const FAULTY_MS: u64 = 6_000;
 #[derive(Debug, Default)]
 pub struct Truth {
     must_end: Vec<MustEnd>,
-    /// Since when the client takes an ended epoch for open, ms.
+    /// Time since which the client considers an ended epoch open, ms.
     unnoticed_since_ms: Option<u64>,
     /// Until then the controller may be late with everything, ms.
     pub faulty_until_ms: u64,
@@ -53,12 +53,12 @@ struct MustEnd {
 }
 
 impl Truth {
-    /// The client takes a command to send that sets base or tool.
+    /// The client accepts a command to send that sets base or tool.
     pub fn sets_frame(&mut self, epoch: Epoch, id: CommandId) {
         self.frames = Some((epoch, id));
     }
 
-    /// It takes a path to send, the first line with this id.
+    /// It accepts a path to send, the first line with this id.
     pub fn lines(&mut self, epoch: Epoch, first: CommandId) {
         let set = self.frames.filter(|(of, _)| *of == epoch).map(|(_, id)| id);
         self.lines = set.map(|id| (epoch, first, id));
@@ -79,7 +79,7 @@ impl Inside {
                 self.truth.reboots += 1;
                 self.truth.lines = None;
                 if self.counts.lives > 1 {
-                    // The process that is there now may have opened none of the epochs so far, and the count begins anew.
+                    // The present process may have opened none of the epochs so far, and the count begins anew.
                     self.oracles.epochs_begin_anew();
                 }
             }
@@ -110,7 +110,7 @@ impl Inside {
 
     /// The epoch that client and controller have open is to end.
     fn must_end(&mut self, why: String) {
-        // The controller's clock goes on in ticks.
+        // The controller's clock advances in ticks.
         let (controller, since_ms) = (&self.cell.controller, self.now_ms().saturating_sub(TICK_MS));
         let epoch = controller.epoch();
         let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == epoch);
@@ -143,7 +143,8 @@ impl Inside {
         }
     }
 
-    /// A client that hears of the controller does not take an epoch for open that the controller has ended.
+    /// A client that receives the controller's states does not consider an epoch open that the controller has
+    /// ended.
     fn judge_knowledge(&mut self) {
         let controller = &self.cell.controller;
         let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == controller.epoch());
@@ -161,7 +162,7 @@ impl Inside {
         }
     }
 
-    /// A client that hears nothing does not take itself for connected.
+    /// A client that receives nothing does not consider itself connected.
     fn judge_silence(&mut self) {
         if let Some(silence_ms) = self.cell.silence_ms() {
             self.counts.judged("a silent link");
@@ -171,7 +172,7 @@ impl Inside {
         }
     }
 
-    /// A controller that nobody reaches does not keep its place for a client that may be gone.
+    /// A controller that no client reaches does not reserve its place for a client that may be gone.
     pub(super) fn judge_places(&mut self) {
         let Some(unreached_ms) = self.cell.unreached_ms() else { return };
         self.counts.judged("the place of a client");

@@ -1,8 +1,9 @@
-//! Changes of the product's sources that a world must find: mistakes that somebody who works on them might make. The bench
-//! `mutations` makes each, builds the world and runs it. Each names text that its file holds exactly once, which `list.rs` looks at.
+//! Changes of the product's sources that a world must find: mistakes that a person who works on them might make.
+//! The bench `mutations` makes each, builds the world and runs it. Each names text that its file contains exactly
+//! once, which `list.rs` checks.
 //!
-//! Not here: what no world has (the socket, pages, the names of recordings, inputs, supervision, a compliant tool), and what is put in
-//! while a world runs (`sabotage`).
+//! Not here: parts that no world has (the socket, pages, the names of recordings, inputs, supervision, a compliant
+//! tool), and mistakes that are planted while a world runs (`sabotage`).
 
 mod controller;
 mod cycle;
@@ -22,7 +23,7 @@ pub struct Mutation {
     pub beside: Option<Edit>,
     /// The first seed, and the step to the next: some worlds alone execute the controller's programs.
     pub seeds: (u64, u64),
-    /// Why no world finds it, where that is known.
+    /// The reason why no world finds it, if it is known.
     pub not_found: Option<&'static str>,
 }
 

@@ -18,7 +18,7 @@ pub struct BoardArgs {
     pub subpix: Option<u32>,
 }
 
-/// The board, where a file says it as well.
+/// The board, if a file also states it.
 #[derive(Debug, Clone, Default, Args)]
 pub struct NamedBoard {
     /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
@@ -34,7 +34,7 @@ pub struct NamedBoard {
 }
 
 impl NamedBoard {
-    /// The board that the command names; `None` where it names none.
+    /// The board that the command names; `None` if it names none.
     pub fn named(&self) -> Option<BoardArgs> {
         Some(BoardArgs { board: self.board.clone()?, square_mm: self.square_mm, subpix: self.subpix })
     }

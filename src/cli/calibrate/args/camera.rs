@@ -14,14 +14,14 @@ pub enum CameraName {
     FlangeCamera,
 }
 
-/// Options of a calibration that takes its pictures itself.
+/// Options of a calibration that takes its own pictures.
 #[derive(Debug, Clone, Args)]
 pub struct LiveArgs {
-    /// Take the pictures now, by the cell's camera, and keep them and their poses in this folder; it says what each shows and
-    /// which one to take next.
+    /// Take the pictures now, with the cell's camera, and keep them and their poses in this folder. The command
+    /// reports what each shows and which one to take next.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// With --live: take so many pictures, and ask nobody; without it, one at each Enter.
+    /// With --live: take this number of pictures without asking; without it, one at each Enter.
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
     pub count: Option<u32>,
     /// With --count: the time between two pictures, s, in which a person brings the board to its next place.
@@ -65,8 +65,8 @@ pub struct Intrinsics {
     /// Read the lens from a scan of the 3D camera itself: each of its points lies on the ray of its pixel. No board is needed.
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
     pub from_scan: Option<PathBuf>,
-    /// The lens model; by default auto, and k1k2p1p2k3 where --keep-all and --subpix ask for what OpenCV does. Whatever it
-    /// is, the lens has one ray for each pixel.
+    /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request what OpenCV does. With
+    /// any model, the lens has one ray for each pixel.
     #[arg(long, value_enum)]
     pub model: Option<ModelName>,
     /// Set no picture aside for its residuals.
@@ -92,7 +92,7 @@ pub struct Intrinsics {
     pub live: LiveArgs,
 }
 
-/// Where the camera sits.
+/// The place of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MountName {
     /// Fixed in the cell.
@@ -104,7 +104,7 @@ pub enum MountName {
 /// Options of `calibrate hand-eye`.
 #[derive(Debug, Clone, Args)]
 pub struct HandEye {
-    /// Where the camera sits.
+    /// The place of the camera.
     #[arg(long, value_enum)]
     pub mount: MountName,
     /// The board.
@@ -113,10 +113,10 @@ pub struct HandEye {
     /// The camera's intrinsics.
     #[arg(long, value_name = "FILE")]
     pub intrinsics: PathBuf,
-    /// Three points: the picture of the board, or the 3D camera's shot of it.
+    /// Three points: the picture of the board, or the 3D camera's shot of the board.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
-    /// Three points: where the corners were touched.
+    /// Three points: the places at which the corners were touched.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"])]
     pub points: Option<PathBuf>,
     /// Many poses: the flange's pose at each picture.

@@ -1,4 +1,5 @@
-//! Options of what calibrates the arm and its tool: the arm's errors, the tool's point and force, what its disc takes off.
+//! Options for calibrating the arm and its tool: the arm's errors, the tool's point and force, the removal by its
+//! disc.
 
 use super::board::BoardArgs;
 use clap::Args;
@@ -23,7 +24,7 @@ pub struct Robot {
     /// Intrinsics of the camera on the flange.
     #[arg(long, value_name = "FILE", requires = "eye_in_hand")]
     pub flange_camera_lens: Option<PathBuf>,
-    /// Poses in which the tip touched spots, or corners of boards that stand still.
+    /// Poses in which the tip touched spots, or corners of fixed boards.
     #[arg(long, value_name = "FILE")]
     pub touches: Option<PathBuf>,
     /// The file to write.
@@ -34,7 +35,7 @@ pub struct Robot {
 /// Options of `calibrate tcp`.
 #[derive(Debug, Clone, Args)]
 pub struct Tcp {
-    /// Flange poses that hold the tip at one spot, and those that tell the axis.
+    /// Flange poses that hold the tip at one spot, and poses that determine the axis.
     #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
     /// Read the poses from the controller now, one at each Enter, and keep them in this folder.

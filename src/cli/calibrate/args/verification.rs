@@ -12,16 +12,16 @@ pub struct Verify {
     /// The camera to verify.
     #[arg(long, value_enum)]
     pub camera: CameraName,
-    /// The board that stands still; the file of `--target` says which one it is, and the command may say so too.
+    /// The fixed board; the file of `--target` states its kind, and the command may also state it.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// In place of a board: the recipe of a panel that stands at its nominal place, with its first taught corner.
+    /// Instead of a board: the recipe of a panel that is at its nominal place, with its first taught corner.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
     pub recipe: Option<PathBuf>,
     /// A picture of the target, or the 3D camera's shot.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
-    /// Take the picture now, by the cell's camera, and keep it in this folder; of the scanner a 3D shot.
+    /// Take the picture now, with the cell's camera, and keep it in this folder; for the scanner, a 3D shot.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "poses", "flange"])]
     pub live: Option<PathBuf>,
     /// What a simulated cell shows.
@@ -34,7 +34,7 @@ pub struct Verify {
     /// The flange's pose at that picture, for the camera on the flange.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Option<PathBuf>,
-    /// Where the board is known to be.
+    /// The known pose of the board.
     #[arg(long, value_name = "FILE")]
     pub target: Option<PathBuf>,
     /// Write the target from this picture, right after calibrating.
@@ -48,18 +48,18 @@ pub struct Verify {
 /// Options of `calibrate touch`.
 #[derive(Debug, Clone, Args)]
 pub struct Touch {
-    /// The board; the file of `--target` says which one it is, and the command may say so too.
+    /// The board; the file of `--target` states its kind, and the command may also state it.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Where the board is known to be.
+    /// The known pose of the board.
     #[arg(long, value_name = "FILE")]
     pub target: PathBuf,
-    /// Where the tool's tip was when it touched the corners, with the cell's own tool selected on the pendant. With
-    /// p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a cell with
-    /// a correction needs them.
+    /// The places of the tool's tip when it touched the corners, with the cell's own tool selected on the pendant.
+    /// With p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool;
+    /// a cell with a correction needs them.
     #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
     pub points: Option<PathBuf>,
-    /// Read where the tip is from the controller now, at one corner after the other, and keep it in this folder.
+    /// Read the tip's place from the controller now, at one corner after the other, and keep it in this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
     /// Folder for a map of what is left, and the trend of all touches.

@@ -1,4 +1,4 @@
-//! Where a camera is mounted: the points that were touched, or the poses at its pictures.
+//! The mount of a camera: the touched points, or the poses at its pictures.
 
 use super::pose::{AXIS_DEG, CORNER, PLACE_MM, like_radians, pose_of};
 use crate::calib::three_points::Touched;
@@ -8,13 +8,13 @@ use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 /// What `--points` holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Points {
-    /// Three corners, and a fourth where the file has one.
+    /// Three corners, and a fourth if the file has one.
     pub touched: Vec<Touched>,
-    /// The axes at each of them, where the file has them.
+    /// The axes at each corner, if the file has them.
     pub joints: Vec<Option<Joints>>,
     /// The flange at the picture.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
-    /// The axes there, where the file has them.
+    /// The axes at the picture, if the file has them.
     pub flange_joints: Option<Joints>,
 }
 
@@ -77,13 +77,13 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
 pub struct PicturePose {
     /// The picture's name in its folder.
     pub image: String,
-    /// Where the robot says that the flange was.
+    /// The flange's pose as reported by the robot.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// Where it says that the axes were, where the file does.
+    /// The reported axes, if the file has them.
     pub joints: Option<Joints>,
 }
 
-/// Checks the text of a poses file for hand-eye calibration; `is_there` says whether a picture is in the folder.
+/// Checks the text of a poses file for hand-eye calibration; `is_there` returns whether a picture is in the folder.
 ///
 /// # Errors
 /// Every problem with its line and key; also a picture that is missing or named twice.

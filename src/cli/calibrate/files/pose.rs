@@ -100,7 +100,7 @@ pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 
-/// Do these angles look like radians? Not proof: the caller asks only where the tool cannot be upright.
+/// Do these angles look like radians? This is no proof: the caller uses it only if the tool cannot be upright.
 pub(super) fn like_radians(pose: &KukaPose) -> bool {
     let angles = [pose.a_deg, pose.b_deg, pose.c_deg];
     let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];
@@ -108,7 +108,7 @@ pub(super) fn like_radians(pose: &KukaPose) -> bool {
         && angles.iter().any(|angle| circle.iter().any(|turn| (angle.abs() - turn).abs() < 0.05))
 }
 
-/// The keys of a pose as a poses file has them, with the axes where they are known: what `picture_poses` reads.
+/// The keys of a pose in the form of a poses file, with the axes if they are known: the input of `picture_poses`.
 pub fn pose_keys(flange: &ReportedFlange) -> String {
     let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = flange.base_from_flange;
     let axes = flange.joints.map(|joints| format!("axes_deg = {:?}\n", joints.degrees()));

@@ -4,7 +4,7 @@ use super::pose::{AXIS_DEG, CORNER, pose};
 use crate::config::{self, Problems, Section};
 use crate::geometry::{Base, Flange, Joints, Rigid};
 
-/// Where the controller says that the robot was: by the flange, by the axes, or by both.
+/// The robot's pose as the controller reports it: by the flange, by the axes, or by both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StatedPose {
     Flange(Rigid<Base, Flange>),
@@ -12,7 +12,7 @@ pub enum StatedPose {
     Both(Rigid<Base, Flange>, Joints),
 }
 
-/// A picture's name in its folder, and where the robot was.
+/// A picture's name in its folder, and the pose of the robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedPose {
     /// The picture.
@@ -51,7 +51,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
             }
             Some(NamedPose { image, pose: stated_pose(&section)? })
         };
-        // Every table is read, so that every problem is told.
+        // Every table is read, so that every problem is reported.
         let all: Vec<Option<NamedPose>> = top.sections("poses").into_iter().map(read).collect();
         top.done();
         let poses: Vec<NamedPose> = all.into_iter().collect::<Option<_>>()?;
@@ -65,7 +65,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
     })
 }
 
-/// What a touches file says was touched.
+/// What was touched, as a touches file states it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatedTouch {
     /// A spot by its number; touches of one spot share it.
@@ -76,8 +76,9 @@ pub enum StatedTouch {
     CornerIn(usize, usize, String),
 }
 
-/// Checks the text of a touches file: `[[touches]]` with `spot`, or with `corner` of a board that stands still, and a pose.
-/// With `image` the board is the one in that picture of the fixed camera, without it that of the camera on the flange.
+/// Checks the text of a touches file: `[[touches]]` with `spot`, or with `corner` of a fixed board, and a pose.
+/// With `image`, the board is the one in that picture of the fixed camera; without it, it is the board of the
+/// camera on the flange.
 ///
 /// # Errors
 /// Every problem with its line and key.

@@ -1,4 +1,4 @@
-//! The tool: poses that tell its point and axis, and readings of its force without contact.
+//! The tool: poses that determine its point and axis, and readings of its force without contact.
 
 use super::pose::{AXIS_DEG, PLACE_MM, pose};
 use crate::calib::tool::AxisTouch;
@@ -19,7 +19,7 @@ pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>
             section.done();
             Some((flange?.to_rigid(), force_n?))
         };
-        // Every table is read, so that every problem is told.
+        // Every table is read, so that every problem is reported.
         let all: Vec<_> = top.sections("readings").into_iter().map(read).collect();
         top.done();
         all.into_iter().collect()
@@ -31,11 +31,11 @@ pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>
 pub struct ToolPoses {
     /// Poses that hold the tip at one spot.
     pub tip: Vec<Rigid<Base, Flange>>,
-    /// What tells the axis.
+    /// The data that determine the axis.
     pub axis: Option<AxisTouch>,
 }
 
-/// Where the flange truly was when the robot reported this; a problem in words where that cannot be said.
+/// Gives the true pose of the flange for this report of the robot, or a problem as text if that is not possible.
 pub type TrueFlange<'a> = &'a dyn Fn(Rigid<Base, Flange>, Option<&Joints>) -> Result<Rigid<Base, Flange>, String>;
 
 /// Checks the text of a poses file for a tool: `[[poses]]`, and `[[axis]]` or `[[plate]]` with `[[flat]]`.
@@ -58,7 +58,7 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
                     }
                 }
             };
-            // Every table is read, so that every problem is told.
+            // Every table is read, so that every problem is reported.
             let all: Vec<_> = top.sections(key).into_iter().map(read).collect();
             all.into_iter().collect()
         };

@@ -16,10 +16,11 @@ use crate::geometry::{ColorPicture, KukaPose};
 use opening::Wanted;
 use std::path::{Path, PathBuf};
 
-/// Takes the picture and does what the same command does on files.
+/// Takes the picture and does the same as the command on files.
 ///
 /// # Errors
-/// Where the camera does not deliver, nobody says where the flange was, or the disk refuses; else as the command on files.
+/// If the camera does not deliver, the flange's pose is not known, or writing to the disk fails; else as the
+/// command on files.
 pub fn look((args, folder): (&Verify, &Path), common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let (image, flange) = match args.camera {
@@ -33,7 +34,7 @@ pub fn look((args, folder): (&Verify, &Path), common: &Common, progress: &dyn Fn
     verify::run(&Verify { image: Some(image), flange, live: None, ..args.clone() }, common, progress)
 }
 
-/// A 3D shot, which also tells how large the squares are; of a simulated scanner, its picture of the target.
+/// Takes a 3D shot, which also gives the size of the squares; with a simulated scanner, its picture of the target.
 fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn(&str)) -> Result<PathBuf, Fault> {
     if cell.cell.scanner().is_simulated() {
         let file = free_names(folder, "verify_scanner", &["png"]).remove(0);

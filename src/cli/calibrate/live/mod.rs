@@ -1,9 +1,10 @@
-//! `panelprep calibrate … --live`: takes the pictures itself, says of each whether it shows the board, what they all give so far,
-//! and which one to take next. At the end it calibrates by them as the same command does on files.
+//! `panelprep calibrate … --live`: takes the pictures itself. For each it reports whether it shows the board, the
+//! result from all pictures so far, and which one to take next. At the end it calibrates with them as the same
+//! command does on files.
 //!
-//! Pictures stay in the folder of `--live`, poses in its `poses.toml`; a session that was broken off goes on where it ended. A
-//! person moves the board or the arm and presses Enter, or with `--count` has some seconds for it; with `--move` the arm moves by itself, through the gates of
-//! `panelprep robot move-j`.
+//! Pictures stay in the folder of `--live`, poses in its `poses.toml`; an interrupted session continues at its end.
+//! A person moves the board or the arm and presses Enter, or with `--count` has some seconds for it. With `--move`
+//! the arm moves automatically, through the gates of `panelprep robot move-j`.
 //!
 //! - `looking`: one picture of the target of a verification · `touching`: poses in which the tip touches something
 
@@ -35,13 +36,13 @@ use so_far::{say_lens, say_mount};
 use std::path::PathBuf;
 use view::View;
 
-/// So many pictures are enough for anybody.
+/// This number of pictures is enough for any lens.
 const MOST: usize = 60;
 
-/// The lens, by pictures that are taken now.
+/// Calibrates the lens with pictures that are taken now.
 ///
 /// # Errors
-/// Where the camera does not deliver or the disk refuses; else as the command on files.
+/// If the camera does not deliver or writing to the disk fails; else as the command on files.
 pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else {
         return Err(CalibrationFault::NoLiveCamera.into());
@@ -72,10 +73,10 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     intrinsics::run(&whole, progress)
 }
 
-/// A camera's mount, by pictures and poses that are taken now.
+/// Calibrates a camera's mount with pictures and poses that are taken now.
 ///
 /// # Errors
-/// As [`lens`], and where the robot does not do what it must.
+/// As [`lens`], and if the robot does not do what it must.
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;

@@ -1,9 +1,9 @@
-//! Poses that the arm moves to by itself.
+//! Poses to which the arm moves automatically.
 //!
-//! A person brings the arm to where the camera sees the board. From there the flange is turned and shifted about a point at the
-//! board's distance, until enough pictures show the board for a first mount; from then on each pose is the one that makes the
-//! mount's stated error smallest, until another one is not worth it. Each move goes through the gate of `panelprep robot move-j`;
-//! a pose that it refuses is left out.
+//! A person brings the arm to a pose from which the camera sees the board. From there the flange is turned and
+//! shifted about a point at the board's distance, until enough pictures show the board for a first mount. From then
+//! on, each pose is the one that minimizes the mount's stated error, until another pose is not worth it. Each move
+//! passes the gate of `panelprep robot move-j`; a pose that the gate refuses is left out.
 
 use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::reported;
@@ -52,7 +52,7 @@ const ABOUT: [([f64; 3], [f64; 3]); 14] = [
 /// Takes pictures from pose to pose.
 ///
 /// # Errors
-/// Where the robot does not do what it must, the camera does not deliver, or the disk refuses.
+/// If the robot does not do what it must, the camera does not deliver, or writing to the disk fails.
 pub fn run(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
     (board, camera): (&Board, PinholeCamera),
@@ -61,7 +61,7 @@ pub fn run(
 ) -> Result<(), Fault> {
     cell.require(crate::requirements::Purpose::Robot)?;
     let is_mock = cell.cell.robot().kind() == RobotKind::Mock;
-    // Whoever holds the store may be moving the robot.
+    // Another program that holds the store may be moving the robot.
     let _store = (!is_mock).then(|| cell.settled_store()).transpose()?;
     let starts = if is_mock { first_pose((args, cell, kind), board, camera)? } else { None };
     let (mut robot, simulated) = live::robot_alone_at(&cell.cell, starts)?;
@@ -119,12 +119,13 @@ struct Tour<'t, 's> {
 }
 
 impl Tour<'_, '_> {
-    /// Where the arm stands, as the controller computes it.
+    /// The arm's pose, as the controller computes it.
     fn stands(&self) -> Result<ReportedFlange, Fault> {
         reported(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
 
-    /// Moves there, by the way that needs the least of the axes; false where no way leads there or the gate refuses.
+    /// Moves to this pose with the smallest motion of the axes; returns false if the arm cannot reach it or the
+    /// gate refuses.
     fn goes_to(&mut self, base_from_flange: &Rigid<Base, Flange>) -> Result<bool, Fault> {
         let now = self.single.state().joints;
         let far_deg = |joints: &Joints| joints.farthest_deg(&now);
@@ -154,8 +155,8 @@ fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Resu
     session.keep(&picture, Some(&tour.stands()?))
 }
 
-/// How far along the flange's Z axis the board is: where the camera is on the flange, as far as the first picture shows the board
-/// to be from the camera. The board on the flange is turned about the flange itself.
+/// The distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of the
+/// board from the camera in the first picture. A board on the flange is turned about the flange itself.
 fn distance_mm(
     pictures: &[std::path::PathBuf],
     kind: BoardView,
@@ -186,10 +187,10 @@ fn varied(
     *base_from_flange * Rigid::<Flange, Flange>::claim(moved)
 }
 
-/// So many poses that see the board are drawn; the first within the simulated arm's reach is taken.
+/// Number of drawn poses that see the board; the first within the simulated arm's reach is used.
 const DRAWN: usize = 20;
 
-/// Where a person has brought the simulated arm before: it sees the board.
+/// The simulated arm's first pose, as if a person had moved it there: it sees the board.
 fn first_pose(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
     board: &Board,
@@ -210,7 +211,7 @@ fn first_pose(
 mod tests {
     use super::*;
 
-    /// A quarter turn about Z at 100 mm leaves the flange where it is; about X it comes to the side of that point.
+    /// A quarter turn about Z at 100 mm leaves the flange at its place; about X it moves to the side of that point.
     #[test]
     fn the_flange_is_turned_about_the_board() {
         let start: Rigid<Base, Flange> = Rigid::claim(Isometry3::translation(500.0, 0.0, 300.0));

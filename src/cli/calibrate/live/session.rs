@@ -1,4 +1,4 @@
-//! What one session takes: pictures in a folder, each with its pose where it has one, and what was seen in them.
+//! The data of one session: pictures in a folder, each with its pose if it has one, and what was seen in them.
 
 use super::super::super::disk;
 use super::super::super::fault::Fault;
@@ -17,7 +17,7 @@ use std::time::Duration;
 /// The poses, in the session's folder.
 pub const POSES: &str = "poses.toml";
 
-/// A picture whose mean grey level is below this is too dark to show anything.
+/// A picture with a mean grey level below this is too dark to show anything.
 const DARK: f64 = 20.0;
 
 /// What a person chooses.
@@ -32,7 +32,7 @@ pub enum Choice {
 /// A session.
 pub struct Session<'a> {
     folder: &'a Path,
-    /// So many pictures are taken without asking, in all, with this time between them.
+    /// The number of pictures that are taken without asking, in all, and the time between them.
     unasked: Option<(usize, Duration)>,
     board: &'a Board,
     window: Option<usize>,
@@ -42,10 +42,10 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Goes on with what is in the folder.
+    /// Continues with the contents of the folder.
     ///
     /// # Errors
-    /// Where a file in it cannot be read.
+    /// If a file in it cannot be read.
     pub fn new(
         (folder, args): (&'a Path, &LiveArgs),
         board: &'a Board,
@@ -76,7 +76,7 @@ impl<'a> Session<'a> {
         self.folder.join(format!("board_{number:04}.png"))
     }
 
-    /// So many pictures are taken at most.
+    /// The largest number of pictures to take.
     pub fn most(&self, usual: usize) -> usize {
         self.unasked.map_or(usual, |(count, _)| count)
     }
@@ -99,7 +99,7 @@ impl<'a> Session<'a> {
     /// Asks whether to take another picture.
     ///
     /// # Errors
-    /// Where nobody can be asked.
+    /// If the person cannot be asked.
     pub fn ask(&self) -> Result<Choice, Fault> {
         if let Some((count, every)) = self.unasked {
             if self.taken() >= count {
@@ -118,10 +118,10 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Keeps a picture, with its pose where it has one, and says what it shows; whether that is the board.
+    /// Keeps a picture, with its pose if it has one, and reports what it shows. Returns whether it shows the board.
     ///
     /// # Errors
-    /// Where the disk refuses.
+    /// If writing to the disk fails.
     pub fn keep(&mut self, picture: &ColorPicture, flange: Option<&ReportedFlange>) -> Result<bool, Fault> {
         let file = self.named(self.taken() + 1);
         disk::write(&file, files::write_color_png(picture).map_err(Fault::stage)?)?;

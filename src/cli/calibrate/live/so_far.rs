@@ -1,4 +1,4 @@
-//! What the pictures give so far, and which one to take next.
+//! The result from the pictures so far, and which one to take next.
 
 use super::super::super::outcome::Outcome;
 use super::super::super::output::tell_line as tell;

@@ -1,5 +1,6 @@
-//! `panelprep calibrate tcp --live` and `touch --live`: poses in which the tip touches something, read from the controller at each
-//! Enter; where no controller answers, a person reads them from the pendant. Nothing moves by it.
+//! `panelprep calibrate tcp --live` and `touch --live`: poses in which the tip touches something, read from the
+//! controller at each Enter. If no controller answers, a person reads them from the pendant. The command causes no
+//! motion.
 
 use super::super::super::args::Common;
 use super::super::super::disk;
@@ -26,7 +27,7 @@ enum Said {
     Done,
 }
 
-/// What the person says: `axis` where that is asked for, `done`, or nothing but Enter for a pose.
+/// The person's input: `axis` if it is possible, `done`, or only Enter for a pose.
 fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
     loop {
         match answer()?.as_deref() {
@@ -46,10 +47,10 @@ fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
     }
 }
 
-/// The tool, by poses that are read now.
+/// Calibrates the tool with poses that are read now.
 ///
 /// # Errors
-/// Where the disk refuses, or nobody says where the flange is; else as the command on files.
+/// If writing to the disk fails or the flange's pose is not known; else as the command on files.
 pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let file = folder.join("poses.toml");
@@ -93,7 +94,7 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
     tcp::run(&on_file(args.out.clone()), common)
 }
 
-/// How well the poses so far tell the tip; the poses are kept where they do not.
+/// Reports how well the poses so far determine the tip; the poses are kept if they do not.
 fn say_tip(found: Result<Outcome, Fault>) {
     match found {
         Ok(outcome) => {

@@ -23,10 +23,10 @@ pub enum View {
 }
 
 impl View {
-    /// Opens the camera that the cell's file names; `lens` is known where the camera's size is.
+    /// Opens the camera that the cell's file names; `lens` is given if the camera's size is known.
     ///
     /// # Errors
-    /// Where it cannot be opened.
+    /// If it cannot be opened.
     pub fn open(
         cell: &CellFiles,
         (view, board): (BoardView, &Board),
@@ -45,10 +45,10 @@ impl View {
         })
     }
 
-    /// A picture, and where the flange was where the camera's source knows it.
+    /// Takes a picture; returns it with the flange's pose if the camera's source knows it.
     ///
     /// # Errors
-    /// Where the camera does not deliver.
+    /// If the camera does not deliver.
     pub fn take(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
         Ok(match self {
             View::Scanner(camera) => (camera.capture_2d().map_err(Fault::stage)?.picture, None),
@@ -72,7 +72,7 @@ pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
 /// The simulated cell's board, as this camera sees it.
 ///
 /// # Errors
-/// Where the board is no chessboard: no other one is simulated here.
+/// If the board is not a chessboard: no other one is simulated here.
 pub fn simulated(
     (view, board): (BoardView, &Board),
     (args, lens): (&LiveArgs, Option<PinholeCamera>),

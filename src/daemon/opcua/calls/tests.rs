@@ -1,4 +1,4 @@
-//! Calls as they reach the service: a queue stands in place of the loop.
+//! Calls as they reach the service: a queue replaces the loop.
 
 use super::*;
 use crate::accounts::Role;
@@ -66,7 +66,7 @@ impl SetupSource for Source {
 struct Cell {
     calls: Calls,
     asked: Arc<Mutex<Vec<String>>>,
-    /// So many of the next requests are refused by the loop.
+    /// Number of next requests that the loop refuses.
     refuses: Arc<AtomicUsize>,
     _folder: TempDir,
 }
@@ -125,7 +125,8 @@ fn status(outcome: &Outcome) -> StatusCode {
     }
 }
 
-/// Every method as every role and as nobody: what may goes to the loop under the caller's name, what may not never gets there.
+/// Every method in every role and without an account: permitted calls reach the loop under the caller's name,
+/// others never do.
 #[tokio::test]
 async fn each_method_reaches_the_loop_as_the_table_says() {
     for method in METHODS {
@@ -163,12 +164,13 @@ async fn each_method_reaches_the_loop_as_the_table_says() {
                 method.name
             );
             let expected = match method.command {
-                // It asks the loop for nothing.
+                // It makes no request to the loop.
                 Command::AcknowledgeAlarm => vec![],
                 _ if is_allowed => vec![format!("{word} by {who}, through OPC UA")],
                 _ => vec![],
             };
-            // A start is told to the loop as one that was not prepared, for which nobody waits: this cell has no files.
+            // The loop receives a start as one that was not prepared, for which no client waits: this cell has no
+            // files.
             let since = Instant::now();
             while cell.asked() != expected && since.elapsed() < Duration::from_secs(5) {
                 thread::sleep(Duration::from_millis(5));
@@ -232,7 +234,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     let floods =
         cell.audit().iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
     assert_eq!(floods, 1);
-    // Another person goes on, and a stop always gets through.
+    // Another person can continue, and a stop always gets through.
     assert_eq!(status(&cell.call("Hold", &[], Some(Role::Engineer)).await), StatusCode::Good);
     assert_eq!(status(&cell.call("Stop", &[], Some(Role::Operator)).await), StatusCode::Good);
     let before = cell.asked().len();
@@ -245,7 +247,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
 }
 
-/// A stop that was refused is no answer to the next one: that is asked for anew, however soon it comes.
+/// A stop that was refused is no answer to the next one: that one is requested anew, however soon it comes.
 #[tokio::test]
 async fn only_a_stop_that_was_done_answers_the_next_one() {
     let cell = Cell::new();

@@ -59,7 +59,8 @@ impl Recordable for CameraCommand {
                 taken(Shot::Scanner(Arc::new(taken_now.picture.clone())), Some(taken_now.time_s))
             }
             Ok(CameraAnswer::Corner(picture)) => taken(Shot::Flange(Arc::new(picture.clone())), None),
-            // By the wall clock a film is watched until its next picture is there; how often it was looked for does not matter.
+            // By the wall clock a film is watched until its next picture is available; the number of checks before
+            // does not matter.
             Ok(CameraAnswer::NoneDue) => ok(Value::Null).filter(|_| recorder.is_lock_step()),
             Ok(CameraAnswer::FilmBegan(time_s)) => ok(json!(time_s)),
             Ok(CameraAnswer::FilmEnded(dropped)) => ok(json!(dropped)),

@@ -34,7 +34,7 @@ impl Recordable for RecordCommand {
             RecordCommand::MountDisc => json!("mount_disc"),
             RecordCommand::Check => json!("check"),
             RecordCommand::Filled => Value::Null,
-            // Who requested something and what the clock says is no part of what a cycle decides.
+            // The author of a request and the time of the clock are no part of a cycle's decisions.
             RecordCommand::Permit(_)
             | RecordCommand::Asked(_)
             | RecordCommand::Clock(_)
@@ -50,7 +50,7 @@ impl Recordable for RecordCommand {
             Ok(RecordAnswer::Cycle(cycle)) => ok(json!(cycle)),
             Ok(RecordAnswer::Concluded(verdict)) => ok(json!(verdict)),
             Ok(RecordAnswer::Worn(worn_mm2)) => ok(json!(worn_mm2)),
-            // Where nothing was, nothing is written down: a replay then hears of nothing.
+            // If there was nothing, nothing is written down: a replay then receives nothing.
             Ok(RecordAnswer::Earlier(earlier)) => ok(json!(earlier)).filter(|_| !earlier.is_empty()),
             Ok(RecordAnswer::Wrong(reasons)) => value(json!(reasons)),
             Ok(RecordAnswer::Full(why)) => why.as_ref().and_then(|why| value(json!(why))),

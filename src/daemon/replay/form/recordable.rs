@@ -18,21 +18,21 @@ pub struct Heard {
 
 /// A command that a recording can hold.
 pub trait Recordable: Command {
-    /// The command's topic, and its words in the recording; null where the loop only listens. `None` where the command is not
-    /// recorded, since it follows from what the loop hears.
+    /// Returns the command's topic, and its form in the recording; null if the loop only listens. `None` if the
+    /// command is not recorded, since it follows from the data that the loop receives.
     fn said(&self) -> Option<(Topic, Value)>;
 
-    /// The answer in the recording; `None` where an answer such as this one is not recorded.
+    /// Returns the answer in the recording; `None` if an answer such as this one is not recorded.
     fn heard(answer: &Self::Answer, recorder: &Recorder) -> Option<Heard>;
 
     /// The answer that the recording has.
     fn answer(&self, heard: Heard) -> Result<Self::Answer, serde_json::Error>;
 
-    /// The answer where the recording has none: the command is not recorded, nothing came, or the replay has parted from the
-    /// recording. `now` is the clock's last reading.
+    /// Returns the answer if the recording has none: the command is not recorded, nothing came, or the replay has
+    /// parted from the recording. `now` is the clock's last reading.
     fn otherwise(&self, now: Time, has_parted: bool) -> Self::Answer;
 
-    /// Whether this is what came, where the loop waits for one particular thing.
+    /// Returns whether this is the recorded answer, if the loop waits for one particular answer.
     fn fits(&self, _heard: &Value) -> bool {
         true
     }
@@ -49,7 +49,7 @@ pub trait Recordable: Command {
     fn after(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
 }
 
-/// A value as it is written down; null where it cannot be.
+/// Returns a value as it is written down; null if it cannot be written.
 pub(in crate::daemon::replay) fn told(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or(Value::Null)
 }

@@ -1,4 +1,4 @@
-//! Requests, and what is told of them, in a recording.
+//! Requests, and the reports about them, in a recording.
 
 use super::recordable::{Heard, Recordable, value};
 use crate::cycle;
@@ -31,7 +31,8 @@ impl Recordable for RequestCommand {
         match answer {
             RequestAnswer::Next(Ok(Some(Request { what, .. }))) => value(match what {
                 What::Table(request) => json!({ "for": request }),
-                // What the table refuses is a request like any other; what it takes begins a recording of its own.
+                // A request that the table refuses is a request like any other; one that it accepts begins a
+                // recording of its own.
                 What::Begin(prepared) => json!({ "for": prepared.request }),
                 What::NewDisc => json!("new_disc"),
                 What::Leave => json!("leave"),

@@ -1,4 +1,4 @@
-//! Somebody who asks by a script.
+//! A requester that follows a script.
 
 use super::super::super::*;
 use crate::cycle::{self, At, Refusal, State};
@@ -6,15 +6,15 @@ use crate::record::{Front, Who};
 use crate::supervision::ThreadFault;
 use std::collections::VecDeque;
 
-/// A cycle takes fewer rounds.
+/// A cycle needs fewer iterations.
 const MOST_ASKED: usize = 200_000;
 
 type When = Box<dyn Fn(&State) -> bool>;
 
-/// Somebody who asks each thing once, in order, when its time has come, and leaves where nothing more can happen.
+/// Makes each request once, in order, when its time has come, and leaves when nothing more can happen.
 pub struct Asks {
     script: VecDeque<(When, cycle::Request)>,
-    /// What is asked for in every round of a cycle that works, and how often it was.
+    /// The request that is made in every iteration of a working cycle, and the number of times it was made.
     flood: Option<cycle::Request>,
     asked: usize,
     pub refusals: Vec<(cycle::Request, Refusal)>,

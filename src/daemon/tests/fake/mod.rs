@@ -1,4 +1,4 @@
-//! The scripted cell: how it is set up, and how a cycle of it is run, served and replayed.
+//! The scripted cell: its setup, and how one of its cycles is run, served and replayed.
 
 mod asks;
 mod cameras;
@@ -54,11 +54,11 @@ pub struct Cell {
     pub more_cell: &'static str,
     /// What the disc has worn before, mm².
     pub worn_mm2: f64,
-    /// What it takes off, where that is calibrated.
+    /// Its removal, if it is calibrated.
     pub removal: Option<Model>,
     /// What earlier cycles did to the panel.
     pub earlier: Vec<EarlierPass>,
-    /// Where the service's orders are to be recorded.
+    /// The folder in which the service's orders are to be recorded.
     pub record: Option<PathBuf>,
     /// Time passes by itself, and not only while the robot is listened to.
     pub by_the_wall: bool,
@@ -99,7 +99,7 @@ impl Cell {
         self
     }
 
-    /// Today its middle lies this far in front of where it was taught.
+    /// Today the panel's middle lies this far in front of its taught place.
     pub fn whose_panel_bows(self, bow_mm: f64) -> Self {
         {
             let mut world = self.world.borrow_mut();
@@ -113,7 +113,7 @@ impl Cell {
         self
     }
 
-    /// The flange stands there before the cycle, the axes as near to these as that allows.
+    /// The flange is there before the cycle, with the axes as near to these as that allows.
     pub fn whose_flange_stands_at(
         self,
         (base_from_flange, near): (
@@ -129,7 +129,7 @@ impl Cell {
         self
     }
 
-    /// The arm takes so long to stand after an abort, ms.
+    /// The arm needs this time to come to rest after an abort, ms.
     pub fn that_brakes_for(self, ms: u64) -> Self {
         self.world.borrow_mut().brakes_ms = ms;
         self
@@ -172,7 +172,7 @@ impl Cell {
         self.tried(asks).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// What dries the panel, as a person does before a held film goes on.
+    /// Returns a function that dries the panel, as a person does before a held film continues.
     pub fn dries(&self) -> impl Fn() -> bool + use<> {
         let world = self.world.clone();
         move || {
@@ -206,7 +206,7 @@ impl Cell {
         setup(&cell, &recipe, &taught, calibrations)
     }
 
-    /// Serves until `asks` leaves; `cameras` may stand before the cell's own.
+    /// Serves until `asks` leaves; `cameras` may wrap the cell's own.
     pub fn serve<E: CameraPort + Send + 'static>(
         &self,
         cameras: impl FnOnce(FakeCameras) -> E,
@@ -362,7 +362,7 @@ impl Cell {
 
 fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_step: bool) -> Computing<'static> {
     let keep = Box::new(|_: &crate::geometry::ColorPicture| {
-        // Never on the loop, whose deadlines and watchdog would wait for it.
+        // Never on the loop, as its deadlines and watchdog would wait for it.
         assert_eq!(std::thread::current().name(), Some("computing"));
         Ok(Some(String::new()))
     });

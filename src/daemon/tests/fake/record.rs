@@ -15,7 +15,7 @@ pub struct Memory {
     pub writes: usize,
     pub(super) cycles: i64,
     pub is_full: bool,
-    /// So many writes find room before the disk is full; none where it has room for all.
+    /// Number of writes that find room before the disk is full; `None` if it has room for all.
     pub fills_at: Option<usize>,
     pub(super) lacks_room: bool,
     pub worn_mm2: f64,
@@ -23,14 +23,14 @@ pub struct Memory {
     pub wears: Vec<(f64, bool)>,
     pub findings: Vec<Finding>,
     pub figures: Vec<String>,
-    /// Pictures by their names, and where the flange stood then.
+    /// Pictures by their names, with the pose of the flange at that time.
     pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
     /// The pictures of all films.
     pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
-    /// Each contact path and how many waypoints were permitted of it, one after the other.
+    /// Each contact path and the numbers of waypoints permitted on it, one after the other.
     pub contacts: Vec<(ContactPath, Vec<u32>)>,
     pub earlier: Vec<EarlierPass>,
     pub asked: Vec<RequestRecord>,
@@ -124,7 +124,7 @@ impl Port<RecordCommand> for Memory {
             }
             RecordCommand::MountDisc => self.worn_mm2 = 0.0,
             RecordCommand::Check => {
-                // Somebody makes room as soon as a check has said that there is none.
+                // Room is made as soon as a check has reported that there is none.
                 let lacks_room = self.is_full || std::mem::take(&mut self.lacks_room);
                 let full = || vec![Reason::new("disk_full", "no room")];
                 return Ok(RecordAnswer::Wrong(if lacks_room { full() } else { vec![] }));

@@ -1,4 +1,4 @@
-//! A robot that executes what it is told, so many commands in each tenth of a second.
+//! A robot that executes its commands, a fixed number in each tenth of a second.
 
 use super::super::super::*;
 use super::{Shared, World};
@@ -129,7 +129,8 @@ pub struct FakeRobot {
 impl Port<RobotCommand> for FakeRobot {
     fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
         if let (RobotCommand::Next, true) = (&command, self.by_the_wall) {
-            // Ten times as fast as it says: what is computed aside takes some of these rounds, and is not late on a busy machine.
+            // Ten times as fast as its clock: a background computation lasts some of these rounds, and is not late
+            // on a busy machine.
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
         let mut world = self.world.borrow_mut();
@@ -217,7 +218,7 @@ impl World {
     }
 }
 
-/// A robot that stands, drives on, guard closed, in EXT.
+/// Returns the state of a robot at rest, drives on, guard closed, in EXT.
 pub fn standing_state() -> eki::State {
     eki::State {
         time_ms: 0,

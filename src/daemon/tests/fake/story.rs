@@ -8,7 +8,7 @@ use crate::record::{Budget, Clock, ContactPath, Kind, RequestRecord};
 use crate::sim::Truth;
 use std::sync::Arc;
 
-/// What came of it.
+/// The result of a run.
 pub struct Story {
     pub outcome: LoopOutcome,
     pub truth: Truth,

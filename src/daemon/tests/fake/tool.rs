@@ -1,4 +1,4 @@
-//! The compliant tool of the scripted cell, on its true panel, and a cell that stands before its contact path.
+//! The compliant tool of the scripted cell, on its true panel, and a cell that is about to begin its contact path.
 
 use super::super::super::*;
 use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
@@ -51,7 +51,7 @@ impl Surroundings for FakePanel {
 }
 
 impl Cell {
-    /// Its tool, as its file says.
+    /// Returns its tool, as configured in its file.
     pub(super) fn tool(&self) -> LinkedTool {
         linked(&self.files().0, &self.world)
     }
@@ -72,7 +72,7 @@ fn linked(cell: &crate::cell::Cell, world: &Shared) -> LinkedTool {
     simulated(cell, world).map(LinkedTool::new).unwrap_or_default()
 }
 
-/// A cycle whose tool is being switched on before contact; from here on it can be run any number of times.
+/// A cycle with its tool being switched on before contact; from here on it can be run any number of times.
 pub struct AtContact {
     cell: crate::cell::Cell,
     setup: Arc<CycleSetup>,
@@ -89,7 +89,8 @@ pub struct AtContact {
 pub struct Ended {
     pub state: State,
     pub findings: Vec<Finding>,
-    /// From the fault, or the first touch after it, to the tool's end, ms; none where the disc did not touch any more.
+    /// From the fault, or the first touch after it, to the tool's end, ms; `None` if the disc did not touch any
+    /// more.
     pub took_ms: Option<u64>,
     /// Waypoints executed, as the motion was closed with.
     pub done: Option<u32>,

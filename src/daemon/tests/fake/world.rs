@@ -9,14 +9,14 @@ use crate::sim;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Where the arm stands before a cycle.
+/// The position of the arm before a cycle.
 const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
 
 /// What is true of the cell.
 #[derive(Clone)]
 pub(super) struct World {
-    /// The fault that the tool has once so many lines of the contact path are executed.
+    /// The fault that the tool has once this many lines of the contact path are executed.
     pub(super) tool_fault: Option<(u32, ToolFault)>,
     /// Since when the disc rubs without a break under that fault, ms.
     pub(super) rubs_since_ms: Option<u64>,
@@ -41,7 +41,7 @@ pub(super) struct World {
     pub(super) loses_link: bool,
     /// The bit of a feedback that reads off, and from which waypoint in contact on.
     pub(super) dead_feedback: Option<(u32, u32)>,
-    /// Nobody answers until the next state is heard.
+    /// No controller answers until the next state is received.
     pub(super) is_lost: bool,
     pub(super) beyond: u32,
     /// Commands executed in 100 ms.
@@ -62,7 +62,7 @@ pub(super) struct World {
     pub(super) water_off_ms: u64,
     pub(super) rubbed: usize,
     pub(super) healed: bool,
-    /// The panel turns about its first corner once it is wet, by so much.
+    /// The angle by which the panel turns about its first corner once it is wet.
     pub(super) turns_when_wet_deg: f64,
     pub(super) waypoints: usize,
     pub(super) reports: VecDeque<Report>,
@@ -86,7 +86,7 @@ pub(super) struct World {
 }
 
 impl World {
-    /// Before a cycle: the arm stands at [`START`], and nothing is on.
+    /// Creates the world before a cycle: the arm is at [`START`], and nothing is on.
     pub(super) fn new(sim: sim::Cell) -> Self {
         World {
             tool_fault: None,

@@ -40,7 +40,7 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let change = json!({ "text": text, "why": "" }).to_string();
     let told = site.post(&engineer, "/setup/recipe/door.toml", &change).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "a reason is asked for");
-    // Two engineers have opened the same recipe: the second one to save is told, and overwrites nothing.
+    // Two engineers have opened the same recipe: the second one to save is informed, and overwrites nothing.
     let save = |before: &str| json!({ "text": text, "why": "wider", "before": before }).to_string();
     let saved = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(DOOR.as_bytes()))).await;
     assert_eq!(saved.status, StatusCode::OK, "{}", saved.body);
@@ -73,7 +73,7 @@ async fn what_is_no_region_is_not_proposed() {
     }
 }
 
-/// Without cameras the reason is told, and the attempt is in the audit trail.
+/// Without cameras the reason is reported, and the attempt is in the audit trail.
 #[tokio::test]
 async fn a_picture_that_cannot_be_taken_says_why() {
     let site = PageFixture::new();
@@ -86,7 +86,8 @@ async fn a_picture_that_cannot_be_taken_says_why() {
     assert!(audit.contains("take a picture") && audit.contains("has not opened its cameras"), "{audit}");
 }
 
-/// What the office offers is shown with its difference; it stands in the form where the person asks for it, and is not written by that.
+/// The office's offer is shown with its difference; it is put into the form if the person requests it, and is not
+/// written by that.
 #[tokio::test]
 async fn a_recipe_of_the_office_is_shown_and_taken_by_a_person() {
     let site = PageFixture::new();

@@ -1,4 +1,4 @@
-//! Every route × every role, as the table says; and nothing beside the table.
+//! Every route × every role, as in the table; and no route outside the table.
 
 use super::{Browser, PageFixture};
 use crate::accounts::{Permission, Role};
@@ -21,7 +21,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
     }
     for route in ROUTES {
         for (role, browser) in &visitors {
-            // Whoever logs out cannot go on.
+            // A visitor who logs out cannot continue.
             if ["/logout", "/login"].contains(&route.path) {
                 continue;
             }
@@ -82,7 +82,7 @@ fn what_stops_is_open_and_what_moves_is_not() {
     }
 }
 
-/// A viewer that asks again and again for what it may not do is refused each time, and writes a few lines.
+/// A viewer that repeats requests that it may not make is refused each time, and writes a few lines.
 #[tokio::test]
 async fn a_flood_of_refused_requests_is_a_few_lines_of_the_audit_trail() {
     let site = PageFixture::new();

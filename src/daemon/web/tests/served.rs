@@ -19,12 +19,12 @@ fn parts(site: &PageFixture, listen: SocketAddr) -> PageParts {
     site.parts(page)
 }
 
-/// What is answered to the page of the cell; `None` where nobody answers.
+/// Returns the answer to a request for the page of the cell; `None` if no server answers.
 fn asked(address: SocketAddr) -> Option<String> {
     answered(address, &format!("GET /login HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n"))
 }
 
-/// What is answered to a stop by somebody who has no account.
+/// Returns the answer to a stop by a visitor without an account.
 fn stopped(address: SocketAddr) -> Option<String> {
     let head = format!(
         "POST /request/stop HTTP/1.1\r\nhost: {address}\r\norigin: http://{address}\r\nconnection: close\r\n"
@@ -63,11 +63,11 @@ fn served(site: &PageFixture) -> (OperatorPage, SocketAddr) {
     (page, address)
 }
 
-/// So many connections that each begin so.
+/// Opens this many connections that each begin with this text.
 fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> {
     let one = |_| {
         let mut stream = TcpStream::connect(address).expect("it listens");
-        // Whoever came first may have given way already.
+        // The first ones may have given way already.
         drop(stream.write_all(begins.as_bytes()));
         stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
         stream
@@ -75,7 +75,8 @@ fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> 
     (0..count).map(one).collect()
 }
 
-/// Requests whose bodies never come keep no place: a stop beside them is done at once, and they end by themselves.
+/// Requests with bodies that never come keep no place: a stop at the same time is done at once, and they end
+/// automatically.
 #[test]
 fn bodies_that_never_come_keep_no_stop_waiting() {
     let site = PageFixture::new();
@@ -93,7 +94,7 @@ fn bodies_that_never_come_keep_no_stop_waiting() {
     assert!(rest.starts_with("HTTP/1.1 4"), "{rest}");
 }
 
-/// Whoever looks on at the events without an account keeps nobody out.
+/// Viewers of the events without an account keep no one out.
 #[test]
 fn many_who_look_on_keep_no_stop_waiting() {
     let site = PageFixture::new();
@@ -112,7 +113,7 @@ fn many_who_look_on_keep_no_stop_waiting() {
     assert!(lookers.last_mut().expect("one").read(&mut bytes).expect("open") > 0, "the last one looks on");
 }
 
-/// Two hundred requests without an end hold nobody up, and lose their places.
+/// Two hundred requests without an end delay no other client, and lose their places.
 #[test]
 fn slow_clients_hold_nobody_up() {
     let site = PageFixture::new();

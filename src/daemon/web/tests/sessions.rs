@@ -73,7 +73,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     let start = site.post(&operator, "/request/start", &start(&sha256)).await;
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
     let by = "operator, on the operator's page";
-    // A start that was refused goes to the loop for its record, and nobody waits for that.
+    // A start that was refused goes to the loop for its record, and no client waits for that.
     let since = std::time::Instant::now();
     while site.asked().len() < 5 && since.elapsed() < std::time::Duration::from_secs(20) {
         tokio::task::yield_now().await;
@@ -127,7 +127,8 @@ async fn one_changes_ones_own_password_by_the_old_one() {
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let told = site.post(&operator, "/password", r#"{"password":"wrong horse","new":"another horse"}"#).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);
-    // A new one that is too short is no wrong one: however often it is tried, nobody has to wait.
+    // A new password that is too short does not count as a wrong one: no one has to wait, regardless of the number
+    // of attempts.
     for _ in 0..6 {
         let body = format!(r#"{{"password":"{PASSWORD}","new":"x"}}"#);
         assert_eq!(site.post(&operator, "/password", &body).await.status, StatusCode::UNPROCESSABLE_ENTITY);
@@ -147,7 +148,7 @@ fn change_beside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Accoun
     store.keep_account(&account, &entry).expect("kept");
 }
 
-/// Asks until the session has ended, which it does within a few seconds.
+/// Makes requests until the session has ended, which it does within a few seconds.
 async fn ends(site: &PageFixture, browser: &Browser) {
     let since = Instant::now();
     loop {
@@ -167,7 +168,7 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
     let inspector = site.log_in("inspector", PASSWORD).await.expect("logged in");
     let told = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert_eq!(told.status, StatusCode::OK, "{}", told.body);
-    // The accounts were read just now: the signature asks all the same.
+    // The accounts were read just now: the signature reads them nevertheless.
     change_beside(&site, "inspector", |account| account.role = Role::Viewer);
     let told = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert!(
@@ -184,7 +185,7 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
     // A stop needs no account, as ever.
     assert_eq!(site.post(&engineer, "/request/stop", "{}").await.status, StatusCode::OK);
 
-    // Whoever logs in after the change goes on at once.
+    // A person who logs in after the change can continue at once.
     change_beside(&site, "engineer", |account| account.is_enabled = true);
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);

@@ -1,4 +1,4 @@
-//! What goes wrong on the way, and what is told of it.
+//! Faults during operation, and how they are reported.
 
 use super::*;
 
@@ -9,7 +9,7 @@ fn picture() -> Vec<Vec<u8>> {
     vec![(0..SIZE[0] * SIZE[1]).map(|pixel| (pixel * 7 + pixel / SIZE[0]) as u8).collect()]
 }
 
-/// The camera at the loopback interface, once it is there.
+/// Returns the camera at the loopback interface as soon as it is present.
 fn opened() -> GigeCamera {
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     camera.check().unwrap_or_else(|error| panic!("{error}"));
@@ -50,7 +50,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
         (counted.losses, counted.connections),
         (refused, refused + u64::from(camera.standing() == Standing::Connected))
     );
-    // Nothing of it stays.
+    // The packet loss has no lasting effect.
     loopback.lose_packets(0.0);
     wait_for("the camera", || camera.standing() == Standing::Connected);
     for _ in 0..3 {
@@ -60,7 +60,8 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
     }
 }
 
-/// A camera that goes away while it is used is told once; nobody waits for it; when it is there again it delivers.
+/// A camera that disappears while in use is reported once, and no client waits for it. When it is back, it delivers
+/// again.
 #[test]
 fn a_camera_that_dies_is_told_once_and_comes_back() {
     let _alone = alone();
@@ -105,7 +106,7 @@ fn a_camera_that_gives_no_picture_is_set_anew() {
     assert_eq!((camera.statistics().losses, camera.statistics().connections), (1, 2));
 }
 
-/// Its heartbeat tells of the loss though nobody asks for a picture.
+/// The heartbeat reports the loss although no picture is requested.
 #[test]
 fn a_camera_that_dies_unused_is_noticed() {
     let _alone = alone();
@@ -145,7 +146,7 @@ fn a_wrong_camera_is_refused_in_words() {
     assert!(gain.contains("does not take Gain = 60: it allows 0 to 48"), "{gain}");
     let set = says(Settings { user_set: "UserSet7".to_owned(), ..settings(SIZE, FORMAT) });
     assert!(set.contains("does not take UserSetSelector = UserSet7") && set.contains("Default, UserSet1"), "{set}");
-    // 12 s are longer than one picture at the fewest a second that it takes, 0.1.
+    // 12 s is longer than one picture at the lowest frame rate that the camera accepts, 0.1 pictures per second.
     let exposure = says(Settings { exposure_us: Some(12e6), ..settings(SIZE, FORMAT) });
     assert!(exposure.contains("does not take AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
     // Another program has it: here the same one, twice.
@@ -158,7 +159,7 @@ fn a_wrong_camera_is_refused_in_words() {
     exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }
 
-/// A camera whose size is changed while it delivers.
+/// The camera's size is changed while it delivers.
 #[test]
 fn a_size_that_changes_is_refused() {
     let _alone = alone();
@@ -179,8 +180,8 @@ fn a_size_that_changes_is_refused() {
     );
 }
 
-/// A camera that took BayerRG8 and sends BayerRG12, as a TRI032S is documented to: told as that, not as a network that loses
-/// packets.
+/// A camera that accepts BayerRG8 and sends BayerRG12, as a TRI032S is documented to do. This is reported as a
+/// wrong format, not as a network that loses packets.
 #[test]
 fn a_format_that_the_camera_changed_is_named() {
     let _alone = alone();
@@ -201,8 +202,8 @@ fn a_format_that_the_camera_changed_is_named() {
     assert!(told.contains("pixel_format") && !told.contains("firewall"), "{told}");
 }
 
-/// A camera that never says that it is ready is triggered all the same; each time it was waited for is counted, and from the
-/// third on it is not waited for any more.
+/// A camera that never reports ready is triggered anyway. Each wait is counted, and after the third the program
+/// does not wait any more.
 #[test]
 fn a_camera_that_never_says_that_it_is_ready_is_triggered() {
     let _alone = alone();

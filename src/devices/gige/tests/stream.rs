@@ -33,7 +33,7 @@ fn full_pictures_keep_their_integrity() {
     let _alone = alone();
     let format = PixelFormat::BayerRG8;
     let full = [2048, 1536];
-    // Where the system's sockets have no room for a full picture, a quarter of it.
+    // If the system's sockets have no room for a full picture, a smaller picture is used.
     let room = rmem_max().is_none_or(|given| given >= burst_bytes(full, PACKET_BYTES));
     let size_px = if room { full } else { [256, 192] };
     let raw = tiled(size_px, format);

@@ -118,7 +118,7 @@ impl Controller {
     fn press(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         let for_ms = self.press_one(fault, begins);
         if !begins {
-            // Whoever mended it starts the program again.
+            // The person who corrected the fault starts the program again.
             self.start_program();
         }
         for_ms

@@ -23,7 +23,7 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `mute`: the controller hears and says nothing.
+    /// `mute`: the controller receives and sends nothing.
     Mute {
         /// How long, ms.
         for_ms: Option<u64>,
@@ -33,7 +33,7 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `stall`: the submit interpreter stands still; the arm runs on with what it has.
+    /// `stall`: the submit interpreter stalls; the arm continues with the commands that it has.
     Stall {
         /// How long, ms.
         for_ms: Option<u64>,
@@ -57,14 +57,15 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `slow`: the arm moves at this share of its speed, 1 to 100 %, and the override says nothing of it.
+    /// `slow`: the arm moves at this share of its speed, 1 to 100 %, and the override does not show it.
     Slow {
         /// Share, %.
         percent: u8,
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `measured`: the tool's pose is reported this far above where it is, 1 to 200 mm, along Z of the base that is set.
+    /// `measured`: the tool's pose is reported this far above its true position, 1 to 200 mm, along Z of the active
+    /// base.
     Measured {
         /// How far, mm.
         off_mm: u8,
@@ -98,7 +99,7 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `reboot`: the controller starts again and listens after a while; 3 s where nothing is said.
+    /// `reboot`: the controller restarts and listens after a while; 3 s if no time is given.
     Reboot {
         /// How long, ms.
         for_ms: Option<u64>,
@@ -128,7 +129,7 @@ pub struct Planned {
 pub struct FaultSpec {
     /// Of delays, pieces and random faults; the same seed gives the same.
     pub seed: u64,
-    /// Bytes arrive so many ms late, either way, at least and at most.
+    /// Bytes arrive late by this minimum and maximum in ms, in both directions.
     pub delay_ms: Option<(u64, u64)>,
     /// What is sent comes in pieces that know nothing of documents.
     pub fragment: bool,

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::str::FromStr;
 
-/// Why a text is no fault specification. Each names the item and what may stand there.
+/// Why a text is not a fault specification. Each error names the item and the allowed text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FaultSpecError {
     /// Nothing between two commas.
@@ -25,12 +25,12 @@ pub enum FaultSpecError {
     Value {
         /// The whole item.
         item: String,
-        /// What stands there.
+        /// The text found.
         found: String,
         /// What may.
         allowed: &'static str,
     },
-    /// A value or duration where none belongs.
+    /// A value or duration that is not allowed here.
     #[error("\"{item}\": {name} takes no {what}")]
     Needless {
         /// The whole item.
@@ -40,7 +40,7 @@ pub enum FaultSpecError {
         /// Value, duration or time.
         what: &'static str,
     },
-    /// A fault that does not say when.
+    /// A fault without a time.
     #[error("\"{item}\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command")]
     NoTime {
         /// The whole item.
@@ -51,9 +51,9 @@ pub enum FaultSpecError {
     Time {
         /// The whole item.
         item: String,
-        /// What stands there.
+        /// The text found.
         found: String,
-        /// Whether a command's number may stand there too.
+        /// Whether a command's number is also allowed there.
         at: bool,
     },
 }

@@ -45,7 +45,7 @@ impl Troubles {
         self.mute || (self.no_acks && channel == Channel::Command)
     }
 
-    /// The submit interpreter stands still.
+    /// Returns whether the submit interpreter is stalled.
     pub(in super::super) fn stalled(&self) -> bool {
         self.stalled
     }
@@ -70,12 +70,12 @@ impl Troubles {
         self.refusal.take()
     }
 
-    /// One more, where a state's number is to be left out.
+    /// Returns one if a state's number is to be left out, else zero.
     pub(in super::super) fn take_skip(&mut self) -> i32 {
         i32::from(std::mem::take(&mut self.skips_state))
     }
 
-    /// What becomes of a frame that is being set; `None` where it has no effect.
+    /// Returns the resulting value of a frame that is being set; `None` if the command has no effect.
     pub(in super::super) fn spoil(&mut self, command: &Command) -> Option<[f64; 6]> {
         let mut numbers = command.p;
         if self.lost == Some(command.operation) {
@@ -90,8 +90,8 @@ impl Troubles {
 }
 
 impl Troubles {
-    /// What becomes of `$BASE` or `$TOOL` that a program sets; `None` where it has no effect. A null frame is the
-    /// program's own, at an epoch's start.
+    /// Returns the resulting value of `$BASE` or `$TOOL` that a program sets; `None` if this has no effect. A null
+    /// frame is set by the program itself, at the start of an epoch.
     pub(in super::super) fn spoil_frame(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
         let operation = if is_base { SET_BASE } else { SET_TCP };
         if frame == [0.0; 6] {

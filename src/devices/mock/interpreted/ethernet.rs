@@ -10,7 +10,8 @@ use super::super::wire::Channel;
 use super::values::Values;
 use crate::krl::{Builtin, Cell, EkiAnswer, Meaning};
 
-/// Not available; initialised already; interpretation failed; exists already; unknown element; nobody is connected.
+/// Not available; initialised already; interpretation failed; exists already; unknown element; no client is
+/// connected.
 const NOT_AVAILABLE: i32 = 9;
 const INITIALISED: i32 = 23;
 const FAILED: i32 = 6;
@@ -170,7 +171,7 @@ fn send(controller: &mut Controller, values: &Values, channel: Channel, tag: &st
 }
 
 impl Controller {
-    /// A client wants to connect; true where the program has opened the channel and nobody is there.
+    /// Connects a client. Returns true if the program has opened the channel and no client is connected.
     pub(in super::super) fn connect_interpreted(&mut self, channel: Channel) -> bool {
         self.open_in_lock_step(channel);
         let listens =

@@ -7,7 +7,7 @@ use super::super::setup::Setup;
 use super::super::wire::Channel;
 use std::collections::VecDeque;
 
-/// A document and what it says of itself; `None` where it does not.
+/// A document and the fields read from it; `None` for a field that it lacks.
 #[derive(Debug)]
 pub(super) struct Document {
     pub(super) bytes: Vec<u8>,

@@ -1,9 +1,9 @@
 //! Lock step: the client's requests let time pass, and nothing reaches a program before its time.
 //!
-//! What arrives waits here, outside of the channels' memories. A request is handed over in its order and gets the cycles
-//! that its answer takes; a heartbeat lets 100 ms pass first, once every command up to the one that it names is there, and
-//! only those are handed over. So the result does not depend on when bytes arrive: a client hears of what a grant has
-//! brought before it says anything more, the answer last.
+//! Received documents wait here, outside of the channels' memories. Requests are handed over in order, and each
+//! gets the cycles that its answer needs. A heartbeat lets 100 ms pass first, as soon as every command up to the
+//! one that it names has arrived, and only those are handed over. So the result does not depend on when bytes
+//! arrive: a client receives the results of a grant before it sends anything more, the answer last.
 
 use super::super::framer::Framer;
 use super::super::model::{Controller, TICK_MS};
@@ -24,8 +24,8 @@ impl Controller {
         self.setup.clock == Clock::LockStep && self.running.as_ref().is_some_and(|running| !running.held.serves)
     }
 
-    /// Lets the time pass that the programs take to start, so that whoever connects finds them at work; nothing for the
-    /// hand-written model.
+    /// Lets the time pass that the programs need to start, so that a client that connects finds them running. No
+    /// effect for the hand-written model.
     pub fn boot(&mut self) {
         if self.running.is_some() {
             self.advance_ms(BOOT_MS);

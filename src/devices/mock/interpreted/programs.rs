@@ -20,9 +20,11 @@ pub struct Programs {
     pub cold_start: bool,
     /// What `$ROB_TIMER` counts at the start, ms.
     pub uptime_ms: u64,
-    /// The submit interpreter begins its next cycle at once where one ends without waiting; else with the next tick.
+    /// The submit interpreter begins its next cycle at once if one ends without waiting; otherwise with the next
+    /// tick.
     pub busy_submit: bool,
-    /// Inputs and outputs are what `cell_config.dat` says; else those of the mock controller's setup take their place.
+    /// Inputs and outputs are those of `cell_config.dat`; otherwise those of the mock controller's setup replace
+    /// them.
     pub keeps_config: bool,
     /// What a person should know before these programs are executed: file, line and what is not executed or not known.
     pub remarks: Vec<String>,
@@ -41,10 +43,11 @@ const SHIPPED: [(&str, &str); 8] = [
 ];
 
 impl Programs {
-    /// Reads programs and data lists, each a name and a text. What is not executed, and what is doubtful, is remarked.
+    /// Reads programs and data lists, each a name and a text. Statements that are not executed, or are doubtful,
+    /// are remarked.
     ///
     /// # Errors
-    /// Where a file is not right, with file and line.
+    /// If a file is not correct, with file and line.
     pub fn load(files: &[(&str, &str)]) -> Result<Self, MockError> {
         let read: Vec<_> = files.iter().map(|(name, text)| parse(name, text)).collect();
         // The versions of KSS differ in what they lack; `panelprep check` reports what a version does not have.
@@ -81,11 +84,11 @@ impl Programs {
         })
     }
 
-    /// The programs that ship with files of one's own in their place or beside them: a file takes the place of the
-    /// shipped one of its name.
+    /// Returns the shipped programs together with the user's own files. A file replaces the shipped one of the same
+    /// name.
     ///
     /// # Errors
-    /// Where a file is not right, with file and line.
+    /// If a file is not correct, with file and line.
     pub fn with_own(own: &[(&str, &str)]) -> Result<Self, MockError> {
         let is_own = |name: &str| own.iter().any(|(of, _)| base_name(of).eq_ignore_ascii_case(name));
         let shipped = SHIPPED.iter().copied().filter(|(name, _)| !is_own(name));
@@ -102,7 +105,7 @@ impl Programs {
         Programs::load(&SHIPPED)
     }
 
-    /// The program, for what a test says of its statements.
+    /// Returns the program, for tests that refer to its statements.
     pub fn program(&self) -> &Program {
         &self.program
     }

@@ -9,7 +9,7 @@ pub enum RobotState {
     Reset,
     /// It runs.
     Active,
-    /// It was stopped, and Start goes on with it.
+    /// The program was stopped; Start continues it.
     Stopped,
     /// It has come to its end.
     Ended,

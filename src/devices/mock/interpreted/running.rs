@@ -30,7 +30,7 @@ pub(in super::super) struct Running {
     pub(super) next_sequence: u64,
     /// Triggers that are due: number of the motion, and from when.
     pub(super) fired: VecDeque<(u64, u64)>,
-    /// What stopped an interpreter that nobody wanted to stop.
+    /// Errors that stopped an interpreter although no stop was intended.
     pub(super) faults: Vec<String>,
     pub(super) was_open: bool,
     /// Why the safety controller or a person stopped the arm last.
@@ -141,7 +141,8 @@ const WIDE: [(&str, usize, f32); 4] = [
     ("CELL_VEL_MAX", 1, 2.0),
 ];
 
-/// Sets what `cell_config.dat` says of inputs and outputs to what this controller has; an own `cell_config.dat` stays.
+/// Sets the inputs and outputs of `cell_config.dat` to those of this controller; the user's own `cell_config.dat`
+/// is kept.
 fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     let program = &programs.program;
     let mut set = |name: &str, index: usize, value: i32| {

@@ -9,9 +9,10 @@ use super::running::{Running, SchedulerBias};
 use crate::krl::Pause;
 use rand::RngExt;
 
-/// Statements of one tick: so many that a cycle of the submit interpreter ends, and a loop of the robot's goes round.
+/// Statements per tick: enough for a cycle of the submit interpreter to end, and for one pass of the robot
+/// program's loop.
 const SUBMIT_STATEMENTS: u32 = 2_000;
-/// Where a cycle begins as soon as the last one has ended.
+/// Statements per tick if a cycle begins as soon as the last one has ended.
 const BUSY_SUBMIT_STATEMENTS: u32 = 600;
 const ROBOT_STATEMENTS: u32 = 60;
 
@@ -57,7 +58,7 @@ impl Running {
                 if submit_next {
                     submit.done |= self.step_submit(controller);
                     self.note_stop(controller);
-                    // A flag that was set may let the robot's interpreter go on.
+                    // A flag that was set may let the robot interpreter continue.
                     robot.done &= robot.left == 0 || !self.wakes(controller);
                 } else {
                     robot.done |= self.step_robot(controller);
@@ -115,7 +116,7 @@ impl Running {
         self.values.state == RobotState::Active && self.values.changed && self.looks(controller)
     }
 
-    /// Looks at the interrupts' conditions; true where one breaks in.
+    /// Checks the interrupts' conditions. Returns true if an interrupt begins.
     fn looks(&mut self, controller: &mut Controller) -> bool {
         if std::mem::take(&mut self.values.changed) {
             let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
@@ -129,7 +130,7 @@ impl Running {
         self.robot.break_in()
     }
 
-    /// A statement of the submit interpreter; true where its cycle is over.
+    /// Executes one statement of the submit interpreter. Returns true if its cycle is over.
     fn step_submit(&mut self, controller: &mut Controller) -> bool {
         if self.submit.is_idle() {
             let name = if self.initialised { "CELL_CYCLE" } else { "CELL_INIT" };
@@ -157,7 +158,7 @@ impl Running {
         }
     }
 
-    /// A statement of the robot interpreter; true where it waits.
+    /// Executes one statement of the robot interpreter. Returns true if it waits.
     fn step_robot(&mut self, controller: &mut Controller) -> bool {
         self.looks(controller);
         self.offer_trigger(controller.now_ms);

@@ -5,7 +5,7 @@ use super::running::Running;
 use crate::krl::Cell;
 
 impl Controller {
-    /// What stopped an interpreter that nobody wanted to stop: file, line, reason.
+    /// Returns the errors that stopped an interpreter although no stop was intended: file, line, reason.
     pub fn program_faults(&self) -> &[String] {
         self.running.as_ref().map_or(&[], |running| &running.faults)
     }
@@ -33,7 +33,7 @@ impl Controller {
         }
     }
 
-    /// File and line where each interpreter is, the robot's first.
+    /// Returns the present file and line of each interpreter, the robot's first.
     pub fn program_places(&self) -> Option<[String; 2]> {
         self.running
             .as_ref()
@@ -66,8 +66,8 @@ impl Running {
         self.memory.int(self.cells.dead_epoch) == epoch && self.memory.int(self.cells.run_epoch) == epoch
     }
 
-    /// The tool is on the panel, or a motion that the robot program has planned ends there, as far as that program
-    /// knows: it retracts where it cannot know better, since a trigger may be late.
+    /// Returns whether the tool is on the panel or a planned motion of the robot program ends there, as far as that
+    /// program knows. If it cannot know better, it retracts, since a trigger may be late.
     pub(super) fn is_near(&self) -> bool {
         let [read, write, places] =
             [self.cells.queue_read, self.cells.queue_write, self.cells.queue_places].map(|it| self.memory.int(it));

@@ -11,14 +11,14 @@ use rand::RngExt;
 
 /// So long after a reset the cell's PLC starts the program again.
 const RESTART_MS: u64 = 300;
-/// So long after a stop that nobody resets.
+/// Time until the PLC starts the program again after a stop that is not reset.
 const GO_ON_MS: u64 = 1_500;
 
 /// Within this time after a stop its retract is decided on.
 const RETRACT_BEGINS_MS: u64 = 500;
-/// So long after somebody pressed something, a stop is of his doing.
+/// A stop within this time after a person pressed something is caused by that person.
 const PRESSED_MS: u64 = 1_000;
-/// So long a person takes to select another program.
+/// The time that a person needs to select another program.
 const SELECT_MS: u64 = 1_000;
 
 impl Controller {
@@ -63,7 +63,7 @@ impl Controller {
         }
     }
 
-    /// The start key, the PLC, or whoever mended something.
+    /// Starts the program, by the start key, the PLC, or a person who corrected a fault.
     pub(in super::super) fn start_interpreted(&mut self) {
         self.with_running(|controller, running| {
             if !controller.safety.selected || !controller.safety.may_start() {
@@ -85,7 +85,7 @@ impl Controller {
                     running.values.state = RobotState::Active;
                 }
                 RobotState::Stopped => {
-                    // Whoever starts it acknowledges the message first.
+                    // The start acknowledges the message first.
                     running.values.stop_message = false;
                     running.values.state = RobotState::Active;
                 }
@@ -122,7 +122,7 @@ impl Controller {
         });
     }
 
-    /// The program is selected and stands at its first line.
+    /// Selects the program, which is then at its first line.
     pub(in super::super) fn select_interpreted(&mut self) {
         self.safety.foreign = false;
         self.with_running(|_, running| {
@@ -212,7 +212,7 @@ impl Running {
 
     /// Notes that the programs have ended an epoch.
     pub(super) fn note_stop(&mut self, controller: &mut Controller) {
-        // The robot program ends an epoch by itself where the submit interpreter is dead.
+        // The robot program itself ends an epoch if the submit interpreter is dead.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
         if is_open == self.was_open {
             self.complete_last_stop(controller);
@@ -233,9 +233,9 @@ impl Running {
         self.was_open = is_open;
     }
 
-    /// What a stop turns out to be while its retract is decided on. `CELL_STOP` closes the epoch some statements before it
-    /// halts the robot program: whoever pressed right then is the cause. A line to the panel that was planned while the stop
-    /// began is told by the retract alone.
+    /// Completes the cause of a stop while its retract is being decided. `CELL_STOP` closes the epoch some
+    /// statements before it halts the robot program: a person who pressed something at that moment is the cause. A
+    /// line to the panel that was planned while the stop began shows only by the retract.
     fn complete_last_stop(&self, controller: &mut Controller) {
         let pressed = self.pressed_lately(controller).filter(|_| self.is_halted(controller));
         let now_ms = controller.now_ms;
@@ -247,7 +247,7 @@ impl Running {
         }
     }
 
-    /// Whether the robot program stands, or is told to.
+    /// Returns whether the robot program is stopped, or is commanded to stop.
     fn is_halted(&self, controller: &Controller) -> bool {
         self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true)
     }

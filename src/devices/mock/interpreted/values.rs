@@ -77,7 +77,7 @@ pub(in super::super) struct Values {
     pub(super) reset_asked: bool,
     /// What `$ROB_TIMER` counted at the start.
     pub(super) uptime_ms: u64,
-    /// The last $POS_ACT that was asked for.
+    /// The last requested $POS_ACT.
     pub(super) pose: Option<(PoseOf, [f64; 6])>,
 }
 

@@ -190,8 +190,8 @@ pub(super) fn read(
     }
 }
 
-/// CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start, on a day that no clock shows, so that a log does not take a mock
-/// controller for a real one.
+/// Returns CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start, on a date that no real clock
+/// shows. So a mock controller's log cannot be mistaken for that of a real one.
 fn date(boot: i64, component: usize) -> i64 {
     match component {
         1 => boot.rem_euclid(60),
@@ -234,7 +234,8 @@ pub(super) fn write(
             frame.parts[at] = part;
             if at == 5 {
                 let whole = frame.parts;
-                // A frame that is set again as it is takes no fault: the client sets it once, and hears it back.
+                // Setting a frame again to the same value uses up no fault: the client sets it once, and it is
+                // reported back.
                 if frame.now != Some(whole) {
                     frame.now = controller.troubles.spoil_frame(is_base, whole).or(frame.now);
                 }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// By hand: 250 mm at 100 mm/s and 1000 mm/s² take 2.5 + 0.1 = 2.6 s, 217 ticks. The tenth point, 50 mm on, is
+/// By hand: 250 mm at 100 mm/s and 1000 mm/s² need 2.5 + 0.1 = 2.6 s, 217 ticks. The tenth point, after 50 mm, is
 /// passed after 0.05 + 0.5 = 0.55 s, 46 ticks.
 #[test]
 fn fifty_points_take_the_time_computed_by_hand() {
@@ -20,7 +20,7 @@ fn fifty_points_take_the_time_computed_by_hand() {
     assert!((rig.state_number("Tcp X") - 250.0).abs() < 1e-4);
 }
 
-/// By hand: 36° of axis 1 at half of 360°/s and half of 1800°/s² take 0.2 + 0.2 = 0.4 s, 34 ticks.
+/// By hand: 36° of axis 1 at half of 360°/s and half of 1800°/s² need 0.2 + 0.2 = 0.4 s, 34 ticks.
 #[test]
 fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -65,7 +65,7 @@ fn blended_corners_keep_the_speed() {
     let steps = steps_mm(&rig);
     let run: Vec<f64> = steps.iter().copied().skip(12).take(60).collect();
     assert!(run.iter().all(|step| (1.15..1.2001).contains(step)), "{run:?}");
-    // With a blend of 0 it stands at each of the 20 corners.
+    // With a blend of 0 the arm stops at each of the 20 corners.
     let mut rig = Rig::ready(Clock::LockStep);
     zigzag(&mut rig, 0.0, true);
     let steps = steps_mm(&rig);
@@ -97,7 +97,7 @@ fn the_trace_covers_the_contact() {
     assert!(rig.controller.executed().iter().map(|done| done.contact).eq([false, true, true, false]));
 }
 
-/// Ten points of twenty: it stands exactly on the tenth, once, and goes on when the others come.
+/// Ten points of twenty: the arm stops exactly at the tenth, once, and continues when the others arrive.
 #[test]
 fn starving_in_the_air_is_an_exact_stop_and_counted() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -113,8 +113,8 @@ fn starving_in_the_air_is_an_exact_stop_and_counted() {
     assert!(rig.tool_tip().distance_mm(Point::at(BASE_MM[0] - 100.0, 0.0, BASE_MM[2])) < 1e-6);
 }
 
-/// Four motions are planned; what the speed needs to brake away must lie within them: at 1 mm points and 1000 mm/s²
-/// √(2 · 1000 · 4) = 89 mm/s is the most, and 200 are asked for.
+/// Four motions are planned, and the braking distance must lie within them. With points 1 mm apart and 1000 mm/s²,
+/// √(2 · 1000 · 4) = 89 mm/s is the maximum, and 200 are commanded.
 #[test]
 fn dense_points_slow_the_arm_down() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -129,7 +129,8 @@ fn dense_points_slow_the_arm_down() {
     assert_eq!(rig.state("Under"), 0);
 }
 
-/// Faster, then slower: 200 mm/s asked for on the first half, 50 on the second; the speed is down where that begins.
+/// Faster, then slower: 200 mm/s are commanded for the first half, 50 for the second; the speed is already reduced
+/// when the second begins.
 #[test]
 fn a_slower_move_is_braked_for_before_it_begins() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -150,19 +151,19 @@ fn a_slower_move_is_braked_for_before_it_begins() {
     assert!((fastest(101.0, 150.0) - 50.0).abs() < 1.0, "{}", fastest(101.0, 150.0));
 }
 
-/// A turn in place takes its time: 90° at 200°/s are 0.45 s and the ramps.
+/// A rotation without translation needs time: 90° at 200°/s are 0.45 s plus the ramps.
 #[test]
 fn turning_in_place_takes_time() {
     let mut rig = Rig::ready(Clock::LockStep);
     let from_ms = rig.controller.time_ms();
     rig.command(2, [0, 0], [0.0; 2], [0.0, 0.0, 0.0, 90.0, 0.0, 0.0]);
     rig.settle();
-    // By hand: a degree counts 100/200 mm, 45 mm at 100 mm/s and 1000 mm/s² take 0.55 s, 46 ticks.
+    // By hand: a degree counts 100/200 mm, 45 mm at 100 mm/s and 1000 mm/s² need 0.55 s, 46 ticks.
     assert_eq!(rig.controller.executed()[0].time_ms - from_ms, 46 * 12);
     assert!((rig.controller.joints().a6_deg.abs() - 90.0).abs() < 1e-6, "{:?}", rig.controller.joints());
 }
 
-/// T1 holds the tool to 250 mm/s, moves only while the key is held, and waits where it is let go.
+/// T1 limits the tool to 250 mm/s. The arm moves only while the key is held, and waits when it is released.
 #[test]
 fn t1_is_slow_and_waits_for_the_key() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -187,8 +188,8 @@ fn t1_is_slow_and_waits_for_the_key() {
     assert_eq!(rig.state("Mode"), 1);
 }
 
-/// An output on the path switches with the end of the point before it, and the arm does not stop for it; a second one
-/// at the same point waits until it stands there.
+/// An output on the path switches at the end of the preceding point, and the arm does not stop for it. A second one
+/// at the same point waits until the arm has stopped there.
 #[test]
 fn an_output_on_the_path_stops_nothing() {
     let run = |synchronous: &[f64]| {
@@ -230,8 +231,9 @@ fn standing_at(angles_deg: [f64; 6]) -> Rig {
     rig
 }
 
-/// Bent aside by 20°, to the other side, past straight by about 1.5°: axis 4 has to swing half around and is given the
-/// time. By hand: the turn alone would take some 0.3 s, axis 4 needs 150° / 450°/s = 0.33 s more.
+/// The wrist moves from 20° on one side to the other side, past the straight position by about 1.5°. Axis 4 has to
+/// turn half around and is given the time. By hand: the rotation alone would need about 0.3 s, axis 4 needs 150° /
+/// 450°/s = 0.33 s more.
 #[test]
 fn near_the_wrists_pole_the_tool_slows_down() {
     let mut rig = standing_at([0.0, -90.0, 90.0, 90.0, 20.0, -90.0]);

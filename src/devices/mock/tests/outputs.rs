@@ -23,7 +23,7 @@ fn on(rig: &Rig) -> Vec<u16> {
     rig.controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect()
 }
 
-/// Asked, and served in the next ticks.
+/// Sends a request, which is served in the next ticks.
 fn ask(rig: &mut Rig, operation: i32, number: i32) {
     rig.ask(operation, number);
     rig.controller.advance_ms(24);
@@ -60,7 +60,7 @@ fn every_end_of_an_epoch_switches_its_outputs_off_in_time() {
     }
 }
 
-/// The submit interpreter counts the times; where it is dead the robot program switches all off.
+/// The submit interpreter counts the times; if it is dead, the robot program switches all outputs off.
 #[test]
 fn a_dead_submit_interpreter_leaves_nothing_on() {
     let mut rig = all_on();
@@ -90,7 +90,7 @@ fn an_open_epoch_keeps_its_outputs_and_a_second_stop_changes_nothing() {
     assert_eq!(on(&rig), [LIGHT, SPRAY, SHUTTER, EXTRACTION], "90 s in the next epoch");
 }
 
-/// One request with the highest number once took every further number away.
+/// In the past, one request with the highest number left no number for further requests.
 #[test]
 fn no_request_uses_the_count_up() {
     for operation in [11, 12] {

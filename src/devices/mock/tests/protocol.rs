@@ -211,7 +211,7 @@ fn outputs_reach_the_world_and_inputs_come_back() {
     assert_eq!(rig.wires.changes(), [(5, true, 108)]);
 }
 
-/// TIMEOUT in server mode: who comes later than that finds nobody, and nothing opens the channel again.
+/// TIMEOUT in server mode: a later client is not accepted, and nothing opens the channel again.
 #[test]
 fn a_channel_with_a_timeout_does_not_listen_for_ever() {
     let with =
@@ -227,7 +227,7 @@ fn a_channel_with_a_timeout_does_not_listen_for_ever() {
     assert_eq!(controller.fault(Channel::State), Some(EkiFault::TimeLimit));
 }
 
-/// Input 12 stands for flag 870, which the cell's own programs ask for; `In` stays what $IN is.
+/// Input 12 is represented by flag 870, which the cell's own programs read; `In` still reports $IN.
 #[test]
 fn a_mapped_input_sets_its_flag() {
     let mut rig = Rig::ready(Clock::LockStep);

@@ -22,7 +22,7 @@ impl Client {
         Client { command: connect(server.command_address()), state: connect(server.state_address()), request: 0 }
     }
 
-    /// Asks, and waits for the answer to this request.
+    /// Sends a request and waits for its answer.
     fn ask(&mut self, epoch: i32, operation: i32, n1: i32) -> String {
         self.request += 1;
         self.state.write_all(request(self.request, epoch, operation, n1).as_bytes()).expect("sent");

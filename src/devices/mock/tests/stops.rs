@@ -12,7 +12,8 @@ fn sanding(clock: Clock) -> Rig {
     rig
 }
 
-/// The tool is off, the arm stands 50 mm away from the panel above its line, the epoch has ended.
+/// Asserts that the tool is off, the arm has stopped 50 mm away from the panel above its line, and the epoch has
+/// ended.
 fn assert_retracted(rig: &mut Rig) {
     rig.settle();
     let tip = rig.tool_tip().mm;
@@ -42,7 +43,7 @@ fn abort_in_contact_switches_the_tool_off_and_retracts() {
     (rig.epoch, rig.id) = (2, 0);
     assert_retracted(&mut rig);
     assert!(rig.ids().len() <= done + 1 && rig.causes() == [StopCause::Abort]);
-    // The refusals of the ended epoch say that it was stopped; a new one begins clean.
+    // The refusals of the ended epoch report that it was stopped; a new epoch begins without refusals.
     assert_eq!(rig.ack("Err"), Refusal::Stopped as i32);
     rig.open();
     assert_eq!((rig.state("Ep"), rig.flag(7), rig.state("Done")), (3, false, 0));
@@ -62,7 +63,7 @@ fn a_new_epoch_waits_for_the_retract() {
     assert_eq!(rig.state("Done"), 3);
 }
 
-/// In the air nothing retracts; the arm brakes and stands.
+/// In the air there is no retract; the arm brakes and stops.
 #[test]
 fn abort_in_the_air_only_stops() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -109,7 +110,7 @@ fn silence_stops_what_is_queued() {
     assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::NoContact));
     assert!([Channel::Command, Channel::State].map(|channel| rig.controller.connect(channel)) == [true; 2]);
     assert_retracted(&mut rig);
-    // With nothing queued it takes three seconds until the client is taken for gone.
+    // With nothing queued, the client is considered gone after three seconds.
     let mut quiet = Rig::ready(Clock::Free);
     quiet.controller.advance_ms(2_900);
     assert_eq!(quiet.causes(), []);
@@ -117,8 +118,8 @@ fn silence_stops_what_is_queued() {
     assert_eq!((quiet.causes(), quiet.controller.is_connected(Channel::State)), (vec![StopCause::LinkLost], false));
 }
 
-/// The command channel's client is gone, the state channel's without a word: whoever tries again every second must not
-/// keep it alive, and is served after three.
+/// The command channel's client has disconnected, the state channel's has disappeared without closing. A client
+/// that tries again every second must not keep the dead one alive, and is served after three.
 #[test]
 fn a_client_that_tries_again_does_not_keep_a_dead_one_alive() {
     let mut rig = Rig::ready(Clock::Free);
@@ -188,7 +189,7 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     assert!(!rig.tool_on());
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12 && rig.causes() == [StopCause::EStop]);
-    // Flags: guard closed and stopped are left of it.
+    // Flags: only guard closed and stopped remain.
     assert_eq!(rig.state("Flags") & !(1 << 5 | 1 << 6), 1 << 2 | 1 << 7);
     rig.controller.release_e_stop();
     rig.controller.switch_drives(true);
@@ -227,8 +228,8 @@ fn drives_guard_and_mode_end_the_epoch_at_once() {
     }
 }
 
-/// In T1 the start key pauses; a stop that comes then resets the program: nothing retracts, and the key goes on with
-/// nothing.
+/// In T1 releasing the start key pauses the program. A stop during the pause resets it: there is no retract, and
+/// the key continues nothing.
 #[test]
 fn a_stop_while_the_program_is_paused_resets_it() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -249,7 +250,7 @@ fn a_stop_while_the_program_is_paused_resets_it() {
     assert!(rig.flag(4), "and the program runs again");
 }
 
-/// Without a program that runs, a command waits for nobody: the epoch is over.
+/// Without a running program, a command has no receiver: the epoch is over.
 #[test]
 fn without_a_program_nothing_is_kept() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -274,8 +275,8 @@ fn a_dead_submit_interpreter_stops_the_arm() {
     assert!((rig.tool_tip().mm.z - (BASE_MM[2] + 50.0)).abs() < 1e-6 && !rig.tool_on());
 }
 
-/// The tool runs in the air and nothing is queued: 400 ms of silence switch it off all the same. A client that sends
-/// commands and asks nothing keeps it for 3 s.
+/// The tool runs in the air and nothing is queued: 400 ms of silence still switch it off. A client that sends
+/// commands but no requests keeps it on for 3 s.
 #[test]
 fn a_running_tool_is_watched_like_a_motion() {
     let mut rig = Rig::ready(Clock::Free);
@@ -295,7 +296,7 @@ fn a_running_tool_is_watched_like_a_motion() {
     assert_eq!(rig.causes(), [StopCause::LinkLost], "a client that asks nothing for 3 s is none");
 }
 
-/// What was executed is told once each, in order, up to the stop and in braking, and Done says the same.
+/// Each executed command is reported once, in order, up to the stop and during braking, and Done reports the same.
 #[test]
 fn done_is_what_was_executed() {
     let mut rig = sanding(Clock::Free);

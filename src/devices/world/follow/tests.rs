@@ -93,8 +93,8 @@ fn outputs_act_on_the_world_and_time_goes_on() {
     assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
 }
 
-/// By hand: the shutter takes 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300 s, and a scan that the feedback
-/// in that message allows sees the panel.
+/// By hand: the shutter needs 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300 s. A scan
+/// that the feedback in that message allows sees the panel.
 #[test]
 fn a_lens_whose_feedback_is_told_is_open() {
     let follower = follower();
@@ -105,7 +105,7 @@ fn a_lens_whose_feedback_is_told_is_open() {
     follower.hear(&told(2_000, SHUTTER, at(0.0)));
     [2_100, 2_200, 2_300].into_iter().for_each(|time_ms| follower.hear(&told(time_ms, 0, at(0.0))));
     assert!(!is_shut(2_300));
-    // Where messages were late, nobody knows since when.
+    // After late messages, the time of the change is unknown.
     follower.hear(&told(9_000, SHUTTER, at(0.0)));
     assert!(!is_shut(8_899) && is_shut(8_900));
 }

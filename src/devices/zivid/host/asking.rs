@@ -19,7 +19,7 @@ impl Host {
         }
     }
 
-    /// Asks a camera that is ready.
+    /// Sends a request to a camera that is ready.
     pub(super) fn asked(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         let (scan, picture) = (self.scan.hash.clone(), self.picture.hash.clone());
         let within = self.setup.patience.of(ask);
@@ -66,7 +66,7 @@ impl Host {
         }
     }
 
-    /// What a refusal means; none where asking again may help.
+    /// Returns the fault of a refusal; none if another attempt may help.
     fn refused(&mut self, ask: CameraRequest, refusal: &Refusal) -> Option<ZividFault> {
         let (during, message) = (ask.words(), refusal.message.clone());
         let is_shot = matches!(ask, CameraRequest::Scan | CameraRequest::Picture);
@@ -88,7 +88,7 @@ impl Host {
         })
     }
 
-    /// Holds an answer against what was asked.
+    /// Checks an answer against the request.
     fn checked(&mut self, ask: CameraRequest, from_ns: u64, answer: Answer) -> Result<CameraAnswer, ZividFault> {
         match (ask, answer) {
             (CameraRequest::Scan, Answer::Scan(came, planes)) => {
@@ -100,7 +100,8 @@ impl Host {
                 Ok(CameraAnswer::Scan(came, planes))
             }
             (CameraRequest::Picture | CameraRequest::NextPicture, Answer::Picture(came, rgb)) => {
-                // Of a scene that is black or white every picture is the same; who looks at it tells that.
+                // If a scene is black or white, all its pictures are the same; the evaluation of the pictures
+                // reports that.
                 let is_plain = rgb.windows(2).all(|two| two[0] == two[1]);
                 self.accepted(ask, from_ns, &came, is_plain)?;
                 accept::accept_pause(&came.taken, ask.words())?;

@@ -1,4 +1,4 @@
-//! Lost workers: each is ended, its fault is recorded, and it is restarted where the budget allows.
+//! Lost workers: each is ended, its fault is recorded, and it is restarted if the budget allows.
 
 use super::outcome::Loss;
 use super::{FAREWELL, Host, Stage, Worker};
@@ -8,10 +8,10 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 impl Host {
-    /// The worker is lost: it is ended, and started again where the budget allows.
+    /// Ends a lost worker, and starts it again if the budget allows.
     pub(super) fn lost(&mut self, during: &'static str, loss: Loss) -> ZividFault {
         if self.shared.is_ending.load(Ordering::Relaxed) {
-            // Nobody asks any more, and nothing is reported.
+            // No more requests come, and nothing is reported.
             self.end_worker();
             return ZividFault::Ended { how: "the program ends".to_owned(), during, next: Next::StaysDown };
         }
@@ -48,14 +48,14 @@ impl Host {
         ZividFault::Down { ended: most + 1, allowed: most, within, last: last.to_string(), wait }
     }
 
-    /// No worker, and none is started before a person asks.
+    /// Ends the worker; none is started before a person requests it.
     pub(super) fn down(&mut self, fault: ZividFault) {
         self.end_worker();
         self.shared.note(&fault);
         self.shared.becomes(Stage::Down(fault));
     }
 
-    /// Ends the worker; how it ended, where it did so by itself.
+    /// Ends the worker. Returns how it ended, if it did so by itself.
     pub(super) fn end_worker(&mut self) -> Option<String> {
         (self.camera, self.takes_clip) = (None, false);
         // A shot of another worker is no repetition of its own.

@@ -38,13 +38,13 @@ pub use shared::{CameraAnswer, CameraRequest, Patience, QueuedRequest, Setup, Sh
 /// How often an idle worker is looked after.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// How long a worker that hung up may take to end by itself.
+/// Time limit for a worker that hung up to end by itself.
 const FAREWELL: Duration = Duration::from_millis(500);
 
-/// How long one that is let go may take: it closes its camera, so that who comes next finds it free.
+/// Time limit for a worker that is released: it closes its camera, so that the next client finds it free.
 const GOODBYE: Duration = Duration::from_secs(3);
 
-/// From one search to the next, at most, where a person has to mend something first.
+/// Longest interval between two searches, if a person has to correct something first.
 const LONGEST_SEARCH: Duration = Duration::from_secs(60);
 
 struct Worker {
@@ -102,13 +102,13 @@ impl Host {
         }
     }
 
-    /// Serves until nobody asks any more.
+    /// Serves until no more requests can come.
     pub fn run(mut self, orders: &Receiver<QueuedRequest>) {
         loop {
             self.look_after();
             match orders.recv_timeout(LOOK) {
                 Ok(order) if order.is_given_up.load(Ordering::Relaxed) => {}
-                // Who asked may have gone meanwhile.
+                // The caller may have gone meanwhile.
                 Ok(order) => drop(order.answer.send(self.perform(order.ask))),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return self.farewell(),
@@ -138,7 +138,7 @@ impl Host {
         } else if self.camera.is_none() && Instant::now() >= self.search {
             self.open();
         } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
-            // Whether the camera is warm shows in how its temperature goes on; a fault is reported like any other.
+            // The course of its temperature shows whether the camera is warm; a fault is reported like any other.
             drop(self.asked(CameraRequest::Check));
         }
     }
@@ -171,7 +171,7 @@ impl Host {
         }
     }
 
-    /// A person asks for a worker that stays down.
+    /// Handles a person's request for a worker that stays down.
     fn revived(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
         // What is not for the budget, such as a missing library, may be mended at any time.
         let by_budget = matches!(fault, ZividFault::Down { .. });
@@ -182,7 +182,7 @@ impl Host {
         self.looked()
     }
 
-    /// What a person who asked hears after an attempt to open the camera.
+    /// Returns the answer to a person's request after an attempt to open the camera.
     fn looked(&mut self) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match stage {

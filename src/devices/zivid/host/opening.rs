@@ -130,7 +130,7 @@ impl Host {
         })
     }
 
-    /// The worker is there and the camera is not as it should be.
+    /// The worker is present, but the camera is not as it should be.
     pub(super) fn without_camera(&mut self, fault: ZividFault) {
         self.camera = None;
         let is_known = matches!(&self.shared.status().stage, Stage::NoCamera(known) if *known == fault);

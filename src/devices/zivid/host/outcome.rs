@@ -6,14 +6,14 @@ use crate::devices::zivid::wire::WireError;
 use std::io::ErrorKind;
 use std::time::Duration;
 
-/// How often a shot that the camera did not give is asked for again: once and two more.
+/// Number of attempts for a shot that the camera did not deliver: once and two more.
 pub(in crate::devices::zivid) const TRIES: u32 = 3;
 
-/// Why the worker did not do what was asked.
+/// Why the worker did not fulfil a request.
 pub(super) enum Failed {
     /// It is lost.
     Lost(WireError),
-    /// It says why.
+    /// The worker states the reason.
     Refused(Refusal),
 }
 
@@ -31,7 +31,7 @@ pub(super) enum Loss {
     HungUp,
     /// It does not answer.
     Stalled(Duration),
-    /// What it says cannot be read.
+    /// Its data cannot be read.
     Damaged(String),
 }
 

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 pub struct Setup {
     /// Which camera.
     pub source: Source,
-    /// The serial number that its calibration is of, where that is known.
+    /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
     /// The size of its calibration.
     pub size: Size,
@@ -71,7 +71,7 @@ impl Patience {
         self.hello + self.connect + 2 * self.words + self.warm_up
     }
 
-    /// For the answer to this, each time it is asked.
+    /// Returns the time limit for the answer to this request, for each attempt.
     pub fn of(&self, ask: CameraRequest) -> Duration {
         match ask {
             CameraRequest::Scan => self.scan,
@@ -87,23 +87,23 @@ impl Patience {
     }
 }
 
-/// How the camera stands.
+/// The state of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Stage {
     /// The worker is being started, since then.
     Starting(Instant),
     /// It delivers.
     Ready(Identity),
-    /// The worker is there, the camera is not, or not as it should be.
+    /// The worker is present; the camera is absent, or not as it should be.
     NoCamera(ZividFault),
-    /// The worker stays down until a person asks for it.
+    /// The worker stays down until a person requests it.
     Down(ZividFault),
 }
 
-/// What is known of the camera, for all who ask.
+/// The camera's status, for all clients.
 #[derive(Debug)]
 pub struct Status {
-    /// How it stands.
+    /// The camera's state.
     pub stage: Stage,
     /// How often a worker was lost.
     pub lost: usize,
@@ -115,7 +115,7 @@ pub struct Status {
     pub temperatures: VecDeque<Reading>,
 }
 
-/// From one look at the temperature of a camera that nobody asks to the next.
+/// Interval between temperature readings of a camera without requests.
 const TEMPERATURE_EVERY: Duration = Duration::from_secs(30);
 
 /// Faults that are kept.
@@ -126,7 +126,7 @@ const MOST_FAULTS: usize = 1_000;
 pub struct Shared {
     status: Mutex<Status>,
     news: Condvar,
-    /// Nobody asks any more.
+    /// No more requests come.
     pub is_ending: Arc<AtomicBool>,
 }
 
@@ -146,7 +146,7 @@ impl Shared {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the camera is not being started any more, at most so long; gives how it stands then.
+    /// Waits until the camera is no longer being started, at most for this time. Returns its state at that time.
     pub fn settled(&self, within: Duration) -> Stage {
         let starting = |status: &mut Status| matches!(status.stage, Stage::Starting(_));
         let waited = self.news.wait_timeout_while(self.status(), within, starting);
@@ -202,7 +202,7 @@ pub enum CameraRequest {
     EndClip,
     /// The camera's model of its lens, for 3D shots.
     Intrinsics,
-    /// Its temperatures; a worker that stays down is started again where its budget allows.
+    /// Its temperatures; a worker that stays down is started again if its budget allows.
     Check,
     /// How the light around it flickers.
     Light,
@@ -243,13 +243,13 @@ pub enum CameraAnswer {
     Light(Light),
 }
 
-/// A request, and where its answer is sent.
+/// A request, and the receiver of its answer.
 #[derive(Debug)]
 pub struct QueuedRequest {
-    /// What is asked.
+    /// The request.
     pub ask: CameraRequest,
     /// The caller no longer waits.
     pub is_given_up: Arc<AtomicBool>,
-    /// Where the answer goes.
+    /// The channel for the answer.
     pub answer: Sender<Result<CameraAnswer, ZividFault>>,
 }

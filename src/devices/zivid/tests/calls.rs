@@ -66,7 +66,7 @@ fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
     assert!(unlisted.is_empty(), "CALLS.md does not list {unlisted:?}");
     let adapter = text("panelprep_zivid.cpp");
     let made: BTreeSet<&str> = words(&adapter).collect();
-    // Types of what a call gives are not named where it is made.
+    // The types that a call returns are not named at the call.
     let is_made = |name: &String| made.contains(name.as_str()) || name.starts_with(char::is_uppercase);
     let stale: Vec<_> = listed.iter().filter(|name| !is_made(name)).collect();
     assert!(stale.is_empty(), "CALLS.md lists {stale:?}, which nothing calls");

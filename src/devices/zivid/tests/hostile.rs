@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 /// The bytes of the worker's first words, of connect, two settings and the warm-up come before those of a shot.
 const SHOT: usize = 5;
 
-/// Does this to the worker's n-th frame, counted over all workers, before it goes on; says whether the rest is sent.
+/// Does this to the worker's n-th frame, counted over all workers, before it is forwarded. Returns whether the rest
+/// is sent.
 type Tamper = dyn Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync;
 
 enum Rest {
@@ -33,7 +34,7 @@ fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// Good workers whose frames pass through other hands.
+/// Good workers with frames that are tampered with on the way.
 fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static) -> Launcher {
     let (frames, tamper): (_, Arc<Tamper>) = (Arc::new(AtomicUsize::new(0)), Arc::new(tamper));
     let inner = Mutex::new(super::played::played(Plan::default()));
@@ -120,7 +121,7 @@ fn a_shot_that_was_changed_is_thrown_away() {
     });
 }
 
-/// Right sums, and fewer numbers than the head says.
+/// Correct checksums, but fewer numbers than the head states.
 #[test]
 fn a_payload_that_is_short_is_thrown_away() {
     let fault = first_shot(|bytes| {

@@ -55,7 +55,7 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     let taken = scanner.shot().expect("a shot").taken;
     assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
     assert_eq!(scanner.history().0, []);
-    // It asks what must be refused, too.
+    // This also makes requests that must be refused.
     conform::clips(&mut scanner, &lens(), || ());
 }
 

@@ -48,7 +48,7 @@ fn a_good_camera_delivers_all_it_is_asked_for() {
     assert_eq!(scanner.history().0, [], "nothing went wrong");
 }
 
-/// True times, in order; a reader that sleeps loses the oldest and is told how many.
+/// True times, in order; a reader that sleeps loses the oldest, and their number is reported to it.
 #[test]
 fn a_clip_has_true_times_and_drops_the_oldest() {
     let mut scanner = ready(Plan::default());
@@ -61,7 +61,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     }
     std::thread::sleep(Duration::from_millis(150));
     let late = scanner.next_of_clip().expect("a picture").taken;
-    // 30 were due; three wait. A busy machine takes fewer.
+    // 30 were due; three wait. A busy machine produces fewer.
     assert!(late.dropped >= 3, "{late:?}");
     let end = scanner.end_clip().expect("over");
     assert!(end.taken >= end.dropped + 6 && end.dropped >= late.dropped, "{end:?}");
@@ -73,7 +73,7 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     assert!(scanner.begin_clip(0.0).is_err() && scanner.begin_clip(f64::NAN).is_err());
 }
 
-/// What the sensor does at its n-th shot, and what is told of it.
+/// The sensor's action at its n-th shot, and the resulting report.
 #[test]
 fn each_trouble_of_the_camera_has_its_name() {
     let cases: [(Plan, &str); 8] = [
@@ -120,7 +120,7 @@ fn a_shot_that_fails_now_and_then_is_asked_for_again() {
     assert_eq!(scanner.history().0, []);
 }
 
-/// A film with a pause is no film; a 3D shot of a scene that stands bears it.
+/// A film with a pause cannot be used; a 3D shot of a stationary scene tolerates a pause.
 #[test]
 fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
@@ -144,7 +144,7 @@ fn settings_whose_text_is_not_what_was_announced_are_refused() {
     assert!(refusal.message.contains("announced was"), "{refusal:?}");
 }
 
-/// A lamp that is out is told by who looks at the pictures, not as a camera that stands still.
+/// A lamp that is out is reported by the evaluation of the pictures, not as a frozen camera.
 #[test]
 fn two_black_pictures_are_two_pictures() {
     let mut scanner = ready(Plan { dark: vec![2, 3], ..Plan::default() });
@@ -154,7 +154,7 @@ fn two_black_pictures_are_two_pictures() {
     assert_eq!(scanner.history().0, []);
 }
 
-/// A person's reset asks at once for a camera whose next search is far off.
+/// A person's reset searches at once for a camera, even if its next search is far off.
 #[test]
 fn a_check_looks_for_a_camera_that_is_absent() {
     let mut setup = setup();

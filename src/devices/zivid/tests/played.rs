@@ -1,4 +1,4 @@
-//! A worker in a thread, with a sensor that does what a plan says.
+//! A worker in a thread, with a sensor that follows a plan.
 
 use super::super::clock::now_ns;
 use super::super::message::{Flicker, Identity, Lens, Light, Refusal, Temperatures, Trouble, Use};
@@ -21,7 +21,7 @@ pub struct Plan {
     pub missing: Vec<u64>,
     pub infinite: Vec<u64>,
     pub half: Vec<u64>,
-    /// ShotInfo before it was asked for.
+    /// A ShotInfo from before the request.
     pub old: Vec<u64>,
     pub frozen: Vec<u64>,
     pub gone: Vec<u64>,
@@ -30,13 +30,13 @@ pub struct Plan {
     pub panics: Vec<u64>,
     /// Pictures without a light.
     pub dark: Vec<u64>,
-    /// So many attempts to open it find none.
+    /// This number of attempts to open the camera find none.
     pub absent_for: u64,
 }
 
 pub fn setup() -> Setup {
     let ms = Duration::from_millis;
-    // Long where a busy machine may be slow, short where a test waits for it to be over.
+    // Long if a busy machine may be slow, short if a test waits for the end of the time.
     let patience = Patience { search: ms(5), ..Patience::default() };
     Setup {
         source: Source::Only,

@@ -1,4 +1,4 @@
-//! What ends an epoch, and that nothing of it moves afterwards.
+//! The events that end an epoch, and that nothing in it moves afterwards.
 
 use super::*;
 

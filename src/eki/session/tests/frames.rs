@@ -43,7 +43,7 @@ fn a_base_that_was_lost_ends_the_epoch() {
     assert_eq!(cell.controller.executed.len(), 3);
 }
 
-/// The echo holds for as long as the epoch: somebody who changes the base on the pendant ends it.
+/// The echo applies for the whole epoch: a person who changes the base on the pendant ends the epoch.
 #[test]
 fn a_base_that_changes_on_the_way_ends_the_epoch() {
     let mut cell = Cell::ready();

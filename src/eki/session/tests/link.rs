@@ -1,4 +1,4 @@
-//! The connection: boots, broken streams, reconnection, what is refused where it is queued, lock step.
+//! The connection: boots, broken streams, reconnection, refusals at queueing, lock step.
 
 use super::*;
 
@@ -57,7 +57,7 @@ fn a_broken_stream_aborts_and_closes() {
     assert!(matches!((channel, error), (Channel::State, FrameError::Declaration { .. })), "{error}");
 }
 
-/// A new connection asks for the state and nothing else, whatever was queued before.
+/// A new connection requests the state and nothing else, whatever was queued before.
 #[test]
 fn a_reconnection_moves_nothing() {
     let mut cell = Cell::ready();
@@ -100,7 +100,7 @@ fn what_cannot_be_executed_is_refused_where_it_is_queued() {
     assert_eq!(offline.open_epoch(), Err(QueueError::NotConnected));
 }
 
-/// In lock step there is no deadline, and an answered heartbeat says that what it named has arrived.
+/// In lock step there is no deadline, and an answered heartbeat means that the commands it named have arrived.
 #[test]
 fn in_lock_step_only_heartbeats_pass_time() {
     let mut cell = Cell::new();

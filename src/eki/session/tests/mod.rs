@@ -15,8 +15,7 @@ use crate::eki::{
 use crate::geometry::KukaPose;
 use std::time::Duration;
 
-/// A controller as the wire's description has it, as small as it can be: it executes so many commands a second
-/// and answers at once.
+/// A minimal controller by the wire's description: it executes commands at a set rate and answers at once.
 struct Controller {
     now_ms: u64,
     epoch: u32,
@@ -29,7 +28,7 @@ struct Controller {
     frames: [Option<[String; 6]>; 2],
     sequence: u32,
     answered: u32,
-    /// Added to what it says it answered.
+    /// Added to the request that it reports as answered.
     answers_ahead: u32,
     flags: u32,
     /// The program has stopped the epoch.
@@ -39,7 +38,7 @@ struct Controller {
     busy_until_ms: u64,
     ring_places: usize,
     silent: bool,
-    /// What it is asked it neither does nor answers.
+    /// It neither executes nor answers requests.
     deaf_to_requests: bool,
     /// Aborts are answered and not obeyed.
     disobedient: bool,
@@ -267,7 +266,7 @@ impl Cell {
         }
     }
 
-    /// What was told, without the states and the progress.
+    /// Returns the reports, without the states and the progress.
     fn events(&self) -> Vec<&Report> {
         let is_event = |report: &&Report| !matches!(report, Report::State(_) | Report::Progress { .. });
         self.reports.iter().filter(is_event).collect()

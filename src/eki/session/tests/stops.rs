@@ -1,10 +1,10 @@
-//! A stop reaches the arm in every state, whatever the controller has said before.
+//! A stop reaches the arm in every state, whatever the controller has reported before.
 
 use super::*;
 use crate::eki::EPOCH_STEP;
 use rayon::prelude::*;
 
-/// Within this time of being told to abort the controller has stopped, ms.
+/// Within this time after an abort is commanded, the controller has stopped, ms.
 const BOUND_MS: u64 = 500;
 /// The ends of every field's range, what lies beyond, and the ends of a step of the epoch, which is 6 to 8 here.
 const VALUES: [i64; 9] =
@@ -89,7 +89,7 @@ impl Cell {
             Channel::Command => self.session.push_command_bytes(message.as_bytes(), now),
             Channel::State => self.session.push_state_bytes(message.as_bytes(), now),
         }
-        // Refused only where the connection is given up, which stops it too.
+        // Refused only if the connection is given up, which also stops the controller.
         assert_eq!(self.session.abort().is_err(), !self.session.is_connected(), "{name}");
         self.pass_to_the_end(BOUND_MS);
         assert!(self.controller.stopped && self.controller.ring.is_empty(), "{name}: it runs on");
@@ -164,7 +164,7 @@ fn the_last_epoch_in_one_message_is_not_believed() {
     }
 }
 
-/// A controller whose count is damaged is refused in words, each time, and commanded never.
+/// A controller with a damaged count is refused in words, each time, and never commanded.
 #[test]
 fn a_controller_at_the_end_of_its_count_is_refused() {
     let mut cell = Cell::new();
@@ -209,7 +209,8 @@ fn an_abort_that_is_not_obeyed_ends_the_connection() {
     assert!(!cell.session.is_connected());
 }
 
-/// Told to abort before the controller has said its first word: it is asked at once, and the answer is told.
+/// An abort is commanded before the controller's first message: it is requested at once, and the answer is
+/// reported.
 #[test]
 fn an_abort_waits_for_no_greeting() {
     let mut cell = Stage::Greeting.cell();
@@ -225,8 +226,9 @@ fn an_abort_waits_for_no_greeting() {
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(7)));
 }
 
-/// The count of a cell whose controller was started from its files again: climbed to, since no number comes twice. A
-/// store from a backup, which knows less than the controller, goes on from the controller's.
+/// The count of a cell after its controller was restarted from its files: it is reached in steps, since no number
+/// is used twice. A store from a backup, which knows less than the controller, continues from the controller's
+/// count.
 #[test]
 fn epochs_go_on_above_what_either_side_knows() {
     let mut cell = Stage::Idle.cell();
@@ -270,7 +272,8 @@ fn silence_counts_while_an_output_does_harm() {
     assert!(cell.session.epoch().is_none() && cell.controller.stopped);
 }
 
-/// A robot that stopped an epoch with nothing queued takes no command of it any more: it is not ours any more either.
+/// A robot that stopped an epoch with nothing queued accepts no more commands in it: the epoch is also over for the
+/// client.
 #[test]
 fn an_epoch_that_the_controller_stopped_is_over() {
     let mut cell = Stage::Open.cell();

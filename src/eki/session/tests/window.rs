@@ -25,7 +25,7 @@ fn two_hundred_points_are_executed_once_inside_the_window() {
     assert!(told.is_sorted() && told.last() == Some(&203));
 }
 
-/// The arm stands on the first point, which takes no time; 10 mm at 100 mm/s are 0.1 s: ten more are a second.
+/// The arm is already at the first point, which needs no time; 10 mm at 100 mm/s are 0.1 s: ten more are a second.
 #[test]
 fn the_window_is_also_time() {
     let mut cell = Cell::ready();
@@ -47,7 +47,7 @@ fn a_few_points_are_ahead_whatever_they_last() {
     assert_eq!(cell.controller.most_in_ring, 5);
 }
 
-/// A free ring of eight places never holds a ninth command, whatever the window says.
+/// A free ring of eight places never holds a ninth command, whatever the window allows.
 #[test]
 fn the_rings_free_places_are_kept() {
     let mut cell = Cell::ready();
@@ -102,7 +102,8 @@ fn bytes_not_yet_received_are_bounded() {
     assert_eq!(first.len() + send(&mut cell.session).len(), 50);
 }
 
-/// 10 mm at 100 mm/s are 0.1 s: up to 0.7 s are borne, more is told. In the air once, in contact it ends the epoch.
+/// 10 mm at 100 mm/s are 0.1 s: up to 0.7 s are tolerated, more is reported. In the air it is reported once, in
+/// contact it ends the epoch.
 #[test]
 fn a_robot_far_behind_its_plan_is_told_and_not_left_in_contact() {
     for (ms, contact, told) in [(650, true, 0), (800, true, 1), (800, false, 1)] {

@@ -29,7 +29,8 @@ pub fn fresnel(cos_in: f64, index: f64) -> f64 {
     (s + p) / 2.0
 }
 
-/// What a film of water leaves of a diffuse reflectance, where the eye sees through its surface with reflectance `f`.
+/// The diffuse reflectance that remains under a film of water, if the eye sees through its surface with reflectance
+/// `f`.
 pub fn wet_diffuse(rho: f64, f: f64) -> f64 {
     rho * (1.0 - DIFFUSE_IN) * (1.0 - f) / (WATER * WATER * (1.0 - DIFFUSE_BACK * rho))
 }
@@ -62,7 +63,7 @@ pub struct Surroundings {
     pub projector: Option<([f64; 2], f64, f64)>,
 }
 
-/// Mirrored things are out of the camera's focus by so much in the plane, mm.
+/// Blur of mirrored objects, which are out of the camera's focus, in the plane, mm.
 const SOFT_MM: f64 = 9.0;
 
 fn step(x: f64, soft: f64) -> f64 {
@@ -89,7 +90,7 @@ impl Patch {
     }
 }
 
-/// Where the diffuser is, as the panel mirrors it to the camera.
+/// The place of the diffuser, as the panel mirrors it to the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Field {
     /// Beside: the film mirrors the dark room.

@@ -1,8 +1,9 @@
-//! What a disc leaves of the panel's look, and what stays on a place whose film has opened.
+//! What a disc does to the panel's look, and what stays on a place whose film has opened.
 //!
-//! Sanding bares or covers fibres (diffuse reflectance times 0.4 to 1.8), scratches the gloss away, and takes the weave with it; each
-//! pass and the disc's rim do so differently. A place whose film opened stays damp in its pores: it comes back to 0.75 to 1 of its dry
-//! brightness, and droplets stay on it. Grease stains. The extents are assumed, wider than reported of real panels.
+//! Sanding bares or covers fibres (diffuse reflectance times 0.4 to 1.8), scratches the gloss away, and takes the
+//! weave with it; each pass and the disc's rim do this differently. A place whose film opened stays damp in its
+//! pores: it comes back to 0.75 to 1 of its dry brightness, and droplets stay on it. Grease stains. The extents are
+//! assumed, wider than reported for real panels.
 
 use super::random::Random;
 
@@ -72,7 +73,7 @@ pub struct Remains {
     pub damp: f64,
     /// Its stain's factor, dry and wet.
     pub stain: f64,
-    /// Droplets: where, mm, how large, mm, and how a droplet's surface is inclined at its rim.
+    /// Droplets: place, mm, size, mm, and the slope of a droplet's surface at its rim.
     droplets: Vec<([f64; 2], f64, f64)>,
 }
 

@@ -1,11 +1,12 @@
 //! A panel on a board under a camera, and its pictures: geometry, materials, exposure, mains, noise.
 //!
-//! - Carbon fibre in epoxy: diffuse reflectance 0.03 to 0.07; red primer 0.35 / 0.06 / 0.05; a grey board 0.16 to 0.3
-//!   (measured spectra: ECOSTRESS library, man-made materials).
-//! - Mains: a lamp on 50 Hz is as bright as 1 + m cos(2π 100 t + φ); an exposure of length T keeps m sinc(100 T) of it. m is 0.1
-//!   to 0.4 and differs by channel, because phosphors are slow in red and the blue diode is not (IEEE 1789-2015; Lehman and
-//!   Wilkins 2014). The mains' frequency strays by 0.02 % (ENTSO-E).
-//! - A sensor's noise: variance 0.5 + 0.012 s levels² at s levels (EMVA 1288 data of 8-bit readouts, Sony IMX 2–5 MP).
+//! - Carbon fibre in epoxy: diffuse reflectance 0.03 to 0.07; red primer 0.35 / 0.06 / 0.05; a grey board 0.16 to
+//!   0.3 (measured spectra: ECOSTRESS library, man-made materials).
+//! - Mains: the brightness of a lamp on 50 Hz is 1 + m cos(2π 100 t + φ); in an exposure of length T, m sinc(100 T)
+//!   remains. m is 0.1 to 0.4 and differs by channel, because phosphors are slow in red and the blue diode is not
+//!   (IEEE 1789-2015; Lehman and Wilkins 2014). The mains' frequency deviates by 0.02 % (ENTSO-E).
+//! - A sensor's noise: variance 0.5 + 0.012 s levels² at s levels (EMVA 1288 data of 8-bit readouts, Sony IMX 2–5
+//!   MP).
 
 use super::light::{Field, RESIN, Surroundings, WATER, fresnel, under_water, wet_diffuse};
 use super::random::{Deviates, Random};
@@ -140,7 +141,7 @@ fn bell(dx: f64, dy: f64, wide: f64) -> f64 {
     (-(dx * dx + dy * dy) / (2.0 * wide * wide)).exp()
 }
 
-/// Brightness of the yarn on top, from −1 to 1: a 2 × 2 twill, less where a pixel is as wide as a tow.
+/// Brightness of the yarn on top, from −1 to 1: a 2 × 2 twill, less if a pixel is as wide as a tow.
 fn weave([x, y]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = ((x / TOW_MM).floor(), (y / TOW_MM).floor());
     let sign = if (i + j).rem_euclid(4.0) < 2.0 { 1.0 } else { -1.0 };
@@ -419,7 +420,7 @@ impl Scene {
         picture
     }
 
-    /// The water at a place, with the droplets that stay where the film has opened.
+    /// The water at a place, with the droplets that stay after the film has opened.
     fn surface(&self, one: &Seen, time_s: f64) -> Surface {
         let surface = self.water.at(&one.place, time_s, one.pixel_mm);
         let droplet = (self.water.grease_at(&one.place).filter(|_| surface.wet < 1.0 && time_s > WET_FROM_S))
@@ -449,7 +450,7 @@ impl Scene {
         })
     }
 
-    /// The pixels of places that were sanded, and so much around them. The panel is filmed where it was taught.
+    /// The pixels of places that were sanded, and this margin around them. The panel is filmed at its taught place.
     pub fn sanded_in_taught(&self, margin_mm: f64) -> Mask {
         let mut mask = Mask::empty(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
@@ -459,7 +460,7 @@ impl Scene {
         mask
     }
 
-    /// Truth: the pixels whose film is open by this time.
+    /// Truth: the pixels whose film is open at this time.
     pub fn broken(&self, time_s: f64) -> Mask {
         let mut mask = Mask::empty(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
@@ -479,7 +480,7 @@ impl Scene {
         times
     }
 
-    /// Truth: when the film opens at each pixel, s of the clip; infinite where it holds.
+    /// Truth: the time at which the film opens at each pixel, s of the clip; infinite if it holds.
     pub fn opens_s(&self) -> Vec<f64> {
         let mut times_s = vec![f64::INFINITY; self.camera.width_px * self.camera.height_px];
         self.seen.iter().for_each(|one| times_s[one.index] = self.water.opens_s(&one.place));
@@ -495,7 +496,7 @@ impl Seen {
         (x * slope[0] + y * slope[1] - z) / (far * long)
     }
 
-    /// Where the mirrored view ray meets the plane above.
+    /// The place where the mirrored view ray meets the plane above.
     fn mirrored(&self, slope: [f64; 2], above_mm: f64) -> [f64; 2] {
         let [x, y, z] = self.point;
         let n = [slope[0], slope[1], -1.0];

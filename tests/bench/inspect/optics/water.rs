@@ -1,20 +1,22 @@
 //! The water: how thick the film is, how its surface is inclined, where it opens and closes.
 //!
-//! - Draining from a plate: h = h₀/√(1 + t/T) (Jeffreys, Proc. Camb. Phil. Soc. 26, 1930), some 100 to 300 µm at first, T a few
-//!   seconds on a plate that is inclined by degrees.
-//! - Waves on it fade as it thins (levelling by gravity and surface tension, Orchard, Appl. Sci. Res. A 11, 1962) and run
-//!   downhill at millimetres a second: Nusselt's surface velocity ρ g h² sin α/2μ is 4 mm/s for 100 µm and 5°.
-//! - A film below 2 κ⁻¹ sin(θ/2) opens where the contact angle is θ, which greasy places do, and the hole grows at a constant
-//!   speed (Redon, Brochard-Wyart, Rondelez, PRL 66, 1991) until it meets clean surface; its rim is a wedge of water inclined by
-//!   the contact angle, 20 to 60° on greasy epoxy, a few degrees at the advancing front on clean (de Gennes, Rev. Mod. Phys. 57,
-//!   1985). A camera that sees single pixels of it sees a bounded slope.
+//! - Draining from a plate: h = h₀/√(1 + t/T) (Jeffreys, Proc. Camb. Phil. Soc. 26, 1930), some 100 to 300 µm at
+//!   first, T a few seconds on a plate that is inclined by degrees.
+//! - Waves on it fade as it thins (levelling by gravity and surface tension, Orchard, Appl. Sci. Res. A 11, 1962)
+//!   and run downhill at millimetres a second: Nusselt's surface velocity ρ g h² sin α/2μ is 4 mm/s for 100 µm and
+//!   5°.
+//! - A film below 2 κ⁻¹ sin(θ/2) opens at places with contact angle θ, such as greasy ones. The hole grows at a
+//!   constant speed (Redon, Brochard-Wyart, Rondelez, PRL 66, 1991) until it meets clean surface. Its rim is a
+//!   wedge of water inclined by the contact angle, 20 to 60° on greasy epoxy, a few degrees at the advancing front
+//!   on clean (de Gennes, Rev. Mod. Phys. 57, 1985). A camera that sees single pixels of the rim sees a bounded
+//!   slope.
 
 use super::random::Random;
 use std::f64::consts::TAU;
 
 pub const SPRAY_FROM_S: f64 = 1.0;
 pub const WET_FROM_S: f64 = 4.0;
-/// Steeper than this a rim mirrors what lies beside the cell: no more than that is needed of it.
+/// A rim steeper than this mirrors the surroundings of the cell; more detail is not needed.
 const STEEPEST: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy)]
@@ -75,7 +77,7 @@ pub struct Place {
 /// How a place is at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
-    /// Share of it under water, 0…1.
+    /// Share of the place under water, 0…1.
     pub wet: f64,
     /// Slope of the water's surface against the panel's.
     pub slope: [f64; 2],
@@ -138,7 +140,7 @@ impl Water {
         Place { at, wets_s, grease: self.grease.iter().enumerate().find_map(near) }
     }
 
-    /// When the film opens at this place, s; infinite where it holds.
+    /// The time at which the film opens at this place, s; infinite if it holds.
     pub fn opens_s(&self, place: &Place) -> f64 {
         place.grease.map_or(f64::INFINITY, |(index, away, _)| {
             let grease = &self.grease[index];
@@ -146,7 +148,7 @@ impl Water {
         })
     }
 
-    /// The grease at a place, and where that is, mm.
+    /// The grease at a place, and its position, mm.
     pub fn grease_at(&self, place: &Place) -> Option<(usize, [f64; 2])> {
         place
             .grease

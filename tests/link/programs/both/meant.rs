@@ -1,10 +1,11 @@
-//! What may differ between the model and the programs, and what of it is meant.
+//! Allowed differences between the model and the programs, and which of them are intended.
 
 use super::EpochTrace;
 use super::script::{Disturbance, Part, STEP_MM};
 use panelprep::devices::mock::{Executed, Fault};
 
-/// So many motions more or fewer until a stop: 0.3 s at most, from the watchdogs' different last messages.
+/// Allowed difference in the number of motions until a stop: 0.3 s at most, from the watchdogs' different last
+/// messages.
 const LATER: usize = 8;
 /// Motions that the client sends ahead.
 const WINDOW: usize = 50;
@@ -25,7 +26,7 @@ pub enum Kind {
     /// How many motions were executed.
     Executed,
     Outputs,
-    /// Where a motion ended.
+    /// The place where a motion ended.
     Place,
 }
 

@@ -26,7 +26,7 @@ pub enum Disturbance {
 pub enum Moment {
     /// Before the epoch's first command is sent.
     First,
-    /// Behind so many executed motions.
+    /// After this number of executed motions.
     Behind(usize),
     /// When all is done, the epoch still open.
     Last,

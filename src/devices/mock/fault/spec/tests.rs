@@ -1,4 +1,4 @@
-//! Specifications as users write them, and what is said about wrong ones.
+//! Specifications as users write them, and the messages about wrong ones.
 
 use super::*;
 

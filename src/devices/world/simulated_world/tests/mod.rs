@@ -109,7 +109,7 @@ impl Bench {
         gray_at(&self.sim, &picture, point)
     }
 
-    /// Wets the panel for four seconds and lets the film stand.
+    /// Wets the panel for four seconds and then waits with the film on it.
     fn wet(&mut self, stands_s: f64) {
         self.switch(Output::LensShutter, true);
         self.pass_s(0.3);
@@ -158,7 +158,7 @@ impl Bench {
     }
 }
 
-/// Mean brightness of 3 × 3 pixels where the scanner sees a point of the true panel.
+/// Returns the mean brightness of 3 × 3 pixels where the scanner sees a point of the true panel.
 fn gray_at(sim: &sim::Cell, picture: &ColorPicture, point: Point<Panel>) -> f64 {
     let truth = sim.truth();
     let seen: Point<Camera> = truth.base_from_camera.inverse() * (truth.base_from_panel * point);
@@ -199,7 +199,7 @@ fn feedbacks_follow_their_outputs_in_the_controllers_time() {
     assert_eq!(violations, [Violation::SprayOnLens]);
 }
 
-/// Where the arm really went, not where it was sent, is what the picture shows.
+/// The picture shows the view from the arm's true pose, not from the commanded one.
 #[test]
 fn a_flange_picture_shows_what_the_executed_pose_sees() {
     let mut bench = Bench::new();
