@@ -41,7 +41,7 @@ fn a_tool_that_fails_in_contact_is_off_in_time_and_named() {
     }
 }
 
-/// A fault beyond the path changes nothing, and the message for a wrong name states what is allowed.
+/// The message for a wrong name states the valid form, and a fault needs a compliant tool.
 #[test]
 fn a_fault_needs_a_name_and_a_simulated_tool() {
     let folder = tempfile::tempdir().expect("a folder");

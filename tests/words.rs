@@ -216,3 +216,160 @@ fn planted_texts_are_found() {
         assert!(!rounds_beside_a_limit(right), "{right}");
     }
 }
+
+/// Words of a former dialect of this code, with the standard term. They are refused in comments and in texts for people.
+const DIALECT: [(&str, &str); 17] = [
+    ("told", "reported, measured, commanded"),
+    ("whoever", "the person, the operator, the caller"),
+    ("somebody", "a person, the operator, the client"),
+    ("someone", "a person, the operator, the client"),
+    ("whichever", "the one that"),
+    ("thereof", "of the …"),
+    ("anyhow", "in any case"),
+    ("so often", "interval, rate, number of times"),
+    ("so much", "the amount"),
+    ("so many", "the number"),
+    ("goes on", "continues"),
+    ("go on", "continue"),
+    ("went on", "continued"),
+    ("allowed are", "limit"),
+    ("allowed is", "valid:"),
+    ("needed are", "at least … are needed"),
+    ("is there already", "already exists"),
+];
+
+/// Function names of the same dialect, with the kind of name that is used instead.
+const DIALECT_NAMES: [(&str, &str); 9] = [
+    ("of", "new, from_…, compute_…"),
+    ("told", "report, summary, to_json"),
+    ("tell", "publish, send, report"),
+    ("hear", "receive, on_event"),
+    ("heard", "received"),
+    ("says", "states, describes"),
+    ("stands", "status, state, pose"),
+    ("takes", "accepts"),
+    ("minds", "rejects"),
+];
+
+/// The longest line of a comment, characters. The formatter wraps code, not comments.
+const COMMENT_LINE: usize = 150;
+
+/// The longest subject of a commit, characters.
+const SUBJECT: usize = 72;
+
+/// The dialect words of a text, as whole words.
+fn dialect(text: &str) -> impl Iterator<Item = &'static (&'static str, &'static str)> {
+    let words: Vec<String> = text
+        .split(|c: char| !c.is_alphanumeric() && c != '_')
+        .filter(|word| !word.is_empty())
+        .map(str::to_lowercase)
+        .collect();
+    let plain = format!(" {} ", words.join(" "));
+    DIALECT.iter().filter(move |(word, _)| plain.contains(&format!(" {word} ")))
+}
+
+/// The comments of a file, each paragraph as one text: a phrase may be broken over two lines.
+fn comments(source: &str) -> Vec<String> {
+    let (mut found, mut current) = (Vec::new(), String::new());
+    for line in source.lines() {
+        match line.trim_start().strip_prefix("//") {
+            Some(text) => {
+                current.push_str(text.trim_start_matches(['/', '!']));
+                current.push(' ');
+            }
+            None if !current.is_empty() => found.push(std::mem::take(&mut current)),
+            None => {}
+        }
+    }
+    found.push(current);
+    found
+}
+
+/// All Rust files below `src` and `tests`, each with its path relative to the project's root and its text.
+fn sources() -> Vec<(String, String)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (mut folders, mut files) = (vec![root.join("src"), root.join("tests")], Vec::new());
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let name = path.strip_prefix(root).expect("below the root").display().to_string();
+                files.push((name, fs::read_to_string(&path).expect("text")));
+            }
+        }
+    }
+    files
+}
+
+#[test]
+fn comments_and_texts_use_standard_terms() {
+    let sources = sources();
+    assert!(sources.len() > 500);
+    let of_comments = sources
+        .iter()
+        .flat_map(|(file, source)| comments(source).into_iter().map(move |text| (file.clone(), text)));
+    let of_texts = texts().into_iter().flat_map(|(file, found)| {
+        found
+            .into_iter()
+            .filter(|text| text.contains(' '))
+            .map(move |text| (file.clone(), text))
+            .collect::<Vec<_>>()
+    });
+    let wrong: Vec<String> = of_comments
+        .chain(of_texts)
+        .flat_map(|(file, text)| {
+            let hits: Vec<_> = dialect(&text).collect();
+            hits.into_iter().map(move |(word, standard)| format!("{file}: \"{word}\" → {standard}: {text}"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{} places, write the standard term: {wrong:#?}", wrong.len());
+}
+
+#[test]
+fn no_function_has_a_dialect_name() {
+    let wrong: Vec<String> = sources()
+        .iter()
+        .flat_map(|(file, source)| {
+            let names = source.split("fn ").skip(1).filter_map(|rest| rest.split(['(', '<']).next());
+            let known = names.filter_map(|name| DIALECT_NAMES.iter().find(|(dialect, _)| *dialect == name));
+            known.map(move |(name, standard)| format!("{file}: fn {name} → {standard}")).collect::<Vec<_>>()
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{} functions: {wrong:#?}", wrong.len());
+}
+
+#[test]
+fn comment_lines_and_subjects_of_commits_are_short() {
+    let is_long = |line: &str| line.trim_start().starts_with("//") && line.chars().count() > COMMENT_LINE;
+    let wrong: Vec<String> = sources()
+        .iter()
+        .flat_map(|(file, source)| {
+            let long = source.lines().enumerate().filter(|(_, line)| is_long(line));
+            long.map(move |(index, _)| format!("{file}:{}", index + 1)).collect::<Vec<_>>()
+        })
+        .collect();
+    assert!(wrong.is_empty(), "longer than {COMMENT_LINE} characters: {wrong:#?}");
+    let log = std::process::Command::new("git")
+        .args(["log", "--no-merges", "--max-count=30", "--format=%s"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output();
+    match log {
+        Ok(output) if output.status.success() => {
+            let subjects = String::from_utf8_lossy(&output.stdout).into_owned();
+            let wrong: Vec<&str> = subjects.lines().filter(|line| line.chars().count() > SUBJECT).collect();
+            assert!(wrong.is_empty(), "longer than {SUBJECT} characters: {wrong:#?}");
+        }
+        _ => eprintln!("not run: the subjects of commits, since this is no clone"),
+    }
+}
+
+/// The rules are worth what they catch.
+#[test]
+fn planted_dialect_is_found() {
+    let planted = "/// Where nobody stands, it goes\n/// on so often.\nfn f() {}\n// Retold: a golden rule.\n";
+    let found: Vec<Vec<&str>> =
+        comments(planted).iter().map(|text| dialect(text).map(|(word, _)| *word).collect()).collect();
+    assert_eq!(found, [vec!["so often", "goes on"], vec![]]);
+}

@@ -7,7 +7,8 @@
 //! itself if time stops meanwhile.
 //!
 //! A film is watched in steps of one picture, and its state stays here. By the wall clock one step follows the
-//! other automatically, woken by the camera's next picture, whatever the robot and the loop do. In lock step the
+//! other automatically, at the latest `LOOK_AGAIN` after a step without a new picture, whatever the robot and the
+//! loop do. In lock step the
 //! loop requests each step, so that virtual time decides which picture is seen.
 
 mod memory;
@@ -38,7 +39,7 @@ const LONGEST_WORK: Duration = Duration::from_secs(180);
 /// How far computing steps back behind the loop and the robot's link.
 pub(super) const NICE: i32 = 19;
 
-/// Interval at which a film's next picture is looked for if the camera itself does not wait for it.
+/// Pause after a step of a film that found no new picture.
 const LOOK_AGAIN: Duration = Duration::from_millis(2);
 
 /// The queue of work, and who empties it.

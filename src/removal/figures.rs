@@ -98,15 +98,15 @@ mod tests {
         RemovalMap::with(grids, 2.0)
     }
 
-    /// By hand: 100 places of 1 to 100 µm, and one beside them of 120 µm. 95 % lie within 45 of a target of 50 µm,
-    /// which are 90 %. A tenth more or less contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105 17.
+    /// By hand: 100 places of 1 to 100 µm, and one beside them of 120 µm. 95 % lie within 47 of a target of 50 µm,
+    /// which are 94 %. A tenth more or less contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105 17.
     #[test]
     fn what_a_map_comes_to() {
         let both = map(vec![grid(1, true, (1..=100u8).map(f32::from).collect()), grid(2, false, vec![120.0])]);
         let found = Figures::of(&both, 50.0).expect("treated");
         assert_eq!((found.mean_um, found.low_um, found.high_um, found.largest_um), (50.5, 5.0, 95.0, 120.0));
         assert!((found.largest_bound_um - 132.620_5).abs() < 1e-3, "{}", found.largest_bound_um);
-        // |d − 50| ≤ 45 holds 5 to 95: 91 places; 47 and less 3 to 97: 95.
+        // |d − 50| ≤ 45 holds 5 to 95, which are 91 places; 47 holds 3 to 97, which are 95.
         assert!((found.within_percent - 94.0).abs() < 1e-4, "{}", found.within_percent);
         assert!((found.uncertainty_percent - 10.517).abs() < 1e-3);
         assert!((Figures::share_within(&both, 50.0, 10.001) - 0.11).abs() < 1e-9);

@@ -23,7 +23,7 @@
 //! elastic foundation: each of its places yields independently, and never pulls,
 //!                                         p = s · max(c, 0) below the disc where there is panel,      (4, `pad`)
 //!                                         c = δ + t·x − ½ xᵀ K x,
-//! x being the place in the tangent plane, K the surface's curvature there (`place`), t the tilt of the disc
+//! x being the place in the tangent plane, K the surface's curvature there (`tangent_frame`), t the tilt of the disc
 //! against that plane.
 //! δ follows from                          ∫ p dA = F.                                                 (5)
 //! The tilt is the tool's: the arm holds its attitude, and a force-controlled tool moves along its axis alone. So
@@ -47,7 +47,7 @@
 //! 1985, 4.3. Without negative pressure beyond an edge: as for polishing tools that extend over it, Luna-Aguilar et
 //! al., Proc. SPIE 4840, 2003, where pressures that pull are shown to be wrong.
 //!
-//! Files: `speed`, `place`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`,
+//! Files: `speed`, `tangent_frame`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`,
 //! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even
 //! · `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `fit_error`,
 //! `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and forces in N.

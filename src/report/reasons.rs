@@ -188,8 +188,7 @@ impl View<'_> {
         picture
     }
 
-    /// Draws the outline in colours over a picture, framed around the panel. The borders of the panel's marks,
-    /// where they should be.
+    /// Draws the borders of the panel's marks where they are expected, framed around the panel.
     fn with_marks(
         &self,
         panel: &TaughtPanel,
@@ -203,6 +202,7 @@ impl View<'_> {
         self.framed(canvas, panel, legend)
     }
 
+    /// Draws the outline in colours over a picture, framed around the panel.
     fn marked(
         &self,
         picture: ColorPicture,

@@ -1,7 +1,8 @@
 //! The robot link: the number of commands a second, the time from a lost acknowledgement to STOP on the wire, and
 //! long paths without a stop. Also an abort through hostile clients of the service, and 200,000 walks over the
 //! controller's programs. Prints a table; exit code 1 if a target is missed. `cargo bench --bench link --
-//! [TRIALS]`, the aborts alone with `-- socket` and `-- page`, the walks alone with `-- programs [WALKS]`.
+//! [TRIALS]`, the aborts alone with `-- socket`, `-- page` and `-- disk`, the walks alone with
+//! `-- programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
 #[allow(dead_code, reason = "the tests use the rest")]

@@ -70,8 +70,7 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Reads a part, and the possible contents of a message, a state and a list. (`tool` below reads a compliant tool's
-/// messages, from its log-in on, in one piece and cut in two, with the same result.)
+/// Reads a part, and the possible contents of a message, a state and a list.
 fn office(bytes: &[u8]) {
     if let Ok(chunk) = Chunk::read(bytes) {
         assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
@@ -87,6 +86,7 @@ fn office(bytes: &[u8]) {
     }
 }
 
+/// Reads a compliant tool's messages, from its log-in on, in one piece and cut in two, with the same result.
 fn tool(bytes: &[u8]) {
     let limits = SessionLimits {
         login: "ferba".to_owned(),

@@ -149,8 +149,8 @@ impl Interpreter {
         true
     }
 
-    /// A motion has passed its end, or the middle of its blend: its triggers fire. Returns true if one breaks in;
-    /// if false, the motion must be offered again.
+    /// A motion has passed its end, or the middle of its blend: its triggers fire. Returns false if a trigger
+    /// must wait, so that the motion must be offered again; true if one breaks in or none is armed for this motion.
     pub fn fire_triggers(&mut self, sequence: u64) -> bool {
         if self.priority() <= TRIGGER_PRIORITY {
             return false;
