@@ -196,7 +196,10 @@ fn check_zivid(name: &str, text: &str) -> FileReport {
 fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileReport {
     let Some(kind) = kind_of(&config::top_keys(text)) else {
         let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
-        return unclear(format!("not clear what this file is; its top would tell: {}", begins.join("; ")));
+        return unclear(format!(
+            "the kind of this file is not recognized; its top-level keys would show it: {}",
+            begins.join("; ")
+        ));
     };
     match (kind.check)(name, text) {
         Ok(says) => {
@@ -334,7 +337,7 @@ mod tests {
     fn what_is_not_clear_is_said() {
         assert_eq!(
             says("a.toml", "x = 3"),
-            ["not clear what this file is; its top would tell: \
+            ["the kind of this file is not recognized; its top-level keys would show it: \
               cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); \
               recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \
               intrinsics (camera, scanner_errors); base_from_camera (base_from_camera); \
@@ -378,7 +381,7 @@ mod tests {
                 "flange camera: simulated",
                 "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
                 "arm: kr6-r700-2, by the public model of kroshu/kuka_robot_descriptions, kuka_agilus_support",
-                "tool: a spring; nothing is told to it",
+                "tool: a spring; it receives no commands",
                 "poses: none",
                 "outputs: none",
                 "off after the end of an epoch: none",
@@ -386,8 +389,8 @@ mod tests {
                 "calibration files named: none",
                 "limits: the tool stays in [0, 0, 0] … [1, 2, 3] mm",
                 "store in c/store",
-                "not compared with cell_config.dat, cell_motion.src, CELLCMD.xml, CELLSTAT.xml: whether a stop is heard and switches tool and water off, and whether signals and \
-                 ports are the same on both sides, is not known; name the controller's files beside this one",
+                "not compared with cell_config.dat, cell_motion.src, CELLCMD.xml, CELLSTAT.xml: it is not known whether a stop is received and switches tool and water off, nor whether signals and \
+                 ports are the same on both sides; name the controller's files together with this one",
             ]
         );
         let lens =

@@ -59,7 +59,7 @@ fn is_regular(kind: FileType) -> Result<()> {
         kind if kind.is_socket() => "a socket",
         _ => "a device",
     };
-    let words = format!("is {found}; a regular file is needed (copy what it delivers into one)");
+    let words = format!("is {found}; a regular file is needed (copy its content into one)");
     Err(Error::new(ErrorKind::InvalidInput, words))
 }
 

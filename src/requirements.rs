@@ -61,7 +61,8 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
         // exists.
         let is_read = simulates || output != Output::Light;
         if is_read && io.feedback(feedback).is_none() {
-            let message = format!("is missing; it proves what became of {name}: state the number n of its $IN[n]");
+            let message =
+                format!("is missing; it proves that {name} was switched: state the number n of its $IN[n]");
             missing.push(Unmet::new(format!("io.feedbacks.{}", feedback.name()), message));
         }
     }
@@ -69,8 +70,8 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
 }
 
 fn park(cell: &Cell) -> Vec<Unmet> {
-    let message = "is missing; every cycle begins there: state the axes' angles with the arm clear of the panel and of both \
-                   cameras' view";
+    let message = "is missing; every cycle starts from this pose: state the axis angles with the arm clear of the \
+                   panel and of both cameras' view";
     let missing = cell.park().is_none().then(|| Unmet::new("poses.park", message));
     missing.into_iter().collect()
 }
@@ -108,7 +109,10 @@ fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
         let message = || {
             let [angle, low, high] = [angle, low, high].map(plain);
-            format!("found {angle}, allowed is {low} to {high}: the arm's axis {} turns no farther", axis + 1)
+            format!(
+                "found {angle}, the limits are {low} to {high}: the arm's axis {} cannot turn farther",
+                axis + 1
+            )
         };
         (!(low..=high).contains(&angle)).then(|| Unmet::new(format!("poses.{name}.a{}_deg", axis + 1), message()))
     };
@@ -117,7 +121,8 @@ fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
 
 fn limits(cell: &Cell) -> Vec<Unmet> {
     let Some(space) = cell.limits().workspace() else {
-        let message = "is missing, as is box_max_mm; nothing moves in lines without a box for the tool's tip";
+        let message = "is missing, as is box_max_mm; without a box for the tool's tip the robot makes no linear \
+                       motions";
         return vec![Unmet::new("limits.box_min_mm", message)];
     };
     let [low, high] = [space.min, space.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]);
@@ -158,8 +163,8 @@ fn cameras(cell: &Cell) -> Vec<Unmet> {
     let robot = cell.robot();
     if robot.kind() == RobotKind::Eki && !robot.is_on_this_machine() {
         let message = format!(
-            "found \"simulated\", which looks at a simulated world, and [robot] is a controller at {}; name the real camera or \
-             a recording, or rehearse with `panelprep mock-robot` and host = \"127.0.0.1\"",
+            "found \"simulated\", which shows a simulated world, but [robot] is a controller at {}; name the real \
+             camera or a recording, or rehearse with `panelprep mock-robot` and host = \"127.0.0.1\"",
             robot.host()
         );
         let simulated = simulated(cell).into_iter().filter(|(_, is)| *is);

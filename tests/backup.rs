@@ -47,7 +47,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert_eq!(exit, 0, "{second}");
     assert!(second["links"].as_i64() > made["links"].as_i64(), "the rest of the cycle: {second} {made}");
     let (exit, told) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
-    assert!(exit == 2 && told["reasons"].to_string().contains("is not written over"), "{told}");
+    assert!(exit == 2 && told["reasons"].to_string().contains("is not overwritten"), "{told}");
     // Before the signal, which the page of the last cycle names.
     let pages = [1, 2].map(|cycle| page(folder, "cell/cell.toml", cycle));
     service.signal(rustix::process::Signal::TERM);

@@ -170,7 +170,7 @@ pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEy
 }
 
 /// What goes wrong in one calibration, and how its messages name it.
-pub const FAULTS: [&str; 3] = ["upside down", "exchange them", "the picture says"];
+pub const FAULTS: [&str; 3] = ["upside down", "exchange them", "according to the picture"];
 
 /// Calibrates with a flipped board, two swapped pictures or a mistyped number in station `seed`; the messages of what was
 /// found, and the names that they should begin with.

@@ -89,7 +89,7 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     planted(
         folder,
         ("cell/cell.toml", "a1_deg = -120.0", "a1_deg = -320.0"),
-        ["cell file", "poses.park.a1_deg: found -320, allowed is -170 to 170", "cycle"],
+        ["cell file", "poses.park.a1_deg: found -320, the limits are -170 to 170", "cycle"],
     );
     // The taught scan is no longer the one that was taught.
     let taught = Store::open(&folder.join("cell/store")).expect("a store").taught("simulated-panel", None);
@@ -173,9 +173,9 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
     fs::write(folder.join("CELLCMD.xml"), [&channel[..], comment].concat()).expect("written");
     robot("MOCK");
     for (file, from, to, words) in [
-        ("CELLSTAT.xml", "<PORT>54613<", "<PORT>54610<", ["CELLSTAT.xml", "is 54610", "both say the same"]),
-        ("CELLSTAT.xml", "Tag=\"St/@Done\"", "Tag=\"St/@Made\"", ["CELLSTAT.xml", "St/@Made", "both say the same"]),
-        ("CELLSTAT.xml", "<PORT>", "<PORT>x", ["CELLSTAT.xml", "line", "both say the same"]),
+        ("CELLSTAT.xml", "<PORT>54613<", "<PORT>54610<", ["CELLSTAT.xml", "is 54610", "both agree"]),
+        ("CELLSTAT.xml", "Tag=\"St/@Done\"", "Tag=\"St/@Made\"", ["CELLSTAT.xml", "St/@Made", "both agree"]),
+        ("CELLSTAT.xml", "<PORT>", "<PORT>x", ["CELLSTAT.xml", "line", "both agree"]),
         (
             "cell_config.dat",
             "CELL_OFF[4]=5",

@@ -48,7 +48,8 @@ fn a_cycle_is_followed_to_its_end() {
     let (exit, refused) = service.ctl(&format!("{START} --part SN\u{1}7"));
     assert!(exit == 2 && refused["reasons"].to_string().contains("control characters"), "{refused}");
 
-    // A held cell reports where it will continue. A client that waits continues to wait, and is told of the stop.
+    // A held cell reports where it will continue. A client that waits continues to wait, and is informed of the
+    // stop.
     let mut waits = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("ctl {START} --wait --cell cell/cell.toml").split_whitespace())
         .current_dir(folder)

@@ -147,16 +147,16 @@ fn a_look_without_its_target_is_refused() {
     for (arguments, words) in [
         (VERIFY[1].replace("--flange cell/target/flange.json", ""), "--flange is missing"),
         (VERIFY[0].replace("--target cell/target/scanner.toml", ""), "--target for a board"),
-        (VERIFY[0].replace("scanner.png", "flange_camera.png"), "the camera's calibration says"),
+        (VERIFY[0].replace("scanner.png", "flange_camera.png"), "the camera's calibration is for"),
         (VERIFY[0].replace("--board 5x4", "--board 7x6"), "this target is the board --board 5x4 --square-mm 40"),
-        (VERIFY[0].replace("--square-mm 40", "--square-mm 30"), "the command says --board 5x4 --square-mm 30"),
-        (VERIFY[0].replace("--board 5x4", "--board 4x5"), "the command says --board 4x5"),
-        (format!("{} --points cell/target/touched.toml", TOUCH.replace("40", "30")), "the command says"),
+        (VERIFY[0].replace("--square-mm 40", "--square-mm 30"), "the command states --board 5x4 --square-mm 30"),
+        (VERIFY[0].replace("--board 5x4", "--board 4x5"), "the command states --board 4x5"),
+        (format!("{} --points cell/target/touched.toml", TOUCH.replace("40", "30")), "the command states"),
         (format!("{TOUCH} --points cell/target/flange.json"), "flange.json"),
         (
             "calibrate verify --cell cell/cell.toml --camera scanner --recipe cell/recipe.toml --image x.png"
                 .to_owned(),
-            "the scanner is verified on a board",
+            "verify the scanner with a board",
         ),
     ] {
         let (exit, told) = json(folder, &arguments);

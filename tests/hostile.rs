@@ -68,7 +68,7 @@ fn no_client_names_a_file_of_the_store_or_forges_a_line() {
         (format!("{}/", outside.display()), "ends in a folder"),
         ("a.mcap".to_owned(), "it is relative"),
         (format!("{}/a\n2026-01-01 WARN root (uid 0) asks: abort.mcap", outside.display()), "control characters"),
-        (format!("{}/dangling.mcap", outside.display()), "is there already"),
+        (format!("{}/dangling.mcap", outside.display()), "already exists"),
         (format!("{}/nowhere/a.mcap", outside.display()), "no such folder"),
     ] {
         let line = serde_json::json!({

@@ -30,7 +30,7 @@ fn a_line_has_its_parts_prepared() {
     let folder = taught("good");
     let folder = folder.path();
     let (exit, told) = json(folder, "run --cell cell/cell.toml --seed 3 --line-parts 1");
-    assert!(exit == 2 && told.to_string().contains("has not all of its signals"), "{told}");
+    assert!(exit == 2 && told.to_string().contains("needs all of its signals"), "{told}");
 
     with_line(folder);
     let service = Service::start_simulating(folder, &["--line-parts", "3"]);
@@ -40,7 +40,7 @@ fn a_line_has_its_parts_prepared() {
     service.wait("the second cycle", |_| store().ended_cycles().expect("read").len() == 2);
     std::fs::rename(&recipe, folder.join("gone.toml")).expect("away");
     service
-        .wait("a third start is refused", |service| service.log().contains("asks for a start, which is refused"));
+        .wait("a third start is refused", |service| service.log().contains("requests a start, which is refused"));
     service.reach("idle");
     std::fs::rename(folder.join("gone.toml"), &recipe).expect("back");
     // This is longer than the wait of a line that requests again.

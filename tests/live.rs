@@ -35,7 +35,7 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     assert!(exit == 1 && found["reasons"].to_string().contains("too_few_pictures"), "{exit} {found} {told}");
     assert!(told.contains("board_0003.png: the board is found, 54 of 54 corners"), "{told}");
     let (exit, found, told) = answered(folder, LENS, &"\n".repeat(7));
-    assert!(told.contains("3 pictures are there already, 3 of them show the board"), "{told}");
+    assert!(told.contains("3 pictures already exist, 3 of them show the board"), "{told}");
     assert!(told.contains("next: the board in the") && told.contains("so far:"), "{told}");
     assert!(exit < 2 && found["rms_px"].as_f64() < Some(0.1), "{found}");
     assert_eq!(found["images"].as_array().map(Vec::len), Some(10), "{found}");
@@ -101,7 +101,7 @@ fn a_tool_is_calibrated_by_poses_that_are_read_now() {
     let off_mm = (found["flange_from_tool"]["z_mm"].as_f64().expect("a number") - 120.0).abs();
     assert!(off_mm < 0.1, "the simulated tool is 120 mm long: {found}");
     let (exit, _, told) = answered(folder, tcp, "done\n");
-    assert!(exit == 0 && told.contains("5 poses of the tip and 2 of the axis are there already"), "{told}");
+    assert!(exit == 0 && told.contains("5 poses of the tip and 2 of the axis already exist"), "{told}");
 }
 
 fn file_table(file: &str) -> String {

@@ -85,7 +85,7 @@ fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
         ("new recipe --yes --out a.toml".to_owned(), "--panel"),
         (
             "new recipe --yes --panel p --rows many --out a.toml".to_owned(),
-            "--rows \\\"many\\\": allowed is 1 to 50",
+            "--rows \\\"many\\\": valid: a whole number from 1 to 50",
         ),
         ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "--rows"),
         ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "--rows"),
@@ -98,7 +98,7 @@ fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
     for command in [format!("{CELL} --out mine.toml"), "new recipe --yes --panel p --out mine.toml".to_owned()] {
         let (exit, told) = json(folder, &command);
         assert!(
-            exit == 2 && told.to_string().contains("mine.toml is there already and is not written over"),
+            exit == 2 && told.to_string().contains("mine.toml already exists and is not overwritten"),
             "{told}"
         );
         assert_eq!(fs::read_to_string(folder.join("mine.toml")).expect("there"), "mine");
@@ -217,7 +217,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
         ("the fixed 3D camera: simulated or zivid [zivid]", 2),
         ("\"simulated\": scanner.kind: found \"simulated\"", 1),
         ("\"simulated\": flange_camera.kind: found \"simulated\"", 1),
-        ("\"0,0,0,0,0,0\": all axes at 0 is no place to park", 1),
+        ("\"0,0,0,0,0,0\": all axes at 0 is not a park pose", 1),
         ("\"-90,-300,120,0,60,0\": poses.park.a2_deg: found -300", 1),
         ("limits.box_max_mm: ", 2),
         ("are these metres?", 1),
@@ -259,7 +259,7 @@ fn answers_are_read_from_the_terminal() {
     let folder = tempfile::tempdir().expect("a folder");
     let asked = answered(folder.path(), "", "\nkinect\nzivid\ngige\n221600123\n\n");
     assert!(asked.contains("the fixed 3D camera: simulated or zivid [simulated]"), "{asked}");
-    assert!(asked.contains("\"kinect\": allowed is simulated or zivid"), "{asked}");
+    assert!(asked.contains("\"kinect\": valid: simulated or zivid"), "{asked}");
     let text = fs::read_to_string(folder.path().join("cell.toml")).expect("written");
     let cell: toml::Table = text.parse().expect("TOML");
     let kind = |table: &str| cell[table]["kind"].as_str().map(str::to_owned);

@@ -161,7 +161,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
     let abort = asked.iter().find(|asked| format!("{:?}", asked.wanted).contains("Abort")).expect("it is kept");
     let who = abort.who.as_ref().expect("by whom").to_string();
-    assert_eq!(who, "somebody who was not logged in, on the operator's page");
+    assert_eq!(who, "a person who was not logged in, on the operator's page");
 }
 
 /// What happened in the cycle, event by event, every motion with its end, and the verdict of each phase.

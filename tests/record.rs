@@ -102,7 +102,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let executed = motion.executed().expect("it was bounded");
         if executed.at_most == 0 {
             // Killed between the line of the journal and the motion's row: nothing was permitted yet.
-            assert!(page.contains("none of it was permitted to be sent"), "{page}");
+            assert!(page.contains("no part of it was permitted to be sent"), "{page}");
             assert!(page.contains("Nothing: the tool touched no grid."), "{page}");
             continue;
         }
@@ -115,8 +115,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let touched = motion.touched().expect("it was kept");
         assert!(!touched.is_empty(), "{motion:?}");
         for grid in touched {
-            let words =
-                if grid.is_sure { "touched, how much of it is not known" } else { "perhaps, it is not known" };
+            let words = if grid.is_sure { "touched, it is not known how much" } else { "perhaps, it is not known" };
             assert!(
                 page.contains(&format!("<td>{}</td><td>pass 1: {words}", grid.grid)),
                 "{} in\n{page}",

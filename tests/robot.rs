@@ -170,7 +170,10 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     let service = std::os::unix::net::UnixListener::bind(folder.join("store/panelprep.sock")).expect("a socket");
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
-    assert!(told.to_string().contains("the service has the controller") && told.to_string().contains("ctl state"));
+    assert!(
+        told.to_string().contains("the service is connected to the controller")
+            && told.to_string().contains("ctl state")
+    );
     drop(service);
     std::fs::remove_dir_all(folder.join("store")).expect("removed");
 
@@ -204,10 +207,9 @@ fn what_is_to_be_proven_is_gone_through() {
     std::thread::spawn(move || lines.for_each(drop));
     // No question is asked if the answers cannot be saved or would replace other answers.
     std::fs::write(folder.join("old.html"), "old").expect("written");
-    for (options, words) in [
-        ("--out old.html --by Ada", "is not written over"),
-        ("--out cell.toml/p.html --by Ada", "cell.toml/p.html"),
-    ] {
+    for (options, words) in
+        [("--out old.html --by Ada", "is not overwritten"), ("--out cell.toml/p.html --by Ada", "cell.toml/p.html")]
+    {
         let (exit, told, error) = robot(folder, &format!("prove {options}"));
         assert!(exit == 2 && told.to_string().contains(words), "{options}: {told}");
         assert!(!error.contains("1. "), "{error}");
@@ -244,6 +246,6 @@ fn what_is_to_be_proven_is_gone_through() {
     assert!(page.contains("trace 1") && page.contains("old entries came") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
     // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
-    assert!(page.contains("proves nothing of a real one") && !page.contains("signature"), "{page}");
+    assert!(page.contains("proves nothing about a real one") && !page.contains("signature"), "{page}");
     assert!(told["mock"] == true && told["reasons"][0]["code"] == "mock_controller", "{told}");
 }

@@ -182,7 +182,10 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     assert!(exit == 0 && told["pictures"].as_f64() >= Some(3.0) && told["dropped"] == 0, "{told}");
     assert!(folder.join("film/clip.csv").is_file());
     let (exit, told) = shoot("scan --out shots");
-    assert!(exit == 2 && told["reasons"].to_string().contains("standing parked"), "the arm is in the way: {told}");
+    assert!(
+        exit == 2 && told["reasons"].to_string().contains("at rest in its park pose"),
+        "the arm is in the way: {told}"
+    );
     assert!(json(folder, "doctor --cell cell/cell.toml").1.to_string().contains("idle"));
 
     service.done(START);

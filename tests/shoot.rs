@@ -51,7 +51,7 @@ fn cameras_without_a_calibration_take_pictures() {
     assert!(exit == 2 && told["reasons"].to_string().contains("another folder"), "{told}");
 
     let (exit, told) = shoot("film --seconds 1 --wet-from-s 3 --out other");
-    assert!(exit == 2 && told["reasons"].to_string().contains("allowed is 0 to 1"), "{told}");
+    assert!(exit == 2 && told["reasons"].to_string().contains("the limits are 0 to 1"), "{told}");
     // Dry pictures are never marked as wet: with a spray, the command must state when the spray is over.
     for (phases, words) in [
         ("--spray-from-s 0.4", "give --wet-from-s"),

@@ -60,8 +60,8 @@ fn a_thread_that_fails_ends_the_service() {
     }
 }
 
-/// systemd hears from a loop that works and no longer from one that hangs. It therefore ends the process, whose
-/// robot controller has stopped by itself meanwhile.
+/// systemd receives the sign of life from a loop that works and no longer from one that hangs. It therefore ends
+/// the process, whose robot controller has stopped by itself meanwhile.
 #[test]
 fn the_watchdog_is_not_fed_by_a_loop_that_hangs() {
     let folder = taught("clean");

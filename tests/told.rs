@@ -34,7 +34,7 @@ fn a_number_out_of_range_is_told_with_what_is_allowed() {
         ("robot move-lin 1,2,3,4,5,6 --speed-mm-s -5", ["--speed-mm-s \"-5\"", "1 to 250 mm/s"]),
         ("robot set-speed 1000", ["\"1000\"", "1 to 250 mm/s, max_speed_mm_s"]),
         ("robot set-speed -1", ["\"-1\"", "1 to 250 mm/s"]),
-        ("shoot film --out f --seconds -1", ["'-1'", "allowed are 0.1 to 600 s"]),
+        ("shoot film --out f --seconds -1", ["'-1'", "the limits are 0.1 to 600 s"]),
         ("shoot scan --out f --line-parts 3", ["--line-parts is for a whole cycle", "leave it out"]),
         ("shoot scan --out f --tool-fault silent@40", ["--tool-fault is for a whole cycle", "leave it out"]),
         ("render --out r --clips 100000", ["100000", "0..=1000"]),

@@ -131,7 +131,7 @@ impl Walk {
         output
     }
 
-    /// Starts a command that serves until it is told to end.
+    /// Starts a command that serves until it is ordered to end.
     fn serves(&self, line: &str) -> Served {
         let line = smaller(line);
         let mut command = self.command(&format!("exec {line}"));

@@ -41,7 +41,7 @@ certificates = 'cell.toml'
     std::fs::write(&file, text + tables).expect("written");
     let service = Service::start(folder);
     for words in [
-        "operator's page: cell/none.pem: No such file or directory (os error 2); [page] in the cell's file names what it uses",
+        "operator's page: cell/none.pem: No such file or directory (os error 2); check the files that [page] in the cell's file names",
         "the way of records to the office does not work: cell/no-ca.pem: No such file",
         "the way of signed records to the quality system does not work: cell/no-token: No such file",
         "MQTT Sparkplug: no connection to localhost:1: cell/no-password: No such file",

@@ -161,7 +161,7 @@ fn has_debug_form(text: &str) -> bool {
 /// Returns whether a number is rounded in a text that states what is allowed. A place in a picture is not a
 /// measured number.
 fn rounds_beside_a_limit(text: &str) -> bool {
-    let says = ["allowed", "needed", "wanted"];
+    let says = ["allowed", "needed", "wanted", "limit", "limits", "minimum"];
     let words: Vec<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
     let mut rest = text.replace("{:.0}, {:.0}) px", "").replace("{u:.0}, {v:.0}) px", "");
     rest = rest.replace("{{", "");
@@ -257,9 +257,10 @@ const COMMENT_LINE: usize = 150;
 /// The longest subject of a commit, characters.
 const SUBJECT: usize = 72;
 
-/// The dialect words of a text, as whole words.
+/// The dialect words of a text, as whole words; the names of its placeholders do not count.
 fn dialect(text: &str) -> impl Iterator<Item = &'static (&'static str, &'static str)> {
-    let words: Vec<String> = text
+    let without: String = text.split('{').map(|part| part.split_once('}').map_or(part, |(_, rest)| rest)).collect();
+    let words: Vec<String> = without
         .split(|c: char| !c.is_alphanumeric() && c != '_')
         .filter(|word| !word.is_empty())
         .map(str::to_lowercase)

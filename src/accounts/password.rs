@@ -17,15 +17,13 @@ const PASSES: u32 = 2;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// Too few characters, or far too many.
-    #[error("the password has {found} characters; allowed are {LEAST_CHARACTERS} to {MOST_CHARACTERS}")]
+    #[error("the password has {found} characters; the limits are {LEAST_CHARACTERS} to {MOST_CHARACTERS}")]
     Length {
         /// Its characters.
         found: usize,
     },
     /// Anybody would try it.
-    #[error(
-        "the password is the account's name, or one character again and again; choose words that nobody would try"
-    )]
+    #[error("the password is the account's name, or one repeated character; choose words that nobody would guess")]
     Obvious,
     /// The hash could not be computed.
     #[error("the password could not be hashed: {0}")]

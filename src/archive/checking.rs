@@ -100,7 +100,7 @@ async fn one(
     }
     let rest = checked.found.len().saturating_sub(MOST);
     checked.found.truncate(MOST);
-    checked.found.extend((rest > 0).then(|| format!("{rest} more are not told")));
+    checked.found.extend((rest > 0).then(|| format!("{rest} more are not listed")));
     Ok(checked)
 }
 

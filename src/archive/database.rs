@@ -49,7 +49,7 @@ async fn connect(database: &Database) -> Result<Client, ArchiveError> {
     let failed = |error: tokio_postgres::Error| {
         let below = std::error::Error::source(&error).map_or(String::new(), |source| format!(": {source}"));
         let below = match error.to_string().contains("unexpected") || below.contains("bytes remaining") {
-            true => format!("{below}; what listens there is no PostgreSQL"),
+            true => format!("{below}; the server at this address is not PostgreSQL"),
             false => below,
         };
         ArchiveError::Connect { place: place.clone(), problem: format!("{error}{below}") }

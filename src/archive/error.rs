@@ -43,7 +43,7 @@ pub enum ArchiveError {
     Newer {
         /// Their version.
         found: i32,
-        /// The newest version that this program knows.
+        /// The newest version that this program supports.
         known: i32,
     },
     /// The broker.

@@ -81,7 +81,7 @@ async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
             ],
         )
         .await
-        .map_err(ArchiveError::database("keep a record"))?;
+        .map_err(ArchiveError::database("store a record"))?;
     Ok(count == 1)
 }
 
@@ -90,7 +90,7 @@ async fn contradiction(
     transaction: &Transaction<'_>,
     (message, hash): (&Message, &str),
 ) -> Result<Option<String>, ArchiveError> {
-    let failed = ArchiveError::database("look at a record");
+    let failed = ArchiveError::database("read a record");
     let position = &message.envelope.position;
     let (cell, number) = (message.cell.as_str(), number(position.number));
     let content = message.envelope.body.content();
@@ -123,7 +123,7 @@ async fn insert_files(transaction: &Transaction<'_>, message: &Message) -> Resul
         ON CONFLICT DO NOTHING";
     let values: [&(dyn tokio_postgres::types::ToSql + Sync); 6] =
         [&message.cell.as_str(), &position.epoch, &number(position.number), &names, &hashes, &gone];
-    transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("keep the files of a record"))
+    transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("store the files of a record"))
 }
 
 /// Writes the rows that pages read.
@@ -162,7 +162,7 @@ async fn cycle(transaction: &Transaction<'_>, cell: &str, end: &CycleEnd) -> Res
         &end.recipe_hash,
         &end.program_version,
     ];
-    let failed = ArchiveError::database("keep a cycle");
+    let failed = ArchiveError::database("store a cycle");
     if transaction.execute(sql, &values).await.map_err(&failed)? == 0 {
         return Ok(());
     }
@@ -188,7 +188,7 @@ async fn verification(
     let VerificationSeen { subject, error, limit, calibration_hash, at_unix_s } = seen;
     let values: [&(dyn tokio_postgres::types::ToSql + Sync); 6] =
         [&cell, subject, at_unix_s, error, limit, calibration_hash];
-    transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("keep a verification"))
+    transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("store a verification"))
 }
 
 async fn signature(
@@ -196,7 +196,7 @@ async fn signature(
     (message, hash): (&Message, &str),
     rows: &SignatureRows,
 ) -> Result<(), ArchiveError> {
-    let failed = ArchiveError::database("keep a signature");
+    let failed = ArchiveError::database("store a signature");
     let cell = message.cell.as_str();
     let (name, meaning) = rows.person.clone().unzip();
     let sql = "INSERT INTO signatures (cell, cycle, statement, record_hash, epoch, number, unix_ms, name, meaning)

@@ -1,16 +1,17 @@
-//! The office's archive: takes what cells send from the broker, keeps it in PostgreSQL and its files in a folder, tells the cells up to where
-//! it has everything, and proves later that nothing is missing, changed or contradictory.
+//! The office's archive: it receives what cells send from the broker, keeps it in PostgreSQL and its files in a
+//! folder, and reports to the cells up to where it has everything. Later it proves that nothing is missing, changed
+//! or contradictory.
 //!
 //! ```text
 //! cell ─▶ broker ─▶ `receiving`: parts put together, messages read and verified
 //!                       ├─▶ `files`: a file under its SHA-256, whole or not there
-//!                       └─▶ `keeping`: all rows of a batch in one transaction (`rows` says which)
-//!                               └─▶ only then: acknowledged to the broker, told to the cell
+//!                       └─▶ `keeping`: all rows of a batch in one transaction (`rows` defines them)
+//!                               └─▶ only then: acknowledged to the broker, reported to the cell
 //! ```
 //!
-//! What arrives twice is kept once. What arrives twice with another content is kept as a contradiction beside the first. Tables that
-//! pages read (`cycles`, `quantities`, `verifications`) are made from the records in the same transaction, and can be made again from
-//! them.
+//! Data that arrives twice is kept once. If it arrives twice with different content, the second content is kept as
+//! a contradiction beside the first. Tables that pages read (`cycles`, `quantities`, `verifications`) are made from
+//! the records in the same transaction, and can be made again from them.
 
 mod checking;
 mod database;

@@ -17,7 +17,7 @@ pub async fn offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> Result<()
         ON CONFLICT (panel) DO UPDATE SET recipe_hash = EXCLUDED.recipe_hash, offer = EXCLUDED.offer";
     let bytes = offer.bytes().unwrap_or_default();
     let kept = client.execute(sql, &[&offer.panel, &offer.hash(), &bytes]).await;
-    kept.map_err(ArchiveError::database("keep an offer"))?;
+    kept.map_err(ArchiveError::database("store an offer"))?;
     link.offer(offer).await?;
     Ok(())
 }
@@ -29,7 +29,7 @@ pub(super) async fn offer_again(client: &Client, link: &OfficeLink) -> Result<()
     for row in rows {
         match RecipeOffer::read(&row.get::<_, Vec<u8>>(0)) {
             Ok(offer) => link.offer(&offer).await?,
-            Err(error) => tracing::error!("an offer in the database is not told: {error}"),
+            Err(error) => tracing::error!("an offer in the database is not sent to the cells: {error}"),
         }
     }
     Ok(())

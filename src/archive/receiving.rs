@@ -65,7 +65,7 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     files.try_out()?;
     let mut client = database::open(&settings.database).await?;
     let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
-    tracing::info!("takes what cells send by {}", settings.broker.address);
+    tracing::info!("receives the messages of the cells through the broker {}", settings.broker.address);
     // A cell may have missed it, or the broker lost it.
     for (cell, epoch, archived) in database::within(KEEPS_WITHIN, keeping::epochs(&client)).await? {
         link.say_archived(&cell, &epoch, archived).await?;
@@ -203,7 +203,7 @@ fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
 }
 
 async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) -> Result<(), ArchiveError> {
-    tracing::error!("what came by {} is refused: {error}", subject.escape_debug());
+    tracing::error!("a message on the subject {} is refused: {error}", subject.escape_debug());
     for receipt in &receipts {
         receipt.refuse().await?;
     }
@@ -215,11 +215,11 @@ async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u
     let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,
         Ok((cell, _)) => {
-            tracing::error!("a state of the cell {cell} came by {}", by.escape_debug());
+            tracing::error!("a state of the cell {cell} came on the wrong subject {}", by.escape_debug());
             return Ok(());
         }
         Err(error) => {
-            tracing::error!("what came by {}: {error}", by.escape_debug());
+            tracing::error!("a state on the subject {} is ignored: {error}", by.escape_debug());
             return Ok(());
         }
     };
@@ -231,5 +231,5 @@ async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u
         "INSERT INTO cells (cell, heard_unix_ms, state) VALUES ($1, (extract(epoch FROM now()) * 1000)::bigint, $2)
         ON CONFLICT (cell) DO UPDATE SET heard_unix_ms = EXCLUDED.heard_unix_ms, state = EXCLUDED.state";
     let kept = client.execute(sql, &[&cell.as_str(), &text]).await;
-    kept.map(drop).map_err(ArchiveError::database("keep the state of a cell"))
+    kept.map(drop).map_err(ArchiveError::database("store the state of a cell"))
 }

@@ -3,7 +3,7 @@
 use super::error::ArchiveError;
 use tokio_postgres::Client;
 
-/// The newest version that this program knows.
+/// The newest version that this program supports.
 const VERSION: i32 = 1;
 
 /// `records` is what cells sent; `epochs` how far each is complete; `contradictions` what came under a name that another content has.

@@ -34,7 +34,7 @@ pub enum BackupError {
         path: PathBuf,
         /// Its format.
         found: u32,
-        /// The newest that this program knows.
+        /// The newest format that this program supports.
         known: u32,
     },
     /// Made by an earlier version of this program, with other tables.
@@ -53,15 +53,15 @@ pub enum BackupError {
         known: i64,
     },
     /// A file exists already at the archive's path.
-    #[error("{} is there already and is not written over; name another file, or move it away", path.display())]
+    #[error("{} already exists and is not overwritten; name another file, or move it away", path.display())]
     IsThere {
         /// The file.
         path: PathBuf,
     },
     /// A file exists already at the path of a part of the backup.
     #[error(
-        "{} {} there already and nothing was said about replacing: add --replace {option} to put the backup in place; what is \
-         replaced is kept beside it", list(paths), if paths.len() == 1 { "is" } else { "are" }
+        "{} {} already present, and --replace was not given: add --replace {option} to put the backup in place; \
+         what is replaced is kept beside it", list(paths), if paths.len() == 1 { "is" } else { "are" }
     )]
     NotReplaced {
         /// The paths that exist already.
@@ -100,8 +100,8 @@ pub enum BackupError {
     },
     /// The disk has no room.
     #[error(
-        "the disk of {} has {free_mb} MB left and the backup needs {needed_mb} MB there beside what is in use: make room, or name \
-         another folder", path.display()
+        "the disk of {} has {free_mb} MB free, and the backup needs {needed_mb} MB there in addition to the data \
+         in use: free some space, or name another folder", path.display()
     )]
     NoRoom {
         /// The path that would be written.
@@ -118,7 +118,7 @@ pub enum BackupError {
         user: String,
     },
     /// A step of the last part failed, and what was done before could not all be undone.
-    #[error("{cause}; and taking back what was done before failed as well: {}", undone.join("; "))]
+    #[error("{cause}; undoing the earlier steps failed too: {}", undone.join("; "))]
     NotUndone {
         /// The first error.
         cause: Box<BackupError>,

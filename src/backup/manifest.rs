@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 /// The entry's name.
 pub const NAME: &str = "manifest.json";
-/// The newest format that this program knows.
+/// The newest format that this program supports.
 pub const FORMAT: u32 = 1;
 /// The largest that is read.
 pub const MOST_BYTES: u64 = 256 << 20;
@@ -53,7 +53,7 @@ impl Manifest {
             }
             match &entry {
                 Entry::Blob(hash) if *hash != listed.sha256 => {
-                    Err(format!("its manifest says another SHA-256 of {name} than its name"))
+                    Err(format!("its manifest states a SHA-256 of {name} that differs from its name"))
                 }
                 _ => Ok(entry),
             }

@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(fs::read_to_string(at("cell.toml.before-restore-1")).expect("kept"), "cell.toml");
         let error = placing.put(&at("new-lens"), &at("lens.toml"), false).expect_err("it is there");
         let error = placing.undo(error).to_string();
-        assert!(error.contains("cannot rename") && !error.contains("failed as well"), "{error}");
+        assert!(error.contains("cannot rename") && !error.contains("failed too"), "{error}");
         assert_eq!(listed(), before);
         assert_eq!(fs::read_to_string(at("cell.toml")).expect("read"), "cell.toml");
         assert!(is_empty_folder(&at("store")));

@@ -84,7 +84,7 @@ impl Archive {
         }
         match entries.next() {
             None => Ok(()),
-            Some(_) => Err(self.damaged("it holds more than its manifest says").into()),
+            Some(_) => Err(self.damaged("it holds more files than its manifest lists").into()),
         }
     }
 
@@ -118,7 +118,9 @@ impl Archive {
         let name = String::from_utf8_lossy(&path);
         if !found.header().entry_type().is_file() || name != listed.name.as_str() || found.size() != listed.bytes {
             let name = name.escape_debug();
-            return Err(self.damaged(&format!("it holds \"{name}\" where its manifest says {}", listed.name)));
+            return Err(
+                self.damaged(&format!("it holds \"{name}\" but its manifest lists {} at this place", listed.name))
+            );
         }
         Ok(())
     }

@@ -185,7 +185,8 @@ fn cell_in_place(file: &Path) -> Option<Cell> {
 fn checked_cell(archive: &Archive, file: &Path, bytes: &[u8]) -> Result<Cell, BackupError> {
     let text = std::str::from_utf8(bytes).map_err(|error| archive.damaged(&error.to_string()))?;
     let checked = Cell::check(&file.display().to_string(), text);
-    checked.map_err(|problems| archive.damaged(&format!("this program does not take its cell's file:\n{problems}")))
+    checked
+        .map_err(|problems| archive.damaged(&format!("this program does not accept its cell's file:\n{problems}")))
 }
 
 /// Returns the files of the configuration by their target paths, the cell's file among them.
@@ -284,7 +285,7 @@ fn staged_store(archive: &Archive, folder: &Path, placing: &mut Placing) -> Resu
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     placing.make_folder(parent)?;
     let needed_mb = archive.manifest.store_bytes() / 1_000_000 + 1;
-    let free_mb = free_mb(parent).map_err(BackupError::file("look at the disk of", parent))?;
+    let free_mb = free_mb(parent).map_err(BackupError::file("read the free space on the disk of", parent))?;
     if free_mb < needed_mb {
         return Err(BackupError::NoRoom { path: parent.to_owned(), free_mb, needed_mb });
     }

@@ -33,7 +33,7 @@ impl Sending {
         let ack = self.ack.await.map_err(|error| refused(with_refusal(error, &self.refused)))?;
         match ack.stream == subject::STREAM {
             true => Ok(()),
-            false => Err(refused(format!("the stream {} took it, not {}", ack.stream, subject::STREAM))),
+            false => Err(refused(format!("the stream {} stored it, not {}", ack.stream, subject::STREAM))),
         }
     }
 }
@@ -59,7 +59,7 @@ impl CellLink {
             GetStreamErrorKind::JetStream(problem) if problem.error_code() == ErrorCode::STREAM_NOT_FOUND => {
                 BrokerError::NoStream { address: self.link.address.clone(), stream: subject::STREAM }
             }
-            _ => self.link.failed("tell of its streams", error),
+            _ => self.link.failed("report its streams", error),
         })?;
         let info = stream.cached_info();
         // Under another name the office has nothing of what this cell sent.
@@ -74,15 +74,15 @@ impl CellLink {
     pub async fn archived(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
         let context = &self.link.context;
         let stream = context.get_stream_no_info(subject::ARCHIVED_STREAM).await;
-        let stream = stream.map_err(|error| self.link.failed("ask what the office has", error))?;
+        let stream = stream.map_err(|error| self.link.failed("read what the office has archived", error))?;
         let last = stream.get_last_raw_message_by_subject(&subject::archived(&self.cell, epoch)).await;
         let message = match last {
             Ok(message) => message,
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(None),
-            Err(error) => return Err(self.link.failed("ask what the office has", error)),
+            Err(error) => return Err(self.link.failed("read what the office has archived", error)),
         };
         let number = std::str::from_utf8(&message.payload).ok().and_then(|text| text.parse().ok());
-        let wrong = || self.link.failed("understand what the office has", "its word is no number");
+        let wrong = || self.link.failed("read what the office has archived", "the stored value is not a number");
         number.map(Some).ok_or_else(wrong)
     }
 
@@ -92,7 +92,7 @@ impl CellLink {
     /// If the broker cannot report it, or its answer is no offer for this panel.
     pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
         let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
-        let failed = |problem: String| self.link.failed("ask for recipes that are offered", problem);
+        let failed = |problem: String| self.link.failed("read the offered recipes", problem);
         let stream = stream.map_err(|error| failed(error.to_string()))?;
         match stream.get_last_raw_message_by_subject(&subject::offer(panel)).await {
             Ok(message) => {
@@ -127,6 +127,6 @@ impl CellLink {
     /// If it cannot be sent.
     pub async fn tell_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
         let told = self.link.client.publish(subject::state(&self.cell), state.into()).await;
-        told.map_err(|error| self.link.failed("tell the cell's state", error))
+        told.map_err(|error| self.link.failed("send the cell's state", error))
     }
 }

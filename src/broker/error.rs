@@ -25,7 +25,7 @@ pub enum BrokerError {
         stream: &'static str,
     },
     /// It did not accept a message, or did not confirm that it did.
-    #[error("the broker {address} did not take a message: {problem}")]
+    #[error("the broker {address} did not accept a message: {problem}")]
     Refused {
         /// Its address.
         address: String,

@@ -27,7 +27,7 @@ pub(super) type Refused = Arc<Mutex<Option<String>>>;
 /// A problem with what the broker refused beside it.
 pub(super) fn with_refusal(problem: impl ToString, refused: &Refused) -> String {
     match refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
-        Some(refused) => format!("{}; the broker says: {refused}", problem.to_string()),
+        Some(refused) => format!("{}; the broker reports: {refused}", problem.to_string()),
         None => problem.to_string(),
     }
 }
@@ -95,7 +95,7 @@ fn advice(problem: &str, broker: &Broker) -> &'static str {
     } else if has("InvalidContentType") || is_tls && has("TLS is not supported") {
         "; the broker speaks without TLS: give it a certificate, or write nats://"
     } else if has("CertificateRequired") || has("BadCertificate") {
-        "; it asks for a certificate of the client, which this program does not show: use user or credentials"
+        "; it requires a client certificate, which this program does not send: use user or credentials"
     } else {
         ""
     }

@@ -49,7 +49,7 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
         ..pull::Config::default()
     };
     let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
-    consumer.map_err(|error| link.failed("take a place in its stream", error))
+    consumer.map_err(|error| link.failed("create its consumer in the stream", error))
 }
 
 /// A message that the broker has delivered.
@@ -101,7 +101,8 @@ impl Receipt {
 fn with_advice(problem: &str) -> String {
     match problem.contains("insufficient storage") {
         true => format!(
-            "{problem}; its disk has less room than waiting_gb asks for: lower it, or give the broker a larger disk"
+            "{problem}; its disk has less space than waiting_gb requires: lower waiting_gb, or give the broker a \
+             larger disk"
         ),
         false => problem.to_owned(),
     }
@@ -160,7 +161,7 @@ impl OfficeLink {
         }
         self.looked = Instant::now();
         let info = self.consumer.get_info().await;
-        let info = info.map_err(|error| self.link.failed("tell of what it delivers", error))?;
+        let info = info.map_err(|error| self.link.failed("report its deliveries", error))?;
         let (waits, floor) = (info.num_ack_pending, info.ack_floor.stream_sequence);
         if waits == 0 || floor != self.floor.0 {
             self.floor = (floor, Instant::now());
@@ -171,13 +172,13 @@ impl OfficeLink {
         }
         self.floor.1 = Instant::now();
         tracing::warn!(
-            "the broker has kept back one of {waits} messages for {} s: it is asked anew",
+            "the broker has held back one of {waits} messages for {} s: they are requested again",
             STUCK.as_secs()
         );
         let stream = self.link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| self.link.failed("find its stream", error))?;
         let gone = stream.delete_consumer(CONSUMER).await;
-        gone.map_err(|error| self.link.failed("give up a place in its stream", error))?;
+        gone.map_err(|error| self.link.failed("remove its consumer from the stream", error))?;
         self.consumer = consumer(&self.link).await?;
         Ok(true)
     }
@@ -208,7 +209,7 @@ impl OfficeLink {
     /// If the broker does not accept it.
     pub async fn say_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
         let said = self.link.context.publish(subject::archived(cell, epoch), number.to_string().into()).await;
-        let failed = |problem: String| self.link.failed("say what is archived", problem);
+        let failed = |problem: String| self.link.failed("report what is archived", problem);
         let ack = said.map_err(|error| failed(error.to_string()))?;
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }

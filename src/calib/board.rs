@@ -64,7 +64,8 @@ impl Board {
                     .map_err(|_| wrong(format!("the distance of circles '{distance}' is no number")))?;
                 if named_mm.is_some_and(|named_mm| named_mm != circles_mm) {
                     return Err(wrong(format!(
-                        "circles {circles_mm} mm apart, and --square-mm says otherwise; leave --square-mm out"
+                        "the circles are {circles_mm} mm apart, but --square-mm states another distance; leave \
+                         --square-mm out"
                     )));
                 }
                 circles_mm
@@ -73,7 +74,7 @@ impl Board {
             (_, None) => return Err(wrong("--square-mm is missing: the side of a square, mm".to_owned())),
         };
         if !(0.5..=500.0).contains(&square_mm) {
-            return Err(wrong(format!("squares of {square_mm} mm; allowed is 0.5 to 500")));
+            return Err(wrong(format!("squares of {square_mm} mm; the limits are 0.5 to 500")));
         }
         match parts.as_slice() {
             [kind @ ("circles" | "acircles"), size, _] => {
@@ -104,7 +105,10 @@ impl Board {
     ) -> Result<Self, String> {
         let marker_mm: f64 = marker.parse().map_err(|_| format!("the marker's side '{marker}' is no number"))?;
         if !(0.2 * square_mm..0.95 * square_mm).contains(&marker_mm) {
-            return Err(format!("markers of {marker_mm} mm in squares of {square_mm} mm; allowed is 20 to 95 %"));
+            return Err(format!(
+                "markers of {marker_mm} mm in squares of {square_mm} mm; the limits are 20 to 95 % \
+                                of the square"
+            ));
         }
         let upper = dictionary.to_uppercase();
         let dictionary = upper.strip_prefix("DICT_").unwrap_or(&upper).to_owned();
@@ -119,14 +123,14 @@ impl Board {
             Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
         let needed = columns * rows / 2;
         if needed > held {
-            return Err(format!("{columns}×{rows} squares hold {needed} markers, {dictionary} has {held}"));
+            return Err(format!("{columns}×{rows} squares need {needed} markers, {dictionary} has only {held}"));
         }
         Ok(board)
     }
 
     fn of(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
         if !INNER.contains(&columns) || !INNER.contains(&rows) {
-            return Err(format!("{columns}×{rows} inner corners; allowed is 3 to 60 each way"));
+            return Err(format!("{columns}×{rows} inner corners; the limits are 3 to 60 in each direction"));
         }
         Ok(Board { columns, rows, square_mm, pattern })
     }
@@ -322,8 +326,9 @@ fn sides(text: &str) -> Option<(usize, usize)> {
 }
 
 fn shape() -> String {
-    "allowed is a chessboard by its inner corners, 9x6, charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy] by its squares, \
-     charuco:8x6:15:4X4_50, or circles in COLUMNSxROWS that far apart, circles:7x11:40, acircles:4x11:20"
+    "valid: a chessboard by its inner corners, such as 9x6; charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy] by \
+     its squares, such as charuco:8x6:15:4X4_50; circles by COLUMNSxROWS and their distance in mm, such as \
+     circles:7x11:40 or acircles:4x11:20"
         .to_owned()
 }
 
@@ -406,7 +411,7 @@ mod tests {
     #[test]
     fn what_is_no_board_is_refused_in_words() {
         for (text, square_mm, words) in [
-            ("9 x 6", 25.0, "allowed is a chessboard"),
+            ("9 x 6", 25.0, "valid: a chessboard"),
             ("9x2", 25.0, "9×2 inner corners"),
             ("9x6", f64::NAN, "squares of NaN mm"),
             ("charuco:8x6:25:4X4_50", 25.0, "20 to 95 %"),

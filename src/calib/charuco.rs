@@ -56,17 +56,17 @@ pub(super) fn detect(
             .into_iter()
             .filter_map(|(asked, words)| Some((shows(picture, &asked)?, asked, words)));
         if let Some((_, asked, words)) = tried.max_by_key(|(corners, ..)| *corners) {
-            return Err(other(format!("its markers are there, {words}: --board {}", asked.text())));
+            return Err(other(format!("its markers were found, {words}: --board {}", asked.text())));
         }
         return Err(other(format!(
-            "{} markers of {dictionary} are there, in another layout: count the board's squares along both sides, and measure square \
-             and marker",
+            "{} markers of {dictionary} were found in another layout: count the board's squares along both sides, \
+             and measure square and marker",
             own.len()
         )));
     }
     let mirrored = mirrored(picture);
     if shows(&mirrored, board).is_some() {
-        return Err(other("the picture is mirrored: take it as the camera's chip sees it".to_owned()));
+        return Err(other("the picture is mirrored: take it as the camera's sensor sees it".to_owned()));
     }
     for candidate in DICTIONARIES.iter().filter(|candidate| *candidate != dictionary) {
         let Some(number) = foreign::dictionary_number(candidate) else { continue };

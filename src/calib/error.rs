@@ -46,8 +46,8 @@ pub enum CalibError {
     },
     /// A picture shows another board.
     #[error(
-        "{picture}: found a {}x{} board, asked for {columns}x{rows} (inner corners along its sides); correct --board, or take \
-         a picture of the right board", found[0], found[1]
+        "{picture}: found a {}x{} board, expected {columns}x{rows} (inner corners along its sides); correct \
+         --board, or take a picture of the right board", found[0], found[1]
     )]
     OtherBoard {
         /// The picture.
@@ -96,8 +96,8 @@ pub enum CalibError {
     Points(String),
     /// Robot poses that turn too little.
     #[error(
-        "the poses turn the board too little: {}° about the second axis, {}° are needed; a camera mount cannot be told from \
-         such data: tilt the flange about two axes, by 20° and more", apart(*about_second_axis_deg, *needed_deg, 1)[0],
+        "the poses turn the board too little: {}° about the second axis, at least {}° are needed; these data do \
+         not determine a camera mount: tilt the flange about two axes, by 20° and more", apart(*about_second_axis_deg, *needed_deg, 1)[0],
         apart(*about_second_axis_deg, *needed_deg, 1)[1]
     )]
     TooLittleRotation {
@@ -129,7 +129,7 @@ pub enum CalibError {
         seen_deg: f64,
     },
     /// The iteration did not settle.
-    #[error("the adjustment of {what} did not settle; the data contradict each other")]
+    #[error("the adjustment of {what} did not converge; the data contradict each other")]
     NotSettled {
         /// What was adjusted.
         what: &'static str,
@@ -145,8 +145,9 @@ fn told(reason: &Option<String>) -> String {
 
 fn meant(readings: &[Reading]) -> String {
     if readings.is_empty() {
-        let words = "no other reading of the poses fits either: are they base_from_flange in mm and degrees, is each picture beside \
-                     its own pose, is the lens this camera's, and did the board stay where it was?";
+        let words = "no other interpretation of the poses fits either: are they base_from_flange in mm and \
+                     degrees, does each picture belong to its pose, is the lens file this camera's, and did the \
+                     board stay in its place?";
         return words.to_owned();
     }
     readings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; or ")

@@ -1,14 +1,16 @@
 //! Payload and zero of the tool, from its readings without contact at several attitudes.
 //!
-//! Without contact (1) to (3) of `force::gravity` leave, with x = a · d,
+//! Without contact, (1) to (3) of `force::gravity` give, with x = a · d,
 //!
 //! ```text
 //! F_reading = zero − m g x                                                                       (1)
 //! ```
 //!
-//! a straight line over x, fitted by least squares. With n readings, residuals r and s² = Σr² / (n − 2), the slope's variance is
-//! s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²). Stated are so many standard errors as hold 95 % by Student's distribution
-//! for n − 2, at least those of a sensor whose resolution is all that scatters. Readings whose attitudes do not differ enough say nothing of the payload and are refused.
+//! a straight line over x, fitted by least squares. With n readings, residuals r and s² = Σr² / (n − 2), the
+//! slope's variance is s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²). The stated uncertainties are
+//! these standard errors times the 95 % quantile of Student's distribution for n − 2, and at least those of a
+//! sensor whose only scatter is its resolution. Readings whose attitudes do not differ enough do not determine the
+//! payload and are refused.
 
 use super::quantile::student_95;
 use crate::force::Weight;
@@ -65,8 +67,8 @@ pub enum CalibrationError {
     },
     /// They are too much alike.
     #[error(
-        "the tool points down by {least:.2} to {most:.2} in all readings, they must differ by {LEAST_SPREAD}: take one pointing down, \
-         one level and one pointing up, as far as the arm allows"
+        "the tool points down by {least:.2} to {most:.2} in all readings, these values must differ by at least \
+         {LEAST_SPREAD}: take one reading pointing down, one level and one pointing up, as far as the arm allows"
     )]
     Alike {
         /// The least.
@@ -76,7 +78,7 @@ pub enum CalibrationError {
     },
     /// One of them does not fit.
     #[error(
-        "reading {index} lies {} N off the others, allowed are {} N; did the tool touch something?",
+        "reading {index} is {} N off the others (limit {} N); did the tool touch something?",
         apart(*off_n, MOST_RESIDUAL_N, 1)[0],
         apart(*off_n, MOST_RESIDUAL_N, 1)[1]
     )]
@@ -88,7 +90,8 @@ pub enum CalibrationError {
     },
     /// A payload that nothing has.
     #[error(
-        "the readings say a payload of {payload_kg:.2} kg; are force and attitude of each reading its own, and the sign right?"
+        "the readings give a payload of {payload_kg:.2} kg; do force and attitude of each reading belong together, \
+         and is the sign right?"
     )]
     Negative {
         /// The payload by the readings, kg.

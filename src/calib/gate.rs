@@ -58,7 +58,7 @@ impl Reasons {
     fn bound(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
         let message = |allowed: f64| {
             let [value, allowed] = apart(value, allowed, 3);
-            format!("{words}: {value}, allowed is {allowed}")
+            format!("{words}: {value} (limit {allowed})")
         };
         if value.is_nan() || value > reject {
             self.reject.push(Reason::new(code, message(reject)));
@@ -86,8 +86,8 @@ impl Reasons {
         if mm > ROUGH_MM || deg > ROUGH_DEG {
             let ([mm, allowed_mm], [deg, allowed_deg]) = (apart(mm, ROUGH_MM, 0), apart(deg, ROUGH_DEG, 0));
             let message = format!(
-                "the camera comes out {mm} mm and {deg}° from its rough place in the cell's file, allowed are {allowed_mm} mm \
-                 and {allowed_deg}°; {question}"
+                "the calibrated camera is {mm} mm and {deg}° away from its rough place in the cell's file (limits \
+                 {allowed_mm} mm and {allowed_deg}°); {question}"
             );
             self.reject.push(Reason::new("rough_mount", message));
         }
@@ -97,8 +97,8 @@ impl Reasons {
     fn square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
         let (Some(size), Some(moves_mm)) = (&found.square, found.square_moves_mm()) else {
             return self.doubt("square_unproven", true, || {
-                "the poses do not determine the size of the board's squares: a wrong --square-mm would not show; take poses that \
-                 move the board farther"
+                "the poses do not determine the size of the board's squares: a wrong --square-mm would not be \
+                 detected; take poses that move the board farther"
                     .to_owned()
             });
         };
@@ -117,8 +117,8 @@ impl Reasons {
         self.doubt("square_unproven", !size.contradicts() && (known.is_nan() || known > SQUARE_SHARE), || {
             let [known, wanted] = percent_apart(known, SQUARE_SHARE, 2);
             format!(
-                "the poses state the size of the board's squares to {known} % only, {wanted} % is wanted: a wrong --square-mm would not \
-                 show; take more poses, which move the board by several hundred mm"
+                "the poses determine the size of the board's squares only to {known} % (limit {wanted} %): a wrong \
+                 --square-mm would not be detected; take more poses that move the board by several hundred mm"
             )
         });
     }
@@ -131,8 +131,9 @@ impl Reasons {
         }
         let (share, known) = (fixed(100.0 * (focal.ratio - 1.0), 2), fixed(100.0 * focal.ratio_95(), 2));
         let message = format!(
-            "by the robot's motions the focal length is {share} ± {known} % longer than the lens's file says, and the mount moves by {} mm at the \
-             panel: is it the file of this camera, at this focus, and are its pictures as it takes them, not rectified? Calibrate the lens again",
+            "by the robot's motions the focal length is {share} ± {known} % longer than the lens's file states, \
+             and the mount moves by {} mm at the panel: is it the file of this camera, at this focus, and are its \
+             pictures unchanged, not rectified? Calibrate the lens again",
             fixed(moves_mm, 2)
         );
         let reason = Reason::new("focal_length_differs", message);
@@ -148,12 +149,18 @@ impl Reasons {
 /// Are the intrinsics good enough?
 pub fn intrinsics(found: &Calibrated) -> Judgement {
     let mut reasons = Reasons::default();
-    reasons.bound("rms_px", found.rms_px, INTRINSICS_RMS_PX, "the corners miss the camera model by so many px rms");
+    reasons.bound(
+        "rms_px",
+        found.rms_px,
+        INTRINSICS_RMS_PX,
+        "difference between corners and camera model, rms, px",
+    );
     if let Some(shape) = &found.board_shape {
         let message = format!(
-            "the board is not flat, or its squares are not alike: with its own shape corners miss by {} px rms, as a flat one by {} px; it bows by \
-             {} mm, corners lie up to {} mm beside their places. The lens is off by more than is stated: glue the print onto glass or an \
-             aluminium plate, or take another board, and take the pictures again",
+            "the board is not flat, or its squares are not equal: with its own shape the corners miss by {} px \
+             rms, with a flat shape by {} px; it is bowed by {} mm, and corners are up to {} mm off their places. \
+             The error of the lens is larger than stated: glue the print onto glass or an aluminium plate, or use \
+             another board, and take the pictures again",
             fixed(shape.own_px, 3),
             fixed(shape.flat_px, 3),
             fixed(shape.bow_mm, 1),
@@ -189,22 +196,26 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.doubt("tilt", high < LEAST_TILT_DEG, || {
         let [high, needed] = apart(high, LEAST_TILT_DEG, 0);
         format!(
-            "the board was tilted by {}° to {high}°; tilt it by {needed}° and more both ways, or focal length and distance \
-             cannot be told apart",
+            "the board was tilted by {}° to {high}°; tilt it by {needed}° and more in both directions, or focal \
+             length and distance cannot be separated",
             fixed(low, 0)
         )
     });
     let focal = (found.deviations[0] / found.camera.fx_px).max(found.deviations[1] / found.camera.fy_px);
     reasons.doubt("focal_length", focal.is_nan() || focal > FOCAL_SHARE, || {
         let [known, wanted] = percent_apart(focal, FOCAL_SHARE, 2);
-        format!("the focal length is known to {known} % only, {wanted} % is wanted; take more pictures, tilted")
+        format!(
+            "the focal length is known only to {known} % (limit {wanted} %); take more pictures with the board \
+                 tilted"
+        )
     });
     let centre = (found.deviations[2] / found.camera.fx_px).max(found.deviations[3] / found.camera.fy_px);
     reasons.doubt("principal_point", centre.is_nan() || centre > CENTRE_SHARE, || {
         let [known, wanted] = apart(centre * 1e3, CENTRE_SHARE * 1e3, 2);
         format!(
-            "the principal point is known to {known} mm at 1 m, {wanted} mm is wanted, and a mount calibrated with it is off \
-             by as much; take more pictures in which the board fills the picture, tilted both ways"
+            "the principal point is known only to {known} mm at 1 m (limit {wanted} mm), and a mount calibrated \
+             with it has the same error; take more pictures in which the board fills the picture, tilted in both \
+             directions"
         )
     });
     reasons.judgement()
@@ -241,8 +252,8 @@ pub fn hand_eye<A: Arrangement>(
 ) -> Judgement {
     let mut reasons = Reasons::default();
     reasons.doubt("no_rough", rough.is_none() && poses == PosesFrom::File, || {
-        "poses with a tool or a base frame set fit as well as poses without, and only a rough mount shows them: measure with a tape where \
-         the camera is, to 100 mm, and state it in the cell's file ([rough])"
+        "poses with a tool or a base frame fit as well as poses without, and only a rough mount reveals them: \
+         measure with a tape where the camera is, to 100 mm, and state it in the cell's file ([rough])"
             .to_owned()
     });
     let question = "is --mount right, and are these poses base_from_flange without a tool?";
@@ -263,8 +274,9 @@ pub fn hand_eye<A: Arrangement>(
         if away.is_nan() || away > 2.0 * allowed {
             let [away_words, allowed_words] = apart(away, 2.0 * allowed, 3);
             let message = format!(
-                "the 3D camera's own points give a mount {away_words} mm away at the panel, {allowed_words} mm are allowed; are these the \
-                 intrinsics of the camera that took the pictures, and is --square-mm right?"
+                "the 3D camera's own points give a mount that differs by {away_words} mm at the panel (limit \
+                 {allowed_words} mm); are these the intrinsics of the camera that took the pictures, and is \
+                 --square-mm right?"
             );
             let reason = Reason::new("second_result", message);
             let much = away.is_nan() || away > HAND_EYE_UNCERTAINTY_MM.0;
@@ -293,7 +305,8 @@ impl Reasons {
         if found.suspects.is_empty() && self.reject.is_empty() && !left_out.is_empty() {
             let (count, all) = (left_out.len(), found.residuals.len());
             let message = format!(
-                "{count} of {all} pictures do not fit the others and were left out: {}; look at their poses, or take them again",
+                "{count} of {all} pictures do not fit the others and were left out: {}; check their poses, or take \
+                 them again",
                 left_out.join(", ")
             );
             self.reject.push(Reason::new("does_not_fit", message));
@@ -327,7 +340,8 @@ impl Reasons {
         let (left_out_mm, name) = &found.leave_one_out;
         self.doubt("one_pose", *left_out_mm > found.uncertainty_mm.max(0.02), || {
             words(&format!(
-                "without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; look at that picture"
+                "without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; check that \
+                 picture"
             ))
         });
     }
@@ -364,17 +378,17 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
     let mut reasons = Reasons::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
         let words =
-            format!("the touched points {between} are farther apart or nearer than on the board by so many mm");
+            format!("difference between the touched distance of points {between} and that on the board, mm");
         reasons.bound("distance", error.abs(), DISTANCE_ERROR_MM, &words);
     }
     reasons.bound(
         "pnp_rms_px",
         found.pnp_rms_px,
         PNP_RMS_PX,
-        "the board's corners miss its pose by so many px rms",
+        "difference between the board's corners and its pose, rms, px",
     );
     if let Some(check) = found.check_mm {
-        reasons.bound("check_point", check, CHECK_MM, "the fourth point is off, in mm, by");
+        reasons.bound("check_point", check, CHECK_MM, "error of the fourth point, mm");
     }
     let unseen = found.check_mm.is_none() || found.looks_alike;
     reasons.doubt("no_check_point", unseen && rough.is_none(), || match found.check_mm {
@@ -420,15 +434,11 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     reasons.doubt("little_help", share > HELPS.0, || {
         let [share, wanted] = percent_apart(1.0 - share, 1.0 - HELPS.0, 0);
         format!(
-            "left-out pictures are {share} % less off with the correction, {wanted} % are wanted; take more poses"
+            "the correction reduces the error of left-out pictures by {share} %, at least {wanted} % are needed; \
+             take more poses"
         )
     });
-    reasons.bound(
-        "left_out_mm",
-        after,
-        LEFT_OUT_MM,
-        "left-out pictures are off by so many mm rms with the correction",
-    );
+    reasons.bound("left_out_mm", after, LEFT_OUT_MM, "error of left-out pictures with the correction, rms, mm");
     reasons.doubt("few_pictures", views < FEW_ARM_VIEWS, || {
         format!("{views} pictures were used; take {FEW_ARM_VIEWS} or more, over the whole working volume")
     });
@@ -448,9 +458,10 @@ pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[Reading]) ->
         }),
         Some(axis) => {
             let worst = axis.residuals_deg.iter().copied().fold(0.0, f64::max);
-            reasons.bound("axis", worst, AXIS_DEG, "the touches disagree about the axis by so many degrees");
+            reasons.bound("axis", worst, AXIS_DEG, "difference between the touches in the direction of the axis, \
+                                                    degrees");
             if let Some(rms_mm) = axis.plate_rms_mm {
-                reasons.bound("plate", rms_mm, TOOL_RMS_MM, "the plate is uneven by so many mm rms");
+                reasons.bound("plate", rms_mm, TOOL_RMS_MM, "unevenness of the plate, rms, mm");
             }
         }
     }

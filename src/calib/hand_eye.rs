@@ -295,7 +295,7 @@ impl<C: Frame> All<'_, C> {
             if chosen.len() < MIN_STATIONS.max(self.stations.len().div_ceil(2)) {
                 let given = self.stations.len();
                 let first_reason = Some(
-                    "each of the others is off what they say together by more than they scatter; take more poses"
+                    "each of the others differs from the common result by more than their scatter; take more poses"
                         .to_owned(),
                 );
                 return Err(CalibError::TooFewPictures {

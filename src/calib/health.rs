@@ -106,8 +106,8 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
         let [rms, allowed] = apart(rms_px, MAX_PNP_RMS_PX, 2);
         return Some(implausible(format!(
-            "the corners lie {rms} px rms from where this lens would see a flat board of squares, allowed are \
-             {allowed} px: is the board flat, and is the picture this camera's?"
+            "the corners are {rms} px rms off the places at which this lens would see a flat board of squares \
+             (limit {allowed} px): is the board flat, and is the picture this camera's?"
         )));
     }
     let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
@@ -115,8 +115,8 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
         let [share, allowed] = percent_apart(differs, MAX_SQUARE_SHARE, 1);
         implausible(format!(
-            "the 3D camera measures squares of {} mm, the board's are said to be {square_mm} mm, a difference of {share} %, \
-             the limit is {allowed} %: measure the board, and correct its size.",
+            "the 3D camera measures squares of {} mm, the board's are stated as {square_mm} mm, a difference of \
+             {share} % (limit {allowed} %): measure the board, and correct its size.",
             fixed(measured_mm, 2)
         ))
     })
@@ -148,8 +148,8 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
     if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
         let [turn, allowed] = apart(turn_deg, MAX_TURN_DEG, 0);
         return Some(implausible(format!(
-            "the board appears turned by {turn}°, allowed are {allowed}°: are its corners counted as in the \
-             target's file, does it stand as it stood, is --flange the pose at this picture?"
+            "the board appears turned by {turn}° (limit {allowed}°); check: are its corners counted as in the \
+             target's file, is it still in its place, is --flange the pose at this picture?"
         )));
     }
     let (middle, first) = (board.middle(), Point::at(0.0, 0.0, 0.0));
@@ -157,8 +157,8 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
     (off_mm.is_nan() || off_mm > allowed_mm).then(|| {
         let [off, allowed] = apart(off_mm, allowed_mm, 0);
         implausible(format!(
-            "the board appears {off} mm from its place, allowed is half of its diagonal, {allowed} mm: does it \
-             stand where it stood, is its size right in the target's file, is --flange the pose at this picture?"
+            "the board appears {off} mm from its place (limit: half of its diagonal, {allowed} mm): is it still in \
+             its place, is its size right in the target's file, is --flange the pose at this picture?"
         ))
     })
 }
@@ -179,8 +179,8 @@ pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
 
 fn implausible(what: String) -> Reason {
     let message = format!(
-        "{what} Nothing was kept of this look, and the last verification counts as before; if the camera was moved as far as \
-         this, calibrate it again before the next cycle"
+        "{what} Nothing of this measurement was stored, and the last verification still counts; if the camera was \
+         moved by this much, calibrate it again before the next cycle"
     );
     Reason::new("implausible", message)
 }
@@ -191,8 +191,8 @@ pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
     (found.is_nan() || found > allowed).then(|| {
         let ([found, allowed], unit) = (apart(found, allowed, 3), unit(subject));
         let message = format!(
-            "the last verification of {subject} was {found} {unit} off, allowed are {allowed} {unit}; look whether something \
-             was bumped, calibrate {subject} again, and verify it"
+            "the last verification of {subject} was off by {found} {unit} (limit {allowed} {unit}); check whether \
+             something was bumped, calibrate {subject} again, and verify it"
         );
         Reason::new("verification_limit", message)
     })
@@ -235,7 +235,7 @@ pub fn health(
     }
     if age_h > demands.max_age_h {
         let [age, allowed] = apart(age_h, demands.max_age_h, 1);
-        let message = format!("{subject} was verified {age} h ago, allowed are {allowed} h; {}", advice(subject));
+        let message = format!("{subject} was verified {age} h ago (limit {allowed} h); {}", advice(subject));
         reject.push(Reason::new("verification_old", message));
     }
     reject.extend(beyond(last, demands));

@@ -85,13 +85,10 @@ impl std::fmt::Display for Meaning {
             Meaning::Radians => write!(f, "the angles are in radians; write A, B, C in degrees"),
             Meaning::Shifted { late } => {
                 let where_to = if *late { "before" } else { "after" };
-                write!(
-                    f,
-                    "each picture shows what the pose {where_to} its own should: the list is shifted by one picture"
-                )
+                write!(f, "each picture matches the pose {where_to} its own: the list is shifted by one picture")
             }
             Meaning::Mirrored => {
-                write!(f, "the pictures are mirrored, left for right; take them as the camera's chip sees them")
+                write!(f, "the pictures are mirrored, left for right; take them as the camera's sensor sees them")
             }
             Meaning::Lengths { ratio, square_mm } => {
                 let (found, stated) = (fixed(ratio * square_mm, 3), *square_mm);

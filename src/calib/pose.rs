@@ -43,7 +43,7 @@ fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>
         return Err(CalibError::Points(words));
     }
     let on_a_line =
-        || CalibError::Points("the measured points of the board lie on a line; show more of it".to_owned());
+        || CalibError::Points("the measured points of the board lie on a line; show more of the board".to_owned());
     let camera_from_board = nearest_motion(corners).ok_or_else(on_a_line)?;
     let square: f64 = corners.iter().map(|(q, p)| (camera_from_board * *q).distance_mm(*p).powi(2)).sum();
     Ok(BoardPose { camera_from_board, rms: (square / corners.len() as f64).sqrt() })

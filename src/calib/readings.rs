@@ -179,8 +179,8 @@ fn ways() -> Vec<(Meaning, Way)> {
         ),
         (Meaning::Radians, by_angles(|angles| kuka(angles.map(f64::to_degrees)))),
         // A library that expects x, y, z, w was given w, x, y, z, or the reverse.
-        quaternion("w, x, y, z were taken as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
-        quaternion("x, y, z, w were taken as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
+        quaternion("w, x, y, z were read as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
+        quaternion("x, y, z, w were read as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
     ]
 }
 

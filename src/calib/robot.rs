@@ -116,7 +116,8 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     };
     if data.touches.iter().any(|touch| is_other(&touch)) {
         return Some(
-            "a corner is touched on a board that stands still, and a place that the fixed camera sees".to_owned(),
+            "a corner can be touched only on a board that does not move, and a seen place only with a fixed camera"
+                .to_owned(),
         );
     }
     let free: std::collections::BTreeSet<usize> = data
@@ -127,7 +128,10 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     // A spot uses up one of its touches, the tip another.
     let (told, needed) = (data.touches.len(), free.len() + 2);
     (told > 0 && told < needed).then(|| {
-        format!("{told} touches tell no tip, {needed} are needed: touch each spot several times, the tool turned differently")
+        format!(
+            "{told} touches do not determine the tip (at least {needed} touches are needed): touch each spot \
+                 several times with the tool turned differently"
+        )
     })
 }
 

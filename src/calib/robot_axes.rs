@@ -58,9 +58,9 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
     let [turn, most_turn] = apart(turn_deg, SAME_TURN_DEG, 1);
     let [shift, most_shift] = apart(shift_mm, SAME_SHIFT_MM, 1);
     Some(format!(
-        "axis angles and base_from_flange are up to {mm} mm and {deg}° apart, allowed are {most_mm} mm and {most_deg}°; between \
-         pictures the board turns {turn}° and shifts {shift} mm rms other than the flange by the axes, allowed are {most_turn}° \
-         and {most_shift} mm; {why}"
+        "axis angles and base_from_flange are up to {mm} mm and {deg}° apart (limits {most_mm} mm and \
+         {most_deg}°); between pictures the board and the flange by its axis angles move differently, by {turn}° \
+         and {shift} mm rms (limits {most_turn}° and {most_shift} mm); {why}"
     ))
 }
 

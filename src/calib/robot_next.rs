@@ -4,7 +4,7 @@
 //! it was seen. The caller states which of these flange poses the arm may take, and with which axes. A picture has
 //! the information W, and its twist depends on the unknowns by J. It reduces their covariance C to
 //!     C − C Jᵀ (J C Jᵀ + W⁻¹)⁻¹ J C.                                                                          (1)
-//! The best picture is the one after which the least certain of the determined numbers is known best.
+//! The best picture is the one after which the uncertainty of the least certain determined number is smallest.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::log;

@@ -92,20 +92,21 @@ impl std::fmt::Display for Suspect {
         match &self.fault {
             Fault::Flipped => write!(
                 f,
-                "its board was taken upside down (turned by 180° it fits); use a board with one odd and one even side, \
-                 or leave the picture out"
+                "its board was read upside down (turned by 180° it fits); use a board with one odd and one even \
+                 side, or leave the picture out"
             ),
             Fault::Swapped { with } => write!(f, "it and {with} fit at each other's pose; exchange them"),
             Fault::ShowsPoseOf { other } => {
-                write!(f, "it shows what the pose of {other} should; name the right picture, or leave it out")
+                write!(f, "it matches the pose of {other}; name the right picture, or leave it out")
             }
             Fault::Mistyped { key, written, seen } => {
-                write!(f, "its {key} is {written}, the picture says {seen:.3}; correct the number")
+                write!(f, "its {key} is {written}, according to the picture it is {seen:.3}; correct the number")
             }
             Fault::Exchanged { key, other } => write!(f, "its {key} and {other} fit when exchanged; correct them"),
             Fault::Grazing { tilt_deg } => write!(
                 f,
-                "the board is seen at {tilt_deg:.0}° from its normal, where corners are placed badly; leave the picture out"
+                "the board is seen at {tilt_deg:.0}° from its normal, an angle at which corners are inaccurate; \
+                 leave the picture out"
             ),
             Fault::Rough { rms, usual } => write!(
                 f,
@@ -113,13 +114,18 @@ impl std::fmt::Display for Suspect {
             ),
             Fault::Little => write!(
                 f,
-                "that is more than the others scatter, and too little for a wrong number; leave the picture out, or take it again"
+                "that is more than the scatter of the others, but too little for a wrong number; leave the picture \
+                 out, or take it again"
             ),
             Fault::Unknown { needed } => {
                 let mut pose = String::new();
                 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
                 let _ = write!(pose, "{needed}");
-                write!(f, "the picture says that the flange was at {pose}; correct the pose, or leave it out")
+                write!(
+                    f,
+                    "according to the picture the flange was at {pose}; correct the pose, or leave the \
+                           picture out"
+                )
             }
         }
     }

@@ -69,7 +69,7 @@ pub fn three_points<A: Arrangement>(
         board.corner(column, row).ok_or_else(|| {
             let (columns, rows) = (board.columns(), board.rows());
             CalibError::Points(format!(
-                "corner [{column}, {row}] is not on the board; allowed is [0, 0] to [{}, {}]",
+                "corner [{column}, {row}] is not on the board; the limits are [0, 0] to [{}, {}]",
                 columns - 1,
                 rows - 1
             ))

@@ -121,7 +121,7 @@ pub fn tool_axis(point: &ToolPoint, touch: &AxisTouch) -> Result<ToolAxis, Calib
         }
     };
     let sum: Vector3<f64> = axes.iter().sum();
-    let none = || CalibError::Tool("no touch says where the tool's axis points".to_owned());
+    let none = || CalibError::Tool("no touch determines the direction of the tool's axis".to_owned());
     let axis = sum.try_normalize(1e-9).ok_or_else(none)?;
     let residuals_deg = axes.iter().map(|each| each.angle(&axis).to_degrees());
     let residuals_deg = if axes.len() > 1 { residuals_deg.collect() } else { Vec::new() };

@@ -150,7 +150,7 @@ pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) 
     for axis in 0..6 {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
         if low + 2.0 * table.limit_margin_deg >= high {
-            let message = format!("axis {} from {low} to {high}° leaves nothing between the margins", axis + 1);
+            let message = format!("axis {} from {low} to {high}° has no range left between the margins", axis + 1);
             section.problem("max_deg", message);
             return None;
         }
@@ -219,7 +219,7 @@ fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, A
     let [offsets_deg, signs, min_deg, max_deg, max_speed_deg_s] = lists;
     let (signs, max_speed_deg_s) = (signs?, max_speed_deg_s?);
     if signs.iter().any(|sign| sign.abs() != 1.0) {
-        section.problem("signs", format!("found {}, allowed is 1 or -1 for each axis", words::list(&signs)));
+        section.problem("signs", format!("found {}, valid: 1 or -1 for each axis", words::list(&signs)));
         return None;
     }
     let geometry = ArmGeometry {

@@ -50,7 +50,11 @@ impl Broker {
             (Some(name), None, None) => BrokerLogin::Credentials(file(name)),
             (None, Some(user), Some(name)) => BrokerLogin::Password { user, file: file(name) },
             _ => {
-                section.problem("user", "user and password_file belong together, and not beside credentials");
+                section.problem(
+                    "user",
+                    "user and password_file belong together, and cannot be combined with \
+                                         credentials",
+                );
                 return None;
             }
         };
@@ -58,16 +62,17 @@ impl Broker {
         let Some(Address { scheme, host, port, .. }) = read(&address, SCHEMES).filter(|read| read.path.is_empty())
         else {
             let allowed =
-                "allowed is an address such as \"nats://office.example:4222\" or \"tls://office.example:4222\"";
+                "valid: an address such as \"nats://office.example:4222\" or \"tls://office.example:4222\"";
             section.problem(key, format!("found \"{}\", {allowed}", address.escape_debug()));
             return None;
         };
         if scheme == OPEN && ca.is_some() {
-            section.problem("ca", "is used with tls:// alone, and the address begins with nats://");
+            section.problem("ca", "is used only with tls://, but the address begins with nats://");
             return None;
         }
         if scheme == OPEN && login != BrokerLogin::Anybody && !is_this_computer(&host) {
-            let message = "begins with nats://: everybody on the way to another computer could read the password; write tls://";
+            let message = "begins with nats:// and leads to another computer: anybody on the network could read \
+                           the password; write tls://";
             section.problem(key, message);
             return None;
         }
@@ -97,15 +102,18 @@ mod tests {
             assert_eq!(found(&right), Ok(()), "{right}");
         }
         for (wrong, words) in [
-            (format!("broker = 'nats://office'\n{login}"), "office.broker: begins with nats://: everybody"),
+            (
+                format!("broker = 'nats://office'\n{login}"),
+                "office.broker: begins with nats:// and leads to another computer",
+            ),
             (
                 "broker = 'nats://office'\ncredentials = 'c'".to_owned(),
-                "office.broker: begins with nats://: everybody",
+                "office.broker: begins with nats:// and leads to another computer",
             ),
-            ("broker = 'nats://127.0.0.1'\nca = 'c'".to_owned(), "office.ca: is used with tls:// alone"),
+            ("broker = 'nats://127.0.0.1'\nca = 'c'".to_owned(), "office.ca: is used only with tls://"),
             (
                 "broker = 'nats://office/a'".to_owned(),
-                "office.broker: found \"nats://office/a\", allowed is an address",
+                "office.broker: found \"nats://office/a\", valid: an address",
             ),
             ("behind_min = 5".to_owned(), "office.broker: is missing: the address of the office's broker"),
         ] {

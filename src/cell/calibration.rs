@@ -31,7 +31,7 @@ impl Setting for Covariance {
         const FINITE: RangeInclusive<f64> = -1e12..=1e12;
         let numbers = value.as_array().map(|list| list.iter().map(|item| f64::parse(item.get_ref(), &FINITE)));
         let numbers: Vec<f64> = numbers.map(Iterator::collect::<Result<_, _>>).transpose()?.unwrap_or_default();
-        let allowed = || "allowed are the 45 numbers of a covariance's upper triangle, row by row".to_owned();
+        let allowed = || "valid: the 45 numbers of a covariance's upper triangle, row by row".to_owned();
         let mut next = numbers.iter();
         let mut covariance = LensCovariance::zeros();
         for row in 0..9 {

@@ -36,7 +36,7 @@ impl Setting for Date {
             DeValue::String(text) => text.to_string(),
             _ => String::new(),
         };
-        Date::parse(&text).ok_or_else(|| "allowed is a day, such as 2026-05-31".to_owned())
+        Date::parse(&text).ok_or_else(|| "valid: a date, such as 2026-05-31".to_owned())
     }
 }
 

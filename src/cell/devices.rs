@@ -184,7 +184,7 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let (kind, controller, host) = (kind?, controller?, host?);
     let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);
     if command_port == state_port {
-        section.problem("state_port", format!("found {state_port}, allowed is any port but command_port's"));
+        section.problem("state_port", format!("found {state_port}, valid: any port other than command_port's"));
         return None;
     }
     let host = match (kind, host) {
@@ -205,8 +205,8 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
         }
         (_, Some(host)) if !is_host(&host) => {
             let message = format!(
-                "found \"{host}\", allowed is an address such as 172.31.1.147, or a host's name of letters, digits, - and \
-                 points"
+                "found \"{host}\", valid: an address such as 172.31.1.147, or a host name of letters, digits, - \
+                 and dots"
             );
             section.problem("host", message);
             return None;

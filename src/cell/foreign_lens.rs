@@ -28,13 +28,13 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         .collect();
     let documents =
         Yaml::load_from_str(&plain.join("\n")).map_err(|error| format!("this is no YAML: {}", error.info()))?;
-    let [top] = documents.as_slice() else { return Err("allowed is one YAML document".to_owned()) };
+    let [top] = documents.as_slice() else { return Err("valid: exactly one YAML document".to_owned()) };
     let size = |names: &[&str], what: &str| {
         let found = names.iter().find_map(|name| number(top, &[name]));
         found.filter(|size| *size >= 1.0).map(|size| size as usize).ok_or_else(|| {
             format!(
-                "the picture's {what} is missing, which this kind of file does not state: add a line '{}: …', or read the lens from a scan \
-                 with panelprep calibrate intrinsics --from-scan",
+                "the picture's {what} is missing; this kind of file does not state it: add a line '{}: …', or read \
+                 the lens from a scan with panelprep calibrate intrinsics --from-scan",
                 names[0]
             )
         })
@@ -63,7 +63,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
     }
     let model = get(top, &["distortion_model"]).and_then(Yaml::as_str);
     if let Some(model) = model.filter(|model| *model != "plumb_bob") {
-        return Err(format!("the lens model is {model}, allowed is plumb_bob: k1, k2, p1, p2, k3"));
+        return Err(format!("the lens model is {model}, valid: plumb_bob (k1, k2, p1, p2, k3)"));
     }
     let matrix = numbers(top, &["camera_matrix", "cameraMatrix", "Camera_Matrix", "K"]);
     let [fx_px, skew, cx_px, row_2, fy_px, cy_px, row_3 @ ..] = matrix.as_slice() else {
@@ -76,7 +76,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         ));
     }
     if *skew != 0.0 {
-        return Err(format!("the camera matrix has a skew of {skew}, allowed is 0"));
+        return Err(format!("the camera matrix has a skew of {skew}, valid: 0"));
     }
     let names = [
         "distortion_coefficients",

@@ -29,8 +29,8 @@ pub(super) const KIND: Kind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = Kind {
     word: "gige",
     required: &[(
         "exposure_us",
-        "kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains of 50 Hz, of 8333 on 60 Hz, so that the \
-         brightest parts are not saturated (`panelprep shoot corner` says so)",
+        "kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains of 50 Hz, of 8333 on 60 Hz, \
+         such that the brightest parts are not saturated (`panelprep shoot corner` reports it)",
     )],
     keys: &["serial", "address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"],
     take,

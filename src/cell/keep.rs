@@ -73,7 +73,9 @@ fn take_keep(section: &Section<'_, '_>) -> Option<Keep> {
             let name = key.trim_start_matches("failed_");
             section.problem(
                 key,
-                format!("found {found}, allowed is {least}, which is {name}, or more: what failed is kept longer"),
+                format!(
+                    "found {found}, the minimum is {least}, the value of {name}: failed cycles are kept longer"
+                ),
             );
             right = false;
         }

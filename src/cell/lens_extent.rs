@@ -83,7 +83,7 @@ impl Setting for Outline {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let list = value.as_array().ok_or_else(|| "allowed is a list of [u, v]".to_owned())?;
+        let list = value.as_array().ok_or_else(|| "valid: a list of [u, v]".to_owned())?;
         let corner = |item: &toml::Spanned<DeValue<'_>>| {
             <[f64; 2]>::parse(item.get_ref(), &CORNER_PX).map(|[u, v]| Pixel::at(u, v))
         };

@@ -78,11 +78,11 @@ pub(super) fn take_limits(section: &Section<'_, '_>) -> Option<Limits> {
     let mut wrong = Vec::new();
     if limits.min_points > limits.window_commands {
         let (found, allowed) = (limits.min_points, limits.window_commands);
-        wrong.push(("min_points", format!("found {found}, allowed is at most window_commands, {allowed}")));
+        wrong.push(("min_points", format!("found {found}, the limit is window_commands, {allowed}")));
     }
     if limits.watchdog_ms < 2 * limits.heartbeat_ms {
         let (found, allowed) = (limits.watchdog_ms, 2 * limits.heartbeat_ms);
-        wrong.push(("watchdog_ms", format!("found {found}, allowed is at least two heartbeats, {allowed}")));
+        wrong.push(("watchdog_ms", format!("found {found}, at least two heartbeats are needed, {allowed}")));
     }
     match (limits.box_min_mm, limits.box_max_mm) {
         (Some(low), Some(high)) if (0..3).any(|axis| low[axis] >= high[axis]) => {

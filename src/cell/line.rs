@@ -82,7 +82,7 @@ mod tests {
             (IO.replace("pass = 42", "pass = 5"), "io.line_outputs.pass: found 5, which is tool's number"),
             (
                 IO.replace("pass = 42", "passed = 42"),
-                "io.line_outputs.passed: no line is told this; allowed are ready",
+                "io.line_outputs.passed: is not a signal for a line; valid: ready",
             ),
             (IO.replace("pass = 42", "pass = 41"), "found 41, which is cycle_done's number already"),
         ] {

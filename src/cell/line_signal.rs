@@ -47,7 +47,7 @@ pub(super) fn take_line_outputs(
     for (name, number) in &numbers {
         let taken = outputs.iter().find(|(_, other)| *other == number);
         let wrong = match (name.parse::<LineSignal>(), taken) {
-            (Err(_), _) => format!("no line is told this; allowed are {}", names()),
+            (Err(_), _) => format!("is not a signal for a line; valid: {}", names()),
             (_, Some((output, _))) => format!("found {number}, which is {output}'s number in [io.outputs]"),
             _ => continue,
         };

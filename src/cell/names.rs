@@ -249,7 +249,7 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         [("mapped_inputs", io.mapped_inputs.len(), MOST_MAPPED), ("feedbacks", io.feedbacks.len(), MOST_FEEDBACKS)]
     {
         if found > most {
-            section.problem(key, format!("found {found} names, allowed are {most}"));
+            section.problem(key, format!("found {found} names (limit {most})"));
             right = false;
         }
     }
@@ -263,9 +263,9 @@ fn take_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) ->
     for (name, after_s) in &stated {
         let wrong = if !outputs.contains_key(name) {
             let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            format!("is no output of [io.outputs]; allowed are {names}")
+            format!("is no output of [io.outputs]; valid: {names}")
         } else if name == Output::LensShutter.name() {
-            "keeps drops off the cameras and stays as it is; take it out".to_owned()
+            "keeps drops off the cameras and is never switched off here; remove it".to_owned()
         } else if OFF_AT_ONCE.contains(&name.as_str()) && *after_s > 0 {
             format!("found {after_s}; tool and water go off at once, 0")
         } else {

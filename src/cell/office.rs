@@ -35,7 +35,7 @@ impl CellName {
             return Ok(CellName(name.to_owned()));
         }
         Err(format!(
-            "found \"{}\", allowed are 1 to {MOST_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
+            "found \"{}\", valid: 1 to {MOST_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
             name.escape_debug()
         ))
     }

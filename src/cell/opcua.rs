@@ -54,15 +54,15 @@ pub(super) fn take_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Opc
     section.done();
     let (anonymous, is_unencrypted_allowed) = (anonymous?, unencrypted?);
     if is_unencrypted_allowed && anonymous == Anonymous::Nothing {
-        let message = "found true, but nobody logs in through a connection that is not encrypted, since the password would be read on its \
-                       way; allowed is true together with anonymous = \"read\"";
+        let message = "found true, but nobody can log in over a connection that is not encrypted, since the \
+                       password could be read on the network; true is valid only together with anonymous = \"read\"";
         section.problem("unencrypted", message);
         return None;
     }
     let host = host?;
     if let Some(host) = host.as_ref().filter(|host| !is_host(host)) {
         let message = format!(
-            "found \"{}\", allowed is a computer's name or an IP address, such as \"cell-1.plant.example\"",
+            "found \"{}\", valid: a computer's name or an IP address, such as \"cell-1.plant.example\"",
             host.escape_debug()
         );
         section.problem("host", message);
@@ -73,7 +73,7 @@ pub(super) fn take_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Opc
         Some(text) => match text.parse::<SocketAddr>() {
             Ok(address) if address.port() > 0 => Some(address),
             _ => {
-                let allowed = "allowed is an IP address and a port, such as \"0.0.0.0:4840\"";
+                let allowed = "valid: an IP address and a port, such as \"0.0.0.0:4840\"";
                 section.problem("listen", format!("found \"{text}\", {allowed}"));
                 return None;
             }

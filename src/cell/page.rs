@@ -46,7 +46,7 @@ pub(super) fn take_page(folder: &Path, section: &Section<'_, '_>) -> Option<Page
         Some(text) => match text.parse::<SocketAddr>() {
             Ok(address) if address.port() > 0 => Some(address),
             _ => {
-                let allowed = "allowed is an IP address and a port, such as \"127.0.0.1:8443\" or \"0.0.0.0:8443\"";
+                let allowed = "valid: an IP address and a port, such as \"127.0.0.1:8443\" or \"0.0.0.0:8443\"";
                 section.problem("listen", format!("found \"{text}\", {allowed}"));
                 return None;
             }

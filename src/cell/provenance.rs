@@ -44,7 +44,7 @@ impl Setting for Texts {
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
         let list = value.as_array().map(|list| list.iter().map(|item| String::parse(item.get_ref(), &())));
-        let list = list.ok_or_else(|| "allowed is a list of texts".to_owned())?;
+        let list = list.ok_or_else(|| "valid: a list of texts".to_owned())?;
         list.collect::<Result<_, _>>().map(Texts)
     }
 }
@@ -58,7 +58,7 @@ impl Setting for Numbers {
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
         let list = value.as_array().map(|list| list.iter().map(|item| f64::parse(item.get_ref(), &RESIDUALS)));
-        let list = list.ok_or_else(|| "allowed is a list of numbers".to_owned())?;
+        let list = list.ok_or_else(|| "valid: a list of numbers".to_owned())?;
         list.collect::<Result<_, _>>().map(Numbers)
     }
 }

@@ -64,7 +64,8 @@ pub(super) fn take_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opti
     section.done();
     let (to, ca_certificate, token_file, behind_min) = (to?, ca_certificate?, token_file?, behind_min?);
     let Some(to) = folder_at(&to) else {
-        let allowed = "allowed is an address such as \"https://quality.example/cells/cell-1\", with letters, digits and the signs - . _ ~ / in its path";
+        let allowed = "valid: an address such as \"https://quality.example/cells/cell-1\", with letters, digits \
+                       and the characters - . _ ~ / in its path";
         section.problem("to", format!("found \"{}\", {allowed}", to.escape_debug()));
         return None;
     };
@@ -77,7 +78,11 @@ pub(super) fn take_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opti
             return None;
         }
         (false, Some(_)) => {
-            section.problem("ca_certificate", "is only used with https://, and to begins with http://");
+            section.problem(
+                "ca_certificate",
+                "is used only with https://, but the address in to begins with \
+                                               http://",
+            );
             return None;
         }
         (false, None) if token_file.is_some() && !is_this_computer(&to.host) => {
@@ -140,13 +145,13 @@ mod tests {
         ] {
             let problem = found(&format!("[push]\nto = '{wrong}'")).expect_err(wrong);
             assert!(
-                problem.contains(&format!("push.to: found \"{wrong}\", allowed is an address such as")),
+                problem.contains(&format!("push.to: found \"{wrong}\", valid: an address such as")),
                 "{problem}"
             );
         }
         for (table, problem) in [
             ("to = 'https://a'", "push.ca_certificate: is missing; https:// needs"),
-            ("to = 'http://a'\nca_certificate = 'x'", "push.ca_certificate: is only used with https://"),
+            ("to = 'http://a'\nca_certificate = 'x'", "push.ca_certificate: is used only with https://"),
             ("to = 'http://a'\ntoken_file = 'x'", "push.token_file: everybody on the way could read the token"),
             ("to = 'http://a'\nbehind_min = 0", "push.behind_min: found 0"),
             ("ca = 'x'\nto = 'http://a'", "push.ca: unknown key"),

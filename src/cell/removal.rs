@@ -122,8 +122,8 @@ mod tests {
         let wrong = text.replace("orbit_mm = 5.0", "orbit_cm = 0.5").replace("0.05", "0.0");
         let problems = RemovalCalibration::check("f", &wrong).expect_err("refused").to_string();
         for words in [
-            "removal.pad_n_mm3: found 0.0, allowed is a number from 0.0001 to 1000",
-            "removal.coupons: found 2, allowed is a whole number from 3 to 10000",
+            "removal.pad_n_mm3: found 0.0, valid: a number from 0.0001 to 1000",
+            "removal.coupons: found 2, valid: a whole number from 3 to 10000",
             "removal.orbit_cm: unknown key; this length is in mm: write orbit_mm",
         ] {
             assert!(problems.contains(words), "{words}: {problems}");

@@ -69,7 +69,7 @@ impl Setting for Numbers {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let list = value.as_array().ok_or_else(|| "allowed is a list of numbers".to_owned())?;
+        let list = value.as_array().ok_or_else(|| "valid: a list of numbers".to_owned())?;
         list.iter().map(|item| f64::parse(item.get_ref(), &NUMBER)).collect::<Result<_, _>>().map(Numbers)
     }
 }
@@ -107,7 +107,7 @@ impl RobotCorrection {
             _ => {
                 let found = list.len();
                 let message = format!(
-                    "found {kind} with {found} numbers, allowed is geometry with {GEOMETRY_NUMBERS}, or smooth with \
+                    "found {kind} with {found} numbers, valid: geometry with {GEOMETRY_NUMBERS}, or smooth with \
                      {SMOOTH_NUMBERS}, middle_mm and half_mm"
                 );
                 section.problem("kind", message);

@@ -118,8 +118,8 @@ fn take_tls(
     (ca_certificate, own): (Option<String>, Option<[String; 2]>),
 ) -> Option<Option<BrokerTls>> {
     if !is_host(broker) {
-        let allowed = "allowed is an address such as 192.168.10.5, or a host's name of letters, digits, - and points; \
-                       the port has a key of its own, port";
+        let allowed = "valid: an address such as 192.168.10.5, or a host name of letters, digits, - and dots; the \
+                       port has its own key, port";
         section.problem("broker", format!("found \"{broker}\", {allowed}"));
         return None;
     }
@@ -143,7 +143,7 @@ fn is_part_of_topic(section: &Section<'_, '_>, key: &str, id: &str) -> bool {
     let is_right = id.len() <= MOST_BYTES && !id.chars().any(|c| "+/#".contains(c) || c.is_control());
     if !is_right {
         let allowed =
-            "allowed are up to 200 bytes without the signs +, / and #, since it is a part of an MQTT topic";
+            "valid: up to 200 bytes without the characters +, / and #, since it is a part of an MQTT topic";
         section.problem(key, format!("found \"{}\", {allowed}", id.escape_debug()));
     }
     is_right
@@ -187,13 +187,13 @@ mod tests {
         for (more, words) in [
             ("", "sparkplug.broker: is missing"),
             ("broker = '10.0.0.5'", "sparkplug.ca_certificate: is missing; a broker on another computer"),
-            ("broker = '10.0.0.5:1883'", "the port has a key of its own"),
-            ("broker = 'localhost'\nport = 0", "allowed is a whole number from 1 to 65535"),
+            ("broker = '10.0.0.5:1883'", "the port has its own key"),
+            ("broker = 'localhost'\nport = 0", "valid: a whole number from 1 to 65535"),
             ("broker = 'localhost'\nuser = 'me'", "sparkplug.password_file: is missing; user and password_file"),
             ("broker = 'localhost'\ncertificate = 'a'", "sparkplug.certificate_key: is missing"),
             ("broker = 'localhost'\ncertificate = 'a'\ncertificate_key = 'b'", "sparkplug.ca_certificate"),
             ("broker = 'localhost'\nprimary_host_id = 'a/b'", "found \"a/b\""),
-            ("broker = 'localhost'\ncommands = 'engineer'", "allowed is \"none\" or \"operator\""),
+            ("broker = 'localhost'\ncommands = 'engineer'", "valid: \"none\" or \"operator\""),
             ("broker = 'localhost'\ngroup = 'a'", "did you mean group_id?"),
         ] {
             let told = named(more);

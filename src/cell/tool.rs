@@ -98,7 +98,7 @@ const REQUIRED: [(&str, &str); 5] = [
     ("stroke_mm", "kind = \"acf\" needs its stroke, in mm, from its data sheet"),
     ("min_force_n", "kind = \"acf\" needs its strongest pull, in N, as a negative number"),
     ("max_force_n", "kind = \"acf\" needs its strongest push, in N"),
-    ("payload_kg", "kind = \"acf\" needs what hangs on it, in kg; `panelprep calibrate force` measures it"),
+    ("payload_kg", "kind = \"acf\" needs the mass that it carries, in kg; `panelprep calibrate force` measures it"),
 ];
 
 pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
@@ -147,7 +147,8 @@ pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
     if -tool.min_force_n <= weighs_n {
         let [found, allowed] = apart(tool.min_force_n, -weighs_n, 1);
         let message = format!(
-            "found {found}, allowed is below {allowed}, the weight of payload_kg: it holds the tool back in the air, whichever way it points"
+            "found {found}, it must be below {allowed}, the weight of payload_kg: it holds the tool back in the \
+             air in every orientation"
         );
         section.problem("min_force_n", message);
         return None;
@@ -173,14 +174,14 @@ fn is_right(section: &Section<'_, '_>, kind: Kind, (host, login): (Option<&str>,
         wrong(key, format!("is missing; {what_to_do}"));
     }
     if let Some(host) = host.filter(|host| !is_host(host)) {
-        wrong("host", format!("found \"{host}\", allowed is an address such as 172.31.1.150, or a host's name"));
+        wrong("host", format!("found \"{host}\", valid: an address such as 172.31.1.150, or a host name"));
     }
     let is_word =
         (1..=32).contains(&login.len()) && login.bytes().all(|byte| byte.is_ascii_graphic() && byte != b'k');
     if !is_word {
         wrong(
             "login",
-            format!("found \"{login}\", allowed are 1 to 32 letters and digits but k, which ends a telegram"),
+            format!("found \"{login}\", valid: 1 to 32 letters and digits except k, which ends a telegram"),
         );
     }
     right
@@ -225,7 +226,7 @@ mod tests {
         }
         assert!(says("[tool]\nkind = 'acff'").contains("acf"));
         assert!(says(&format!("{ACF}login = 'kuka'")).contains("tool.login: found \"kuka\""));
-        assert!(says(&ACF.replace("-100", "-20")).contains("allowed is below -20.6, the weight of payload_kg"));
+        assert!(says(&ACF.replace("-100", "-20")).contains("it must be below -20.6, the weight of payload_kg"));
         assert!(says(&ACF.replace("172.31.1.150", "172.31.1")).contains("tool.host: found"));
         assert!(says(&format!("{ACF}reply_ms = 400")).contains("10 to 150"));
     }

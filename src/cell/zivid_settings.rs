@@ -172,20 +172,24 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
     };
     let whole = |message: String| Problem { line: 1, key: String::new(), message };
     let [document] = documents.as_slice() else {
-        problems.push(whole(format!("found {} YAML documents, allowed is one", documents.len())));
+        problems.push(whole(format!("found {} YAML documents, valid: exactly one", documents.len())));
         return None;
     };
     let top = Node { yaml: document, key: String::new() };
     if top.get("__version__").is_none() {
-        problems.push(top.missing("__version__", "Zivid Studio heads its settings by it, and the SDK asks for it"));
+        problems.push(top.missing(
+            "__version__",
+            "Zivid Studio writes it at the top of its settings, and the SDK \
+                                                  requires it",
+        ));
     }
     let (scan, film) = (top.get(SCAN), top.get(FILM));
     let (settings, found) = match (scan, film) {
         (Some(scan), None) => (scan, ZividUse::Scan),
         (None, Some(film)) => (film, ZividUse::Film),
         _ => {
-            let message =
-                "allowed is one of both: Settings for 3D shots with colour, Settings2D for pictures of the film";
+            let message = "exactly one of the two is needed: Settings for 3D shots with colour, or Settings2D for pictures \
+                 of the film";
             problems.push(whole(message.to_owned()));
             return None;
         }
@@ -195,7 +199,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
             ZividUse::Scan => (FILM, "settings for 3D shots, with Settings at the top"),
             ZividUse::Film => (SCAN, "settings for pictures, with Settings2D at the top"),
         };
-        problems.push(settings.problem(format!("found {found}, needed are {wanted}")));
+        problems.push(settings.problem(format!("found {found}, expected {wanted}")));
         return None;
     }
     if found == ZividUse::Scan && settings.get("Color").and_then(|color| color.get(FILM)).is_none() {
@@ -217,7 +221,7 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
         _ => &[],
     };
     if each.is_empty() {
-        problems.push(all.problem(format!("found none, allowed is at least one: {needed}")));
+        problems.push(all.problem(format!("found none, at least one is needed: {needed}")));
     }
     let mut exposures_us = Some(Vec::new());
     for (index, yaml) in each.iter().enumerate() {
@@ -232,7 +236,7 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
         match acquisition.get("ExposureTime") {
             Some(time) => match time.number().filter(|us| *us > 0.0 && us.is_finite()) {
                 Some(us) => exposures_us.as_mut().into_iter().for_each(|all| all.push(us)),
-                None => problems.push(time.problem("allowed is a number of µs above 0")),
+                None => problems.push(time.problem("valid: a number of µs above 0")),
             },
             None if usage == ZividUse::Film => problems.push(acquisition.missing("ExposureTime", "state it in µs")),
             None => exposures_us = None,
@@ -247,13 +251,13 @@ fn lit(acquisition: &Node<'_>) -> Option<Problem> {
         "the film is lit by the cell's own lamp: the projector's light glares on the water and heats the camera";
     let Some(brightness) = acquisition.get("Brightness") else {
         return Some(
-            acquisition.missing("Brightness", &format!("allowed is 0, and the SDK's default is not; {WHY}")),
+            acquisition.missing("Brightness", &format!("it must be 0, and the SDK's default is not 0; {WHY}")),
         );
     };
     match brightness.number() {
         Some(0.0) => None,
-        Some(found) => Some(brightness.problem(format!("found {found}, allowed is 0; {WHY}"))),
-        None => Some(brightness.problem(format!("allowed is the number 0; {WHY}"))),
+        Some(found) => Some(brightness.problem(format!("found {found}, it must be 0; {WHY}"))),
+        None => Some(brightness.problem(format!("it must be the number 0; {WHY}"))),
     }
 }
 
@@ -299,12 +303,12 @@ mod tests {
         let line = FILM_FILE.lines().position(|line| line.contains("Brightness: 0")).expect("it has one") + 1;
         let lit = says(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
         let words =
-            format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, allowed is 0");
+            format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, it must be 0");
         assert!(lit.starts_with(&words), "{lit}");
         let unsaid = says(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
-        assert!(unsaid.contains("Acquisition.Brightness: is missing; allowed is 0"), "{unsaid}");
+        assert!(unsaid.contains("Acquisition.Brightness: is missing; it must be 0"), "{unsaid}");
         let word = says(&FILM_FILE.replace("Brightness: 0", "Brightness: off"), ZividUse::Film);
-        assert!(word.contains("Brightness: allowed is the number 0"), "{word}");
+        assert!(word.contains("Brightness: it must be the number 0"), "{word}");
         // A 3D shot needs the projector.
         assert!(SCAN_FILE.contains("Brightness: 1.8"));
     }
@@ -312,11 +316,11 @@ mod tests {
     #[test]
     fn what_is_no_such_file_is_told() {
         let cases = [
-            (SCAN_FILE, ZividUse::Film, "found Settings, needed are settings for pictures, with Settings2D"),
-            (FILM_FILE, ZividUse::Scan, "found Settings2D, needed are settings for 3D shots"),
+            (SCAN_FILE, ZividUse::Film, "found Settings, expected settings for pictures, with Settings2D"),
+            (FILM_FILE, ZividUse::Scan, "found Settings2D, expected settings for 3D shots"),
             ("a: [", ZividUse::Film, "this is no YAML"),
             ("[scanner]\nkind = 'zivid'", ZividUse::Film, "this is no YAML"),
-            ("scanner: zivid", ZividUse::Film, "allowed is one of both"),
+            ("scanner: zivid", ZividUse::Film, "exactly one of the two is needed"),
             (
                 "Settings2D:\n  Acquisitions: []\n",
                 ZividUse::Film,

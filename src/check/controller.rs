@@ -37,8 +37,9 @@ pub(super) fn hold_against_the_cell(
     let cell_text = files[cell_place].1;
     if !not_named.is_empty() {
         let message = format!(
-            "not compared with {}: whether a stop is heard and switches tool and water off, and whether signals and ports are the same on \
-             both sides, is not known; name the controller's files beside this one",
+            "not compared with {}: it is not known whether a stop is received and switches tool and water off, nor \
+             whether signals and ports are the same on both sides; name the controller's files together with this \
+             one",
             not_named.join(", ")
         );
         reports[cell_place].says.push(message);
@@ -49,7 +50,7 @@ pub(super) fn hold_against_the_cell(
             line: line_of_key(cell_text, key),
             key: key.to_owned(),
             message: format!(
-                "is {kept}, and the controller's files come to {sum}; the cell was accepted with other files"
+                "is {kept}, but the sum of the controller's files is {sum}; the cell was accepted with other files"
             ),
         }),
         (Ok(sum), _) => {

@@ -18,7 +18,7 @@ fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
     };
     match zivid.settings.is_some() && zivid.settings_2d.is_some() {
         true => which,
-        false => format!("{which}; takes no shot before settings and settings_2d are named"),
+        false => format!("{which}; takes no shot until settings and settings_2d are named"),
     }
 }
 
@@ -49,7 +49,7 @@ fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> Strin
 }
 
 fn say_tool(tool: &Tool) -> String {
-    let Some(tool) = tool.compliant() else { return "a spring; nothing is told to it".to_owned() };
+    let Some(tool) = tool.compliant() else { return "a spring; it receives no commands".to_owned() };
     let place = match &tool.address {
         Some(address) => format!("compliant, at {} port {}", address.host, address.port),
         None => "compliant, simulated".to_owned(),
@@ -111,7 +111,8 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
 fn say_tool_off(cell: &Cell) -> &'static str {
     let has_tool = cell.io().output(Output::Tool).is_some();
     if has_tool && !cell.io().proves_tool_off() {
-        "; tool off is NOT PROVEN: a broken wire of tool_running reads like a tool that stands; wire a standstill signal as tool_stands"
+        "; tool off is NOT PROVEN: a broken wire of tool_running reads the same as a stopped tool; wire a \
+         standstill signal as tool_stands"
     } else {
         ""
     }
@@ -120,7 +121,7 @@ fn say_tool_off(cell: &Cell) -> &'static str {
 pub(super) fn say_recipe(recipe: &Recipe) -> Vec<String> {
     let (region, process, locate, path) = (recipe.region(), recipe.process(), recipe.locate(), recipe.path());
     let observation =
-        process.observation_s().map_or("as long as the cell says".to_owned(), |time| format!("{time} s"));
+        process.observation_s().map_or("as long as the cell's file states".to_owned(), |time| format!("{time} s"));
     let removal = recipe.removal().map(|removal| {
         format!("{} µm to be removed, nowhere more than {} µm", removal.target_um(), removal.max_um())
     });
@@ -160,9 +161,9 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     ];
     says.extend(intrinsics.errors.map(|errors| {
         let corrected = if errors.field.is_some() {
-            "what is the same in each scan is taken off"
+            "the error that is the same in each scan is subtracted"
         } else {
-            "nothing is the same in each scan"
+            "no error is the same in each scan"
         };
         format!(
             "its own errors, by {} scans: {} mm of white noise, {} mm alike over {} mm; {corrected}",
@@ -173,7 +174,7 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
         )
     }));
     says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
-    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("left out of it: {reason}")));
+    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("left out of the lens model: {reason}")));
     says.extend(intrinsics.extent.supported.map(|supported| {
         let picture_px2 = (camera.width_px * camera.height_px) as f64;
         let share = polygon::signed_area_px2(&supported.outline_px).abs() / picture_px2;
@@ -195,7 +196,7 @@ fn say_arm(arm: &Arm) -> String {
         }
         (ArmModel::Custom, Some((nearest, off_mm))) => {
             format!(
-                "custom; the nearest named arm is {}, one of whose lengths differs by {} mm",
+                "custom; the nearest named arm is {}; one of its lengths differs by {} mm",
                 nearest.name,
                 fixed(off_mm, 1)
             )

@@ -81,7 +81,7 @@ fn by_first_bytes(bytes: &[u8]) -> Option<&'static Encoding> {
 fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<Decoded, NotText> {
     let (text, is_broken) = encoding.decode_with_bom_removal(bytes);
     if is_broken {
-        return Err(NotText("begins as UTF-16 and is not; save the file as UTF-8".to_owned()));
+        return Err(NotText("begins like UTF-16 but is not valid UTF-16; save the file as UTF-8".to_owned()));
     }
     Ok(Decoded { text: text.into_owned(), warning: None })
 }
@@ -198,7 +198,7 @@ mod tests {
         assert!(
             says("a.xml", b"<?xml version='1.0' encoding='EBCDIC'?>").contains("names the encoding EBCDIC, which")
         );
-        assert!(says("a.xml", b"\xFF\xFE<").starts_with("begins as UTF-16"));
-        assert!(says("a.xml", b"\xFF\xFE\x00\xDC").starts_with("begins as UTF-16"));
+        assert!(says("a.xml", b"\xFF\xFE<").starts_with("begins like UTF-16"));
+        assert!(says("a.xml", b"\xFF\xFE\x00\xDC").starts_with("begins like UTF-16"));
     }
 }

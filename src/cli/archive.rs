@@ -85,7 +85,7 @@ fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
     let account = user::checked((&args.name, &printed_name), Role::Viewer, &user::password(&args.name)?)?;
     let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
     work(Reader::new(&settings).keep_account(&account))?;
-    Ok(ended_in_words(&format!("account {}: it may look at the office's page", account.name)))
+    Ok(ended_in_words(&format!("account {}: it may view the office's page", account.name)))
 }
 
 fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
@@ -166,7 +166,7 @@ fn list(named: &str) -> Result<CellList, Fault> {
     let unfit = |problem: String| Fault::file(Path::new(named), problem);
     let Some((name, place)) = named.split_once('=') else {
         return Err(unfit(
-            "allowed is the cell's name, = and its store's folder or the file of its list".to_owned(),
+            "valid: the cell's name, = and the folder of its store or the file of its list".to_owned(),
         ));
     };
     let cell = CellName::new(name).map_err(unfit)?;

@@ -109,10 +109,10 @@ pub enum Command {
     AirRun(Cycle),
     /// One function of the robot at a time, through every gate: for commissioning.
     #[command(
-        after_help = "Examples, with the mock robot of config/cell.toml, which stands at its home pose anew each time:\n  \
-        panelprep robot state\n  panelprep robot move-j ready\n  \
-        panelprep robot move-lin --speed-mm-s 30 445,20,682,180,30,180 --json\n\
-        To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
+        after_help = "Examples, with the mock robot of config/cell.toml, which starts at its home pose each \
+                      time:\n  panelprep robot state\n  panelprep robot move-j ready\n  panelprep robot move-lin \
+                      --speed-mm-s 30 445,20,682,180,30,180 --json\nTo keep one running between commands, run \
+                      `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
     /// A stand-alone mock controller on the cell's ports, by the wall clock.
@@ -204,13 +204,13 @@ pub enum Command {
     /// Mark where and when the film broke in a clip, on a page in a browser on this computer. The marks are saved
     /// beside the clip, which is then its own truth for `panelprep inspect` and `panelprep tune`.
     #[command(
-        after_help = "Example, after `panelprep render --out target/cell`; the page ends with its button:\n  \
-        panelprep label --clip target/cell/clip\n\
-        With the grids of a recipe, after the one of `panelprep locate --help`:\n  \
-        panelprep label --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
-        --located target/cell/located.json\n\
-        Afterwards: panelprep inspect with --clip target/cell/clip --truth target/cell/clip. The clip's folder then holds labels.json, \
-        mask.png and times.png; each former labels.json is kept as labels.1.json, labels.2.json and so on."
+        after_help = "Example, after `panelprep render --out target/cell`; end the page with its button:\n  \
+                      panelprep label --clip target/cell/clip\nWith the grids of a recipe, after the one of \
+                      `panelprep locate --help`:\n  panelprep label --cell target/cell/cell.toml --recipe \
+                      target/cell/recipe.toml --clip target/cell/clip --located \
+                      target/cell/located.json\nAfterwards: panelprep inspect with --clip target/cell/clip --truth \
+                      target/cell/clip. The clip's folder then holds labels.json, mask.png and times.png; each \
+                      former labels.json is kept as labels.1.json, labels.2.json and so on."
     )]
     Label(Label),
     /// Plan the sanding path over grids.
@@ -251,19 +251,19 @@ pub enum Command {
     User(User),
     /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the
     /// service runs.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
-        panelprep backup target/cell.tar.zst --cell target/cell/cell.toml\n\
-        The archive is a tar file compressed by zstd. It holds no recordings and no pages: pages are made again from the store. A \
-        recipe is in it where it lies in the folder of the cell's file or up to two folders below.")]
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  panelprep backup \
+                            target/cell.tar.zst --cell target/cell/cell.toml\nThe archive is a tar file compressed \
+                            by zstd. It holds no recordings and no pages: pages are made again from the store. It \
+                            holds a recipe if that is in the folder of the cell's file or up to two folders below.")]
     Backup(Backup),
     /// Restore a backup. Everything is unpacked and verified beside its place first; if anything is wrong, all
     /// stays as it was. Nothing that exists is replaced unless it is named, and what is replaced is kept.
     #[command(
-        after_help = "Example, after the one of `panelprep backup --help`, beside the cell that it was made of:\n  \
-        panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\n\
-        In place of the one that is there, with the service stopped:\n  \
-        panelprep restore target/cell.tar.zst --cell target/restored/cell.toml --only store --replace store\n\
-        Exit codes: 0 restored, 1 the backup is damaged and nothing was changed, 2 something is there already or in use."
+        after_help = "Example, after the one of `panelprep backup --help`, beside the cell from which it was \
+                      made:\n  panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\nTo replace \
+                      the existing store, with the service stopped:\n  panelprep restore target/cell.tar.zst \
+                      --cell target/restored/cell.toml --only store --replace store\nExit codes: 0 restored, 1 the \
+                      backup is damaged and nothing was changed, 2 something already exists or is in use."
     )]
     Restore(Restore),
     /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: requests the

@@ -35,7 +35,7 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("links", json!(written.manifest.links));
     if !ok {
         outcome.say(
-            "no backup was made: the store is not what was written; `panelprep store verify` looks at all of it",
+            "no backup was made: the store differs from what was written; `panelprep store verify` checks all of it",
         );
         return Ok(outcome);
     }
@@ -159,7 +159,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
         ));
     }
     restored.configuration.iter().for_each(|file| outcome.say(format!("written: {}", file.display())));
-    restored.kept.iter().for_each(|file| outcome.say(format!("what was there before is kept: {}", file.display())));
+    restored.kept.iter().for_each(|file| outcome.say(format!("the earlier content is kept: {}", file.display())));
     outcome.say("verify the cameras (`panelprep calibrate verify`) before the next cycle: calibrations are those of the backup");
     Ok(outcome)
 }

@@ -115,7 +115,7 @@ fn placed(Problem { line, key, message }: &Problem) -> String {
 /// Finds where the region of a recipe is off the panel, by the panel that was taught in this cell.
 ///
 /// # Errors
-/// States why it is not known: the panel was not taught, or with another region, or what was taught cannot be read.
+/// If it is not known: the panel was not taught, was taught with another region, or the taught data cannot be read.
 fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Problem>, Fault> {
     let recipe = Recipe::check(name, text)?;
     let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;

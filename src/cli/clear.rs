@@ -68,7 +68,7 @@ fn outcome(ended: &State, refused: Option<Reason>) -> Outcome {
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());
     outcome.words[0] = match is_clear {
-        true => "cleared: the robot stands, tool and water are off; the next cycle may start".to_owned(),
+        true => "cleared: the robot is stopped, tool and water are off; the next cycle may start".to_owned(),
         false => format!("not cleared, the cell is {}", at.word()),
     };
     outcome

@@ -58,8 +58,9 @@ pub enum Fault {
     },
     /// A program ended while a motion was under way.
     #[error(
-        "a motion is open in the store: a program ended while the robot moved, and nothing moves before a person has \
-         looked; look at the cell, jog the pad off the panel where it touches, then run `panelprep clear --cell {}`",
+        "a motion is open in the store: a program ended while the robot moved, and nothing moves until a person \
+         has checked the cell; look at the cell, jog the pad off the panel if it touches, then run `panelprep \
+         clear --cell {}`",
         cell.display()
     )]
     MotionOpen {
@@ -68,8 +69,8 @@ pub enum Fault {
     },
     /// The last cycle was aborted.
     #[error(
-        "the last cycle in this store was aborted and nobody has said that the cause is gone; look at the cell, then run \
-         `panelprep clear --cell {}`", cell.display()
+        "the last cycle in this store was aborted and nobody has confirmed that the cause is removed; look at the \
+         cell, then run `panelprep clear --cell {}`", cell.display()
     )]
     NotCleared {
         /// The cell's file.
@@ -77,8 +78,8 @@ pub enum Fault {
     },
     /// Something in the store is not what was written there.
     #[error(
-        "something in the store is not what this program wrote there: `panelprep store verify` names it; nothing moves before a \
-         person has looked at the cell and run `panelprep clear --cell {}`", cell.display()
+        "something in the store differs from what this program wrote: `panelprep store verify` names it; nothing \
+         moves until a person has looked at the cell and run `panelprep clear --cell {}`", cell.display()
     )]
     StoreChanged {
         /// The cell's file.
@@ -104,8 +105,8 @@ pub enum Fault {
     },
     /// A decision without what it was taken upon.
     #[error(
-        "{command}: nothing was requested, since it is not named what this is decided upon; read `panelprep ctl state`, then \
-         `panelprep ctl {command} --step N` with the step that it shows"
+        "{command}: nothing was requested, since the step of this decision is not given; read `panelprep ctl \
+         state`, then run `panelprep ctl {command} --step N` with the step that it shows"
     )]
     NoStep {
         /// The command.
@@ -143,7 +144,7 @@ pub enum Fault {
         problem: String,
     },
     /// The cycle that was waited for is not the service's last one any more.
-    #[error("{} was waited for, and the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
+    #[error("{} was expected, but the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
     OtherCycle {
         /// The one that was begun.
         waited_for: Option<i64>,
@@ -159,13 +160,13 @@ pub enum Fault {
         words: &'static str,
     },
     /// A new file would be written over another one.
-    #[error("{} is there already and is not written over; name another file with --out, or move it away", file.display())]
+    #[error("{} already exists and is not overwritten; name another file with --out, or move it away", file.display())]
     IsThere {
         /// The file.
         file: PathBuf,
     },
     /// A question without an answer.
-    #[error("{question} has no answer: give {option}{}", if *is_proposed { ", or --yes to take what is proposed" } else { "" })]
+    #[error("{question} has no answer: give {option}{}", if *is_proposed { ", or --yes to accept the proposed value" } else { "" })]
     NoAnswer {
         /// The question.
         question: String,

@@ -109,7 +109,9 @@ impl<'c> FlangePoses<'c> {
         match self.known(before, from_camera) {
             Known::At(flange) => return Ok(Some(flange)),
             Known::Moved => {
-                tell_line("the arm moved meanwhile: this does not count; wait until the arm stands");
+                tell_line(
+                    "the arm moved meanwhile: this measurement does not count; wait until the arm is stopped",
+                );
                 return Ok(None);
             }
             Known::Nothing => {}

@@ -75,7 +75,7 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
     let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::bits(files.cell.io())) else {
         return Ok(None);
     };
-    tracing::info!("a line asks for cycles by {}", line.recipe.display());
+    tracing::info!("a line requests cycles with the recipe {}", line.recipe.display());
     let (last, outputs) = (robot.last_state(), robot.line());
     let (gateway, people) = (fronts.parts.gateway.clone(), fronts.parts.people.clone());
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)

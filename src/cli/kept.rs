@@ -26,7 +26,8 @@ pub fn section(keep: &Keep, record: &CycleRecord, pruned: Option<Pruned>) -> Opt
         let removed = format!("{} files, {} MB, removed{day}", pruned.files, pruned.bytes / 1_000_000);
         rows.push(Row::new("clips and scans of this cycle", removed, ""));
     }
-    let text = "How long this is kept, as [store] keep in the cell's file says. What is removed stays named in the store's chain."
+    let text = "How long this is kept, as [store] keep in the cell's file states. Removed files stay named in the \
+                store's chain."
         .to_owned();
     Some(Section { heading: "Kept".to_owned(), text, rows, figures: vec![] })
 }

@@ -93,7 +93,7 @@ fn told(keeping: &Keeping, folder: &Path, saved: u32) -> Result<Outcome, Fault> 
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{}: {words}", file.display())];
     if is_draft {
-        outcome.say("what is drawn and not saved is kept, and the same command shows it again");
+        outcome.say("unsaved marks are kept, and the same command shows them again");
     }
     outcome.put("labels", json!(labels.is_some().then_some(file)));
     outcome.put("saved", json!(saved));

@@ -37,7 +37,7 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
 pub fn another() -> (String, String) {
     (
         ANOTHER_PART.to_owned(),
-        "who started this cycle says that another part than before lies in the fixture\n".to_owned(),
+        "this cycle was started with the statement that another part than before is in the fixture\n".to_owned(),
     )
 }
 
@@ -70,7 +70,7 @@ pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     let part = text.and_then(|text| PartNames::read(&text));
     let (text, part) = match part {
         Some(part) => ("As it was named when the cycle was started.", part),
-        None => ("It was named, and what was kept of it is missing or damaged in the store.", PartNames::default()),
+        None => ("It was named, but its data is missing or damaged in the store.", PartNames::default()),
     };
     let row =
         |name: &str, value: Option<String>| Row::new(name, value.unwrap_or_else(|| "not named".to_owned()), "");
@@ -100,7 +100,7 @@ mod tests {
         let part = PartNames { serial: Some("SN 17".to_owned()), ..PartNames::default() };
         assert!(may_be_abraded(Some(&part), &earlier, 4).is_ok() && may_be_abraded(None, &[], 1).is_ok());
         let refused = may_be_abraded(Some(&part), &earlier, 3).expect_err("used up").to_string();
-        let words = "the part SN 17 was abraded in as many passes as [process] max_passes_per_part allows, 3: cycle 4 of \
+        let words = "the part SN 17 has reached the limit of 3 passes ([process] max_passes_per_part): cycle 4 of \
                      1970-01-05: 2 passes; cycle 9 of 1970-01-10: 1 pass; take it out";
         assert!(refused.starts_with(words), "{refused}");
     }

@@ -171,7 +171,7 @@ impl Planned {
     ) -> Result<(bool, String), Fault> {
         let shown = file.display();
         let (Some(start), false) = (start, self.stage.judgement.verdict == Verdict::Reject) else {
-            let earlier = if file.exists() { "; the file that is there is of an earlier plan" } else { "" };
+            let earlier = if file.exists() { "; the existing file is from an earlier plan" } else { "" };
             return Ok((false, format!("no program was written to {shown}: this plan is rejected{earlier}")));
         };
         let remark = |reason: &Reason| format!("A person must decide: {}", reason.message);
@@ -185,7 +185,7 @@ impl Planned {
             remarks: &remarks,
         };
         disk::write(file, path::krl(&program, recipe.path()))?;
-        let words = "it sets $TOOL and $BASE and begins with a PTP to the path's first place";
+        let words = "it sets $TOOL and $BASE and begins with a PTP to the first point of the path";
         Ok((true, format!("the program is in {shown}; {words}")))
     }
 
@@ -274,7 +274,8 @@ impl Planned {
         let whose = grid.map_or("all together".to_owned(), |id| format!("the worst, {id}"));
         let [ratio, allowed] = apart(ratio, recipe.path().max_dwell_ratio(), 2);
         format!(
-            "under the disc     {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), allowed {allowed}",
+            "under the disc     {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), limit \
+             {allowed}",
             fixed(dwell.low_s, 2),
             fixed(dwell.high_s, 2)
         )

@@ -47,7 +47,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     super::disk::write_new(&args.out, page(&[], controller))?;
     if controller == ControllerKind::Mock {
         tell(
-            "a MOCK controller answers: this is a rehearsal, proves nothing of a real one and gives no page to sign",
+            "a MOCK controller answers: this is a rehearsal; it proves nothing about a real one and gives no page \
+             to sign",
         );
     }
     let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
@@ -84,7 +85,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     outcome.put("page", json!(args.out.display().to_string()));
     let page = args.out.display();
     outcome.say(match controller {
-        ControllerKind::Mock => format!("page: {page}; of a rehearsal on a mock controller, nothing to sign"),
+        ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, nothing to sign"),
         ControllerKind::Unknown => {
             format!(
                 "page: {page}; no controller answered at the beginning or at the end: nothing to sign; prove again"
@@ -116,7 +117,7 @@ fn answer(line: &str) -> (Finding, String) {
     match word.to_ascii_lowercase().as_str() {
         "" => (Finding::Open, "not done".to_owned()),
         // Evidence that cannot be looked up later proves nothing.
-        "y" if evidence.is_empty() => (Finding::Open, "said to be as expected, without evidence".to_owned()),
+        "y" if evidence.is_empty() => (Finding::Open, "reported as expected, without evidence".to_owned()),
         "y" => (Finding::Proven, evidence.to_owned()),
         "n" => (Finding::Wrong, if evidence.is_empty() { "not as expected" } else { evidence }.to_owned()),
         _ => (Finding::Open, format!("the answer \"{}\" is neither y nor n", line.trim())),
@@ -125,7 +126,7 @@ fn answer(line: &str) -> (Finding, String) {
 
 fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
     let of_mock = is_mock.then(|| {
-        let message = "a mock controller answers: what was tried on it proves nothing of a real one";
+        let message = "a mock controller answers: tests on it prove nothing about a real one";
         Reason::new("mock_controller", message)
     });
     let of_proofs = proofs.iter().filter(|proof| proof.finding != Finding::Proven).map(|proof| {

@@ -264,7 +264,7 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     remarks.iter().for_each(|words| outcome.say(words));
     outcome.say(match &export.files {
         Some(files) => format!("{} files beside the records were read", files.len()),
-        None => "no folder files/ lies beside the records: pictures and inputs were not looked at".to_owned(),
+        None => "there is no folder files/ beside the records: pictures and inputs were not checked".to_owned(),
     });
     outcome.put("ok", json!(verified.found.is_empty()));
     outcome.put("found", json!(verified.found));

@@ -50,7 +50,7 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
         }
         if rustix::fs::access(folder, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK).is_err() {
             let words =
-                "this program's user must not write here, or its unit keeps it from that; record in another folder";
+                "this program's user may not write here, or its systemd unit prevents it; record to another folder";
             return Err(Fault::file(folder, words));
         }
     }
@@ -91,8 +91,8 @@ fn refused_name(file: &Path, words: &'static str) -> Fault {
     Fault::RecordName { file: shown, words }
 }
 
-const IN_THE_STORE: &str = "it is inside the store, where only the service names files; name a file elsewhere (`panelprep ctl \
-                            start --record` without a name keeps it in the store's recordings/)";
+const IN_THE_STORE: &str = "it is inside the store, in which only the service names files; name a file elsewhere \
+                            (`panelprep ctl start --record` without a name keeps it in the store's recordings/)";
 
 /// The place of a recording that a client of the service names: a full, plain path outside the store, with all
 /// links on the way resolved. A client may have the service write only what the client has the right to request.
@@ -106,7 +106,7 @@ pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
         return Err(refused("it has control characters, such as a line feed"));
     }
     if !file.is_absolute() {
-        return Err(refused("it is relative, and the service stands in a folder of its own; name the whole path"));
+        return Err(refused("it is relative, but the service runs in a folder of its own; name the whole path"));
     }
     let is_plain = file.components().all(|part| matches!(part, Component::RootDir | Component::Normal(_)));
     let name = file.file_name().filter(|_| is_plain && !text.ends_with('/') && !text.contains("/./"));
@@ -146,7 +146,7 @@ fn no_folder(folder: &Path) -> Fault {
 }
 
 fn taken(file: &Path) -> Fault {
-    Fault::file(file, "is there already; remove it, or record in another file")
+    Fault::file(file, "already exists; remove it, or record to another file")
 }
 
 /// The section about the recording on a cycle's page.

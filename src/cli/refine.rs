@@ -93,8 +93,8 @@ fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
     ));
     if !is_held_against_claims {
         outcome.say(
-            "not held against what the 3D scan claims: that needs what `locate --json` printed, and uncertainty_mm of both \
-             cameras' mounts",
+            "not checked against the uncertainty of the 3D scan: this needs the output of `locate --json`, and \
+             uncertainty_mm of both cameras' mounts",
         );
     }
     if correction.refined.corners.len() > 1 {

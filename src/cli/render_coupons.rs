@@ -32,8 +32,8 @@ const FORCES_N: [f64; 2] = [20.0, 10.0];
 /// If writing to the disk fails.
 pub fn write(seed: u64, rendered: &Rendered) -> Result<(), Fault> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` tells it\n\
-                    coupon,place,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
+    let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` reports \
+                    it\ncoupon,place,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
         .to_owned();
     for index in 0..COUPONS {
         let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], 130_000.0 * (index / 3) as f64);

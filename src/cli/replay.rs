@@ -85,10 +85,10 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
         outcome.say(format!("  {difference}"));
     }
     if let Some(more @ 1..) = played.differences.len().checked_sub(MOST_TOLD) {
-        outcome.say(format!("  and {more} more; --json tells them all"));
+        outcome.say(format!("  and {more} more; --json lists all of them"));
     }
     if !played.to_the_end {
-        outcome.say("the replay ended where the two parted");
+        outcome.say("the replay ended where it differed from the recording");
     }
     outcome
 }

@@ -63,8 +63,8 @@ fn unanswered(judgement: Judgement, files: &CellFiles) -> Judgement {
     if !is_served {
         return judgement;
     }
-    let words = "the service has the controller, which serves one client at a time; `panelprep ctl state` tells how the cell \
-                 stands";
+    let words = "the service is connected to the controller, which serves one client at a time; `panelprep ctl \
+                 state` shows the state of the cell";
     Judgement { reasons: vec![Reason::new("no_controller", words)], ..judgement }
 }
 
@@ -158,7 +158,7 @@ fn speed(found: f64, option: &'static str, most: f64, cell: &Cell) -> Result<f64
         return Ok(found);
     }
     let allowed = cell.limits().max_speed_mm_s();
-    let problem = format!("allowed are {SLOWEST_MM_S} to {allowed} mm/s, max_speed_mm_s of the cell's [limits]");
+    let problem = format!("the limits are {SLOWEST_MM_S} to {allowed} mm/s, max_speed_mm_s of the cell's [limits]");
     Err(Fault::BadAnswer { option, found: found.to_string(), problem })
 }
 
@@ -184,7 +184,7 @@ fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
         found: text.to_owned(),
         what: "pose of the axes",
         problem: format!(
-            "{problem}; allowed are six angles A1,A2,A3,A4,A5,A6 in degrees, or a name of [poses]: {names}"
+            "{problem}; valid: six angles A1,A2,A3,A4,A5,A6 in degrees, or a name of [poses]: {names}"
         ),
     };
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = six(text).map_err(wrong)?;
@@ -200,7 +200,7 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
     let wrong = |problem: String| Fault::NotSix {
         found: text.to_owned(),
         what: "pose",
-        problem: format!("{problem}; allowed are X,Y,Z,A,B,C in mm and degrees, or a POSE.json"),
+        problem: format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees, or a POSE.json"),
     };
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = six(text).map_err(wrong)?;
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
@@ -212,7 +212,7 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
 /// What is wrong with it, and what is allowed.
 pub(super) fn pose_of(text: &str) -> Result<KukaPose, String> {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
-        six(text).map_err(|problem| format!("{problem}; allowed are X,Y,Z,A,B,C in mm and degrees"))?;
+        six(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
 }
 

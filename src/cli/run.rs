@@ -145,7 +145,7 @@ fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -
     let gateway = Gateway::new(sender.clone(), refuse, None);
     let socket = Socket::listen(&files.socket(), files.cell.socket_role(), gateway, &Supervisor::default());
     if let Err(error) = &socket {
-        tracing::warn!("nobody can ask meanwhile: {error}");
+        tracing::warn!("no request can be answered meanwhile: {error}");
     }
     // What else goes wrong ends the waiting.
     let opened = daemon::wait_for(queue, || match Store::create(files.store_folder()) {
@@ -230,7 +230,7 @@ fn prune(files: &CellFiles) {
         Ok(Pruned { files: 0, .. }) => {}
         Ok(Pruned { files, bytes, .. }) => {
             tracing::info!(
-                "{files} files of old clips and scans were removed, {} MB, as [store] keep says",
+                "{files} files of old clips and scans were removed, {} MB, as [store] keep states",
                 bytes / 1_000_000
             );
         }
@@ -265,7 +265,7 @@ fn loader(
     Arc::new(move |StartRequest { recipe: name, text, record, part, another_part, own_text }| {
         // A file on a disk that hangs must not occupy the places of clients that request a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
-            return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
+            return Err(vec![Reason::new("busy", "another start is being read; try again after it is answered")]);
         };
         let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
         if health.verdict == Verdict::Reject {

@@ -175,7 +175,8 @@ impl Score {
         Section {
             heading: "Against the simulator's truth".to_owned(),
             text: format!(
-                "{simulation}. The cycle above knew nothing of this; what was executed is the mock controller's log."
+                "{simulation}. The cycle above had no access to these values; the executed motion is from the mock \
+                 controller's log."
             ),
             rows: self.lines().into_iter().map(|(name, value)| Row::new(&name, value, "")).collect(),
             figures: Vec::new(),

@@ -92,7 +92,7 @@ impl SetupSource for FolderSource {
         let problems = Problems { file: name.to_owned(), list }.to_string();
         let mut problems: Vec<String> = problems.lines().map(str::to_owned).collect();
         if let Some(other) = kind.filter(|kind| *kind != RECIPE) {
-            problems.push(format!("this is no recipe, but what a file of the kind {other} says"));
+            problems.push(format!("this is not a recipe, but the content of a file of the kind {other}"));
         }
         problems
     }

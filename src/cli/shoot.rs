@@ -137,9 +137,9 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
         match poses.known(before, shot.base_from_flange) {
             Known::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
             Known::Moved => {
-                outcome.say("  the arm moved meanwhile: nobody knows from where this picture was taken")
+                outcome.say("  the arm moved meanwhile: the pose at which this picture was taken is not known")
             }
-            Known::Nothing => outcome.say("  nobody has said where the flange was: write it down from the pendant"),
+            Known::Nothing => outcome.say("  the flange's pose is not known: write it down from the pendant"),
         }
     }
     listed(outcome, all);

@@ -64,7 +64,7 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     if args.rows_only {
         outcome.say("files were not read");
     } else {
-        outcome.say(format!("{files} files are whole, {pruned} were removed as [store] keep says"));
+        outcome.say(format!("{files} files are whole, {pruned} were removed as [store] keep states"));
         let by = if keys.is_empty() { String::new() } else { format!(", by {}", keys.join(" and ")) };
         outcome.say(format!("{signatures} signatures of records{by}"));
     }

@@ -141,7 +141,7 @@ fn save_given(
             files.push(pictures::save(folder, &format!("taught_corner_{}", index + 1), &picture)?);
         }
     }
-    files.iter().for_each(|file| tell_line(&format!("{}: what was given", file.display())));
+    files.iter().for_each(|file| tell_line(&format!("{}: the given input", file.display())));
     Ok(())
 }
 
@@ -225,7 +225,8 @@ fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome)
     let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
     let percent = |share: f64| words::fixed(100.0 * share, 0);
     outcome.say(format!(
-        "its outline: {} % is seen by colour, {} % by depth, {} % is held and left out, {} % is not seen",
+        "its outline: {} % is seen by colour, {} % by depth, {} % is left out because something holds the panel \
+         there, {} % is not seen",
         percent(by_colour),
         percent(by_depth),
         percent(held),
@@ -239,7 +240,7 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
     let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
     if let Some(mm) = noticed_mm {
         outcome.say(format!(
-            "a camera that moves is noticed by the fixture where it puts the panel {mm:.2} mm off or more"
+            "the fixture shows that a camera has moved if this shifts the panel by {mm:.2} mm or more"
         ));
     }
     outcome.put("camera_noticed_mm", json!(noticed_mm));

@@ -58,7 +58,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     }
     let settings = recipe.inspect();
     let Some((advice, reference)) = sampler.advice(settings).zip(reference) else {
-        let message = "it has no picture of phase dry, or none of phase wet; without both nothing is compared";
+        let message = "it has no picture of phase dry, or none of phase wet; both are needed for the comparison";
         return Err(Fault::file(&list, std::io::Error::other(message)));
     };
     let labels = args.truth.as_deref().map(|folder| Labels::read(folder, &args.clip)).transpose()?;
@@ -162,7 +162,7 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     outcome.say(format!("  min_break_mm2 = {min_break_mm2:?}"));
     outcome.say("  [process]");
     outcome.say(match recipe.process().lamp() {
-        Some(lamp) => format!("  lamp = {lamp:?}        # as it stands"),
+        Some(lamp) => format!("  lamp = {lamp:?}        # as it is now"),
         None => {
             "  lamp = \"kind, brightness at the panel\"        # not stated yet; the inspector signs it".to_owned()
         }

@@ -36,7 +36,7 @@ impl<'d, 't> Section<'d, 't> {
     /// An absent table disables the feature; a table without its required key is a problem.
     pub fn off_without<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
-            self.problem(key, format!("is missing: {what}; without the whole table it is off"));
+            self.problem(key, format!("is missing: {what}; to turn the function off, leave the whole table out"));
             return None;
         }
         Some(None)
@@ -71,7 +71,7 @@ impl<'d, 't> Section<'d, 't> {
         T::parse(value, limits).map_err(|message| self.problem(key, message)).ok()
     }
 
-    /// Takes a key; without it the default applies, and without a default the key is missing.
+    /// Reads a key; without it the default applies, and without a default the key is reported as missing.
     pub fn take<T: Setting>(&self, key: &'static str, limits: T::Limits, default: Option<T>) -> Option<T> {
         self.known.borrow_mut().push(key);
         match self.entry(key) {
@@ -108,7 +108,7 @@ impl<'d, 't> Section<'d, 't> {
     fn table(&self, path: String, line: usize, value: &'d DeValue<'t>, write: &str) -> Section<'d, 't> {
         let table = value.as_table();
         if table.is_none() {
-            let message = format!("found {}, allowed is a table; write {write}", found(value));
+            let message = format!("found {}, valid: a table; write {write}", found(value));
             self.note(Finding::Wrong(Problem { line, key: path.clone(), message }));
         }
         Section::new(self.document, path, table, line)
@@ -120,7 +120,7 @@ impl<'d, 't> Section<'d, 't> {
         let Some((_, value)) = self.entry(key) else { return Vec::new() };
         let write = format!("[[{}]]", path(&self.path, key));
         let Some(list) = value.as_array() else {
-            self.problem(key, format!("found {}, allowed is a list of tables; write {write}", found(value)));
+            self.problem(key, format!("found {}, valid: a list of tables; write {write}", found(value)));
             return Vec::new();
         };
         let item = |(index, item): (usize, &'d Spanned<DeValue<'t>>)| {

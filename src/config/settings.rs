@@ -25,7 +25,7 @@ macro_rules! settings {
         impl $name {
             $($(#[$key_doc])* pub fn $key(&self) -> $kind { $crate::config::same(&self.$key) })*
 
-            /// Takes this table's keys; `None` if one of them is a problem, which is then noted.
+            /// Reads this table's keys; `None` if one of them has a problem, which is then noted.
             pub(crate) fn take(section: &$crate::config::Section<'_, '_>) -> Option<Self> {
                 $(let $key = section.take::<$kind>(
                     stringify!($key), $limits, $crate::config::settings!(@$word $($default)?));)*

@@ -88,24 +88,24 @@ fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
             "6: locate.wavelength: unknown key; known here: max_shift_mm, turn_limit_deg, heartbeat_ms, corner_mm, outline",
         ),
         // Values.
-        ("max_shift_mm = 501", "6: locate.max_shift_mm: found 501, allowed is a number from 0 to 500"),
-        ("max_shift_mm = -0.1", "6: locate.max_shift_mm: found -0.1, allowed is a number from 0 to 500"),
-        ("max_shift_mm = nan", "6: locate.max_shift_mm: found nan, allowed is a number from 0 to 500"),
-        ("max_shift_mm = +inf", "6: locate.max_shift_mm: found +inf, allowed is a number from 0 to 500"),
-        ("max_shift_mm = 1e999", "6: locate.max_shift_mm: found 1e999, allowed is a number from 0 to 500"),
-        ("max_shift_mm = '60'", "6: locate.max_shift_mm: found the text \"60\", allowed is a number from 0 to 500"),
-        ("max_shift_mm = {}", "6: locate.max_shift_mm: found a table, allowed is a number from 0 to 500"),
-        ("max_shift_mm.x = 1", "6: locate.max_shift_mm: found a table, allowed is a number from 0 to 500"),
-        ("heartbeat_ms = 50.0", "6: locate.heartbeat_ms: found 50.0, allowed is a whole number from 10 to 100"),
-        ("heartbeat_ms = -50", "6: locate.heartbeat_ms: found -50, allowed is a whole number from 10 to 100"),
+        ("max_shift_mm = 501", "6: locate.max_shift_mm: found 501, valid: a number from 0 to 500"),
+        ("max_shift_mm = -0.1", "6: locate.max_shift_mm: found -0.1, valid: a number from 0 to 500"),
+        ("max_shift_mm = nan", "6: locate.max_shift_mm: found nan, valid: a number from 0 to 500"),
+        ("max_shift_mm = +inf", "6: locate.max_shift_mm: found +inf, valid: a number from 0 to 500"),
+        ("max_shift_mm = 1e999", "6: locate.max_shift_mm: found 1e999, valid: a number from 0 to 500"),
+        ("max_shift_mm = '60'", "6: locate.max_shift_mm: found the text \"60\", valid: a number from 0 to 500"),
+        ("max_shift_mm = {}", "6: locate.max_shift_mm: found a table, valid: a number from 0 to 500"),
+        ("max_shift_mm.x = 1", "6: locate.max_shift_mm: found a table, valid: a number from 0 to 500"),
+        ("heartbeat_ms = 50.0", "6: locate.heartbeat_ms: found 50.0, valid: a whole number from 10 to 100"),
+        ("heartbeat_ms = -50", "6: locate.heartbeat_ms: found -50, valid: a whole number from 10 to 100"),
         (
             "heartbeat_ms = 0xffffffffffffffffffff",
-            "6: locate.heartbeat_ms: found ffffffffffffffffffff, allowed is a whole number from 10 to 100",
+            "6: locate.heartbeat_ms: found ffffffffffffffffffff, valid: a whole number from 10 to 100",
         ),
-        ("corner_mm = [0, 1]", "6: locate.corner_mm: found a list of 2, allowed is a list of 3"),
-        ("corner_mm = [0, nan, 1]", "6: locate.corner_mm: item 2: found nan, allowed is a number from -10 to 10"),
-        ("outline = 1", "6: locate.outline: found 1, allowed is true or false"),
-        ("outline = 2026-05-31", "6: locate.outline: found a date, allowed is true or false"),
+        ("corner_mm = [0, 1]", "6: locate.corner_mm: found a list of 2, valid: a list of 3"),
+        ("corner_mm = [0, nan, 1]", "6: locate.corner_mm: item 2: found nan, valid: a number from -10 to 10"),
+        ("outline = 1", "6: locate.outline: found 1, valid: true or false"),
+        ("outline = 2026-05-31", "6: locate.outline: found a date, valid: true or false"),
         // Not TOML.
         ("max_shift_mm = = 3", "6: locate.max_shift_mm: not TOML: extra `=`, expected nothing"),
         ("max_shift_mm 3", "6: locate.max_shift_mm: not TOML: key with no value, expected `=`"),
@@ -142,7 +142,7 @@ fn what_is_missing_is_named_once() {
     assert_eq!(
         says("panel = ' '\n[region]\nrows = 4"),
         [
-            "1: panel: found the text \" \", allowed is a text that is not empty",
+            "1: panel: found the text \" \", valid: a text that is not empty",
             "2: region.columns: is missing; this key has no default"
         ]
     );
@@ -157,7 +157,7 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
         [
             "2: regoin: unknown key; did you mean region?",
             "4: region.columms: unknown key; did you mean columns?",
-            "6: locate.max_shift_mm: found 900, allowed is a number from 0 to 500"
+            "6: locate.max_shift_mm: found 900, valid: a number from 0 to 500"
         ]
     );
     assert_eq!(
@@ -183,10 +183,10 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
 
 #[test]
 fn a_table_and_a_value_are_not_taken_for_each_other() {
-    assert_eq!(says("panel = 'door'\nregion = 3"), ["2: region: found 3, allowed is a table; write [region]"]);
+    assert_eq!(says("panel = 'door'\nregion = 3"), ["2: region: found 3, valid: a table; write [region]"]);
     assert_eq!(
         after_good("[extra]\nrows = 1"),
-        ["5: extra: found a table, allowed is a list of tables; write [[extra]]"]
+        ["5: extra: found a table, valid: a list of tables; write [[extra]]"]
     );
 }
 
@@ -195,8 +195,8 @@ fn lines_are_right_in_lists_and_inline_tables() {
     assert_eq!(
         after_good("[[extra]]\nrows = 1\ncolumns = 1\n[[extra]]\nrows = 0\ncolumns = 99"),
         [
-            "9: extra[2].rows: found 0, allowed is a whole number from 1 to 50",
-            "10: extra[2].columns: found 99, allowed is a whole number from 1 to 50"
+            "9: extra[2].rows: found 0, valid: a whole number from 1 to 50",
+            "10: extra[2].columns: found 99, valid: a whole number from 1 to 50"
         ]
     );
     assert_eq!(
@@ -205,8 +205,8 @@ fn lines_are_right_in_lists_and_inline_tables() {
         ),
         [
             "5: extra[2].colums: unknown key; did you mean columns?",
-            "6: extra[3]: found 7, allowed is a table; write [[extra]]",
-            "8: region.rows: found 0, allowed is a whole number from 1 to 50"
+            "6: extra[3]: found 7, valid: a table; write [[extra]]",
+            "8: region.rows: found 0, valid: a whole number from 1 to 50"
         ]
     );
 }
@@ -219,10 +219,10 @@ fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
         says(text),
         [
             "1: panl: unknown key; did you mean panel?",
-            "3: locate.max_shift_mm: found nan, allowed is a number from 0 to 500",
+            "3: locate.max_shift_mm: found nan, valid: a number from 0 to 500",
             "4: locate.turn_limit_rad: unknown key; this angle is in degrees: write turn_limit_deg",
             "6: region.columns: is missing; this key has no default",
-            "7: region.rows: found 51, allowed is a whole number from 1 to 50"
+            "7: region.rows: found 51, valid: a whole number from 1 to 50"
         ]
     );
 }
@@ -234,7 +234,7 @@ fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
         says("[region\nrows = 99\ncolumns = 6\n[locate]\nmax_shift_mm = 900"),
         [
             "1: region: not TOML: unclosed table, expected `]`",
-            "5: locate.max_shift_mm: found 900, allowed is a number from 0 to 500"
+            "5: locate.max_shift_mm: found 900, valid: a number from 0 to 500"
         ]
     );
 }

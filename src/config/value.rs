@@ -40,7 +40,7 @@ impl Setting for f64 {
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
         // A NaN is in no range.
         number(value).filter(|number| limits.contains(number)).ok_or_else(|| {
-            format!("found {}, allowed is a number from {} to {}", found(value), limits.start(), limits.end())
+            format!("found {}, valid: a number from {} to {}", found(value), limits.start(), limits.end())
         })
     }
 }
@@ -57,7 +57,7 @@ macro_rules! whole_numbers {
                 };
                 whole.filter(|number| limits.contains(number)).ok_or_else(|| {
                     let (low, high) = (limits.start(), limits.end());
-                    format!("found {}, allowed is a whole number from {low} to {high}", found(value))
+                    format!("found {}, valid: a whole number from {low} to {high}", found(value))
                 })
             }
         }
@@ -70,7 +70,7 @@ impl Setting for bool {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        value.as_bool().ok_or_else(|| format!("found {}, allowed is true or false", found(value)))
+        value.as_bool().ok_or_else(|| format!("found {}, valid: true or false", found(value)))
     }
 }
 
@@ -82,7 +82,7 @@ impl Setting for String {
             .as_str()
             .filter(|text| !text.trim().is_empty())
             .map(str::to_owned)
-            .ok_or_else(|| format!("found {}, allowed is a text that is not empty", found(value)))
+            .ok_or_else(|| format!("found {}, valid: a text that is not empty", found(value)))
     }
 }
 
@@ -95,13 +95,13 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
         let list = list.ok_or_else(|| {
             // Twice as many: each number was cut in two.
             let comma = if N > 1 && items == Some(2 * N) { "; a number has a decimal point, no comma" } else { "" };
-            format!("found {}, allowed is a list of {N}{comma}", found(value))
+            format!("found {}, valid: a list of {N}{comma}", found(value))
         })?;
         let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
             T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
         };
         let items: Result<Vec<T>, String> = list.iter().enumerate().map(item).collect();
-        items?.try_into().map_err(|_| format!("allowed is a list of {N}"))
+        items?.try_into().map_err(|_| format!("valid: a list of {N}"))
     }
 }
 
@@ -110,7 +110,7 @@ impl<T: Setting> Setting for Vec<T> {
     type Limits = T::Limits;
 
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
-        let list = value.as_array().ok_or_else(|| format!("found {}, allowed is a list", found(value)))?;
+        let list = value.as_array().ok_or_else(|| format!("found {}, valid: a list", found(value)))?;
         let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
             T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
         };
@@ -152,7 +152,7 @@ impl Setting for &'static str {
         let word = |text| words.iter().copied().find(|word| *word == text);
         value.as_str().and_then(word).ok_or_else(|| {
             let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
-            format!("found {}, allowed is {}", found(value), quoted.join(" or "))
+            format!("found {}, valid: {}", found(value), quoted.join(" or "))
         })
     }
 }

@@ -98,7 +98,7 @@ impl Found {
         if (theirs.ping, theirs.alive_out, theirs.connect_timeout_ms)
             != (ours.ping, ours.alive_out, ours.connect_timeout_ms)
         {
-            let message = "Ping, Set_Out or TIMEOUT: other than this program's own file; take the additions out";
+            let message = "Ping, Set_Out or TIMEOUT: not as in this program's own file; remove the additions";
             self.note(file, 1, "CONFIGURATION/INTERNAL", message);
         }
     }
@@ -172,8 +172,8 @@ impl Found {
         let Some(listens) = ipv4(stated) else { return };
         if listens != address {
             let message = format!(
-                "is {stated}, and [robot] host of the cell's file is {host}: the controller listens at the one, the PC looks at the \
-                 other"
+                "is {stated}, and [robot] host of the cell's file is {host}: the controller listens at the first, \
+                 the PC connects to the second"
             );
             self.note(file, line_of(text, "<IP>"), "CONFIGURATION/INTERNAL/IP", message);
         }
@@ -186,7 +186,7 @@ impl Found {
         let what = if theirs.port == others {
             "that of the other channel there: command_port and state_port are exchanged"
         } else {
-            "other than the cell's file says"
+            "not as the cell's file states"
         };
         let message = format!(
             "is {}, and [robot] of the cell's file has {port}; it is {what}; make both the same",

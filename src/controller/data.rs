@@ -83,7 +83,7 @@ impl Compared<'_> {
             self.note(
                 number.line,
                 name,
-                format!("is {}, allowed is a whole number from {low} to {high}", number.value),
+                format!("is {}, valid: a whole number from {low} to {high}", number.value),
             );
         }
         whole
@@ -108,8 +108,7 @@ impl Compared<'_> {
                     Some(whole) => all.push((whole, number.line)),
                     None => {
                         let (low, high) = numbers;
-                        let message =
-                            format!("is {}, allowed is a whole number from {low} to {high}", number.value);
+                        let message = format!("is {}, valid: a whole number from {low} to {high}", number.value);
                         self.note(number.line, key, message);
                     }
                 },
@@ -119,7 +118,7 @@ impl Compared<'_> {
             stated.iter().filter(|(index, number)| !(1..=places).contains(*index) && number.value != 0.0)
         {
             let message = format!(
-                "is {}, and {count} counts {places}: it has no effect; raise the count or take it out",
+                "is {}, and {count} counts {places}: it has no effect; raise the count or remove it",
                 number.value
             );
             self.note(number.line, format!("{array}[{index}]"), message);
@@ -146,8 +145,8 @@ impl Compared<'_> {
             }
             let wanted = expected.get(place).map_or("nothing".to_owned(), |number| word(*number));
             let message = format!(
-                "is {}; {table} of the cell's file has {wanted} at this place (its numbers in ascending order): the PC would take one \
-                 signal for another",
+                "is {}; {table} of the cell's file has {wanted} at this place (its numbers in ascending order): \
+                 the PC would confuse the signals",
                 word(*number)
             );
             self.note(*line, format!("{array}[{}]", place + 1), message);
@@ -204,21 +203,21 @@ impl Compared<'_> {
                 [] if *after_s == 0 => {
                     let what = if name == Output::Tool.name() { "the tool" } else { "water" };
                     let message = format!(
-                        "NO STOP SWITCHES {} OFF: $OUT[{number}] ({name}) is not in CELL_OFF. At a stop, an abort or a lost link {what} would \
-                         run on. Add it with CELL_OFF_MS 0",
+                        "NO STOP SWITCHES {} OFF: $OUT[{number}] ({name}) is not in CELL_OFF. At a stop, an abort \
+                         or a lost link {what} would keep running. Add it with CELL_OFF_MS 0",
                         name.to_uppercase()
                     );
                     self.note(line_of_count, "CELL_OFF", message);
                 }
                 [] => {
                     let message = format!(
-                        "$OUT[{number}] ({name}) is not in CELL_OFF; the cell's file says off after {after_s} s"
+                        "$OUT[{number}] ({name}) is not in CELL_OFF; the cell's file states off after {after_s} s"
                     );
                     self.note(line_of_count, "CELL_OFF", message);
                 }
                 [(_, line, None), ..] => {
                     let message = format!(
-                        "$OUT[{number}] ({name}) has no CELL_OFF_MS; the cell's file says off after {after_s} s"
+                        "$OUT[{number}] ({name}) has no CELL_OFF_MS; the cell's file states off after {after_s} s"
                     );
                     self.note(*line, "CELL_OFF_MS", message);
                 }
@@ -226,7 +225,8 @@ impl Compared<'_> {
                     if ms.value != after_ms {
                         let at_once = if *after_s == 0 { "; TOOL AND WATER GO OFF AT ONCE, 0" } else { "" };
                         let message = format!(
-                            "$OUT[{number}] ({name}) goes off after {} ms; [io.off_after_s] of the cell's file says {after_ms}{at_once}",
+                            "$OUT[{number}] ({name}) goes off after {} ms; [io.off_after_s] of the cell's file \
+                             states {after_ms}{at_once}",
                             ms.value
                         );
                         self.note(ms.line, "CELL_OFF_MS", message);
@@ -265,7 +265,7 @@ impl Compared<'_> {
         for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {
             let key = format!("CELL_LINE[{index}]");
             let Some(number) = self.config.at("CELL_LINE", index) else {
-                self.note(1, key, "is not stated; 0 where the line has none");
+                self.note(1, key, "is not stated; 0 if the line has none");
                 continue;
             };
             if number.value != f64::from(*expected) {
@@ -279,7 +279,11 @@ impl Compared<'_> {
                 self.note(
                     number.line,
                     key,
-                    format!("$OUT[{}] is in CELL_OUT: what moves or runs tells no line", number.value),
+                    format!(
+                        "$OUT[{}] is in CELL_OUT: an output that moves or runs something must not report to \
+                             the line",
+                        number.value
+                    ),
                 );
             }
         }
@@ -311,7 +315,7 @@ impl Compared<'_> {
                 self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] is {name}: a mapped input would feign it"));
             }
             if !seen.insert(flag) {
-                self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] stands for two inputs"));
+                self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] is used for two inputs"));
             }
         }
     }
@@ -350,7 +354,12 @@ impl Compared<'_> {
             for (index, expected) in (1..).zip(expected) {
                 self.array_number(array, index, |found| {
                     let differs = (found - expected).abs() > ROUNDING;
-                    differs.then(|| format!("is {found}°; [arm] of the cell's file has {expected}°: the one allows what the other refuses"))
+                    differs.then(|| {
+                        format!(
+                            "is {found}°; [arm] of the cell's file has {expected}°: one would \
+                                             allow what the other refuses"
+                        )
+                    })
                 });
             }
         }
@@ -397,7 +406,7 @@ impl Compared<'_> {
             if let Some(number) = self.single(name)
                 && !(number.value >= low && number.value <= high)
             {
-                self.note(number.line, name, format!("is {}, allowed is {low} to {high}", number.value));
+                self.note(number.line, name, format!("is {}, the limits are {low} to {high}", number.value));
             }
         }
     }

@@ -58,11 +58,11 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
     (CONFIG, "CELL_OUT[2]=18", "CELL_OUT[2]=21", "CELL_OUT[2]: is 21 (tool)"),
     (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=6", "CELL_OUT[6]: is not stated, and CELL_OUT_N counts 6"),
     (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=4", "CELL_OUT[5]: is 21, and CELL_OUT_N counts 4"),
-    (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=40", "CELL_OUT_N: is 40, allowed is a whole number from 0 to 31"),
-    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=0", "CELL_OUT[3]: is 0, allowed is"),
+    (CONFIG, "CELL_OUT_N=5", "CELL_OUT_N=40", "CELL_OUT_N: is 40, valid: a whole number from 0 to 31"),
+    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=0", "CELL_OUT[3]: is 0, valid:"),
     (CONFIG, "CELL_OUT[3]=19", "", "CELL_OUT[3]: is not stated"),
     (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=19\nCELL_OUT[3]=20", "CELL_OUT[3]: is stated a second time"),
-    (CONFIG, "CELL_OUT[4]=20", "CELL_OUT[4]=20.5", "CELL_OUT[4]: is 20.5, allowed is"),
+    (CONFIG, "CELL_OUT[4]=20", "CELL_OUT[4]=20.5", "CELL_OUT[4]: is 20.5, valid:"),
     ("cell", "light = 17", "light = 22", "CELL_OUT[1]: is 17, which [io.outputs] lacks"),
     ("cell", "tool = 21", "tool = 16", "CELL_OUT[1]: is 17 (light)"),
     (
@@ -89,7 +89,7 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
         "cell",
         "light = 60",
         "light = 61",
-        "(light) goes off after 60000 ms; [io.off_after_s] of the cell's file says 61000",
+        "(light) goes off after 60000 ms; [io.off_after_s] of the cell's file states 61000",
     ),
     ("cell", "extraction = 30", "extraction = 31", "(extraction) goes off after 30000 ms"),
     ("cell", "spray = 18\n", "spray = 18\nrinse = 23\n", "NO STOP SWITCHES RINSE OFF"),
@@ -103,7 +103,7 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
     (CONFIG, "CELL_IN[4]=20", "CELL_IN[4]=30", "CELL_IN[4]: is 30, which [io.feedbacks] lacks"),
     (CONFIG, "CELL_IN_N=5", "CELL_IN_N=4", "CELL_IN_N: is 4, and [io.feedbacks] of the cell's file names 5"),
     (CONFIG, "CELL_IN_N=5", "CELL_IN_N=6", "CELL_IN[6]: is not stated"),
-    (CONFIG, "CELL_IN[5]=21", "CELL_IN[5]=5000", "CELL_IN[5]: is 5000, allowed is"),
+    (CONFIG, "CELL_IN[5]=21", "CELL_IN[5]=5000", "CELL_IN[5]: is 5000, valid:"),
     ("cell", "tool_running = 20", "tool_running = 22", "CELL_IN[4]: is 20, which [io.feedbacks] lacks"),
     // The line.
     (
@@ -113,12 +113,12 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
         "CELL_LINE[3]: is 42; [io.line_outputs] of the cell's file has 0 for pass",
     ),
     (CONFIG, "CELL_LINE[1]=0", "CELL_LINE[1]=21", "CELL_LINE[1]: $OUT[21] is in CELL_OUT"),
-    (CONFIG, "CELL_LINE_N=6", "CELL_LINE_N=5", "CELL_LINE_N: is 5, allowed is"),
+    (CONFIG, "CELL_LINE_N=6", "CELL_LINE_N=5", "CELL_LINE_N: is 5, valid:"),
     (CONFIG, "CELL_LINE[6]=0", "", "CELL_LINE[6]: is not stated"),
     // Mapped inputs.
-    (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=1", "CELL_VIN[1]: is 0, allowed is"),
+    (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=1", "CELL_VIN[1]: is 0, valid:"),
     (CONFIG, "CELL_VIN[1]=0", "CELL_VIN[1]=33", "CELL_VIN[1]: is 33, and CELL_VIN_N counts 0"),
-    (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=9", "CELL_VIN_N: is 9, allowed is"),
+    (CONFIG, "CELL_VIN_N=0", "CELL_VIN_N=9", "CELL_VIN_N: is 9, valid:"),
     ("cell", "# [io.mapped_inputs] ", "[io.mapped_inputs]\nguard = 33\n# ", "CELL_VIN: lacks input 33"),
     // Flags and timers.
     (
@@ -138,9 +138,9 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
     (CONFIG, "CELL_F_STOP=852", "CELL_F_STOP=862", "INTERRUPT DECL 21: watches $FLAG[852]"),
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=865", "INTERRUPT DECL 20: watches $FLAG[855]"),
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=852", "CELL_F_HALT: is 852, which is CELL_F_STOP already"),
-    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=1025", "CELL_F_HALT: is 1025, allowed is"),
+    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=1025", "CELL_F_HALT: is 1025, valid:"),
     (CONFIG, "CELL_T_SUBMIT=21", "CELL_T_SUBMIT=31", "CELL_T_SUBMIT: is 31, and CELL_T_HEARD before it is 20"),
-    (CONFIG, "CELL_T_STILL=26", "CELL_T_STILL=65", "CELL_T_STILL: is 65, allowed is"),
+    (CONFIG, "CELL_T_STILL=26", "CELL_T_STILL=65", "CELL_T_STILL: is 65, valid:"),
     (CONFIG, "CELL_T_OFF=25", "CELL_T_OFF=24", "CELL_T_OFF: is 24, and CELL_T_SILENT before it is 24"),
     (
         MOTION,

@@ -61,7 +61,7 @@ impl Turn {
         }
     }
 
-    /// Takes over the facts from an act's answer, and chooses the next state.
+    /// Adopts the facts from an act's answer, and chooses the next state.
     pub fn answered(&mut self, act: Act, answer: Answer) {
         use Answer as R;
         match (act, answer) {

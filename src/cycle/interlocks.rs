@@ -128,7 +128,7 @@ impl Need {
     /// As the end of a sentence that begins with "needs".
     fn words(self) -> &'static str {
         match self {
-            Need::Standing => "a robot that stands",
+            Need::Standing => "a robot at rest",
             Need::Tested => "a self-test",
             Need::Epoch => "an open epoch",
             Need::EpochEnded => "an ended epoch",
@@ -137,7 +137,7 @@ impl Need {
             Need::At(Path::Approach) => "the arm at the approach point of a path, which only a cycle reaches",
             Need::At(_) => "the arm at the end of that path",
             Need::ToolOff => {
-                "the tool off, by its output and by the feedback tool_running (and tool_stands, where the cell has it)"
+                "the tool off, by its output and by the feedback tool_running (and tool_stands, if the cell has it)"
             }
             Need::ToolRunning => "the tool on, proven by the feedback tool_running",
             Need::WaterOff => "the water off, proven by the feedback water_off",

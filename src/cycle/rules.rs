@@ -83,7 +83,7 @@ pub(super) enum Rule {
     ReviewHolds,
     /// A film without a result ends the cycle.
     InvalidEnds,
-    /// An air-run touches nothing, and needs no water to know where to go.
+    /// An air-run makes no contact, and needs no water to determine where to go.
     AirRun,
     /// A dry picture before the first water.
     DryPicture,

@@ -68,7 +68,7 @@ impl Abrasion {
         )
     }
 
-    /// The same on the surface that the other one knows.
+    /// Returns the same on the surface of the other one, if that has a surface.
     pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
         // What was done before in the same way was done on the surface of the same scan.
         Abrasion { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
@@ -282,9 +282,10 @@ impl Abrasion {
         let message = match earlier.is_empty() {
             true => format!("{names} broke again after {most} abrasions, max_passes_per_grid"),
             false => format!(
-                "{names} broke, and may not be abraded again: allowed are {most} abrasions, max_passes_per_grid, and \
-                 those of earlier cycles of this panel count, also where it is not known how far they went: {}; take this \
-                 part out; a cycle of another part counts from zero if its serial number is named, or if its start says --another-part",
+                "{names} broke, and must not be abraded again: the limit is {most} abrasions, max_passes_per_grid. \
+                 Those of earlier cycles of this panel count, even if it is not known how far they went: {}; take \
+                 this part out. A cycle of another part counts from zero if its serial number is named, or if its \
+                 start has --another-part",
                 earlier.join("; ")
             ),
         };

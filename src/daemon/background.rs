@@ -26,7 +26,7 @@ const NICE: i32 = 5;
 pub(super) fn step_back() {
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "the loop keeps its share by the scheduler's fairness alone"
+        reason = "if this fails, the scheduler's fairness still gives the loop its share"
     )]
     let _ = rustix::process::setpriority_process(None, NICE);
 }
@@ -106,7 +106,7 @@ fn run_apart(
     supervision::stand_apart();
     step_back();
     while catch_unwind(AssertUnwindSafe(|| runtime.block_on(begin(&mut ended)))).is_err() {
-        tracing::warn!("{what} failed, as the lines above say; it begins anew");
+        tracing::warn!("{what} failed, see the lines above; it starts again");
         if runtime.block_on(async { timeout(AGAIN, &mut ended).await }).is_ok() {
             return;
         }

@@ -129,7 +129,7 @@ impl<'p> Computing<'p> {
                 under_way.push_back(work.id);
                 #[expect(
                     clippy::let_underscore_must_use,
-                    reason = "refused only where the thread has ended, which `ready` finds out"
+                    reason = "refused only if the thread has ended, which `ready` detects"
                 )]
                 let _ = queue.send(work);
             }

@@ -33,7 +33,8 @@ impl Control {
             return None;
         }
         let Some(state) = state else {
-            let message = "the selector switch cannot be read without the controller: nothing but stop, abort and hold is taken";
+            let message = "the selector switch cannot be read without the controller: only stop, abort and hold \
+                           are accepted";
             return Some(Reason::new("control_unknown", message));
         };
         let (is_local, is_at_cell) = (reads(state, bit), is_at_cell(front));
@@ -42,8 +43,8 @@ impl Control {
         let (selected, other) = if is_local { ("local", "remote") } else { ("remote", "local") };
         if needs_person && !(is_local && is_at_cell) {
             let message = format!(
-                "it is taken from a person at the cell only, and the selector switch is at {selected}: set it to local, look at the cell, \
-                 then ask on the page or with `panelprep ctl`"
+                "it is accepted from a person at the cell only, and the selector switch is at {selected}: set it \
+                 to local, look at the cell, then request it on the page or with `panelprep ctl`"
             );
             return Some(Reason::new("local_control", message));
         }

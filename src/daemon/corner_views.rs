@@ -107,7 +107,8 @@ impl Perception {
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
-    /// The corner to which the camera was sent, in the picture from a view; `place` is where it was looked for.
+    /// Finds the corner to which the camera was sent, in the picture from a view; `place` states where it is looked
+    /// for.
     fn look(
         &mut self,
         (cycle, view): (&CycleSetup, u8),

@@ -67,7 +67,7 @@ fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
     std::iter::once(output_words).chain(words).collect()
 }
 
-/// What was proven, and where to look now that it does not hold any more.
+/// Returns the reason: what was proven and does not hold any more, and where to look.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (words(switch), tells(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
@@ -76,7 +76,8 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     Reason::new("feedback", message)
 }
 
-/// What was commanded and not proven by its deadline, and where to look; `None` if the state reports it by now.
+/// Returns the reason: what was commanded and not proven by its deadline, and where to look. `None` if the state
+/// reports it by now.
 pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
     if wiring.proof(switch).is_told(state) {
         return None;

@@ -47,7 +47,8 @@ impl Gateway {
                         let what = What::Unprepared { recipe, reasons: refused.reasons.clone() };
                         #[expect(
                             clippy::let_underscore_must_use,
-                            reason = "where it is not taken, the service has ended, or this user has too many requests waiting"
+                            reason = "if it is not accepted, the service has ended, or this user has too many \
+                                      requests waiting"
                         )]
                         let _ = self.queue.send(Request::new(what, who));
                         return refused;
@@ -55,7 +56,7 @@ impl Gateway {
                 }
             }
             What::Shoot(_) => {
-                let message = "the service has not opened its cameras yet; ask for the state";
+                let message = "the service has not opened its cameras yet; request its state";
                 return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
             }
             What::Table(request) if request.is_decision() => {
@@ -76,9 +77,7 @@ impl Gateway {
         match timeout(LOOP_PATIENCE, answer).await {
             Ok(Ok(reply)) => reply,
             Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
-            Err(_) => {
-                failed("silent", "the service's loop does not answer; ask for the state, and look at its log")
-            }
+            Err(_) => failed("silent", "the service's loop does not answer; request its state, and read its log"),
         }
     }
 

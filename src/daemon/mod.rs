@@ -6,25 +6,27 @@
 //! robot ────┘                    └─ cameras and computing               (`computing`, `perception`, `abrasion`)
 //! ```
 //!
-//! The table decides (see `cycle`); the loop performs. What an act works with (the scan's fit, the refined place, the film,
-//! the plan) stays in the loop and never enters the table, which hears ids, counts and grades. Acts that see and compute go
-//! through one queue (`computing`): a thread empties it while the loop goes on answering, or the loop itself does in a replay and
-//! in the simulated cell of one command. What was abandoned meanwhile changes nothing. The robot's link has a thread of its own,
-//! and its controller stops by itself where nobody feeds it.
+//! The table decides (see `cycle`); the loop performs. The data of an act (the scan's fit, the refined place, the
+//! film, the plan) stays in the loop and never enters the table, which receives ids, counts and grades. Acts that
+//! see and compute use one queue (`computing`): a thread empties it while the loop continues to answer, or, in a
+//! replay and in the simulated cell of one command, the loop itself does. The result of an act that was abandoned
+//! meanwhile changes nothing. The robot's link has a thread of its own, and its controller stops automatically if
+//! nothing feeds it.
 //!
-//! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines take no real
-//! time, and it stands while something is computed.
+//! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines
+//! need no real time; this clock stops while something is computed.
 //!
-//! What the loop works with is `setup`; what it remembers is `running` (with `pending`, the act that is under way, `sent`, the path that
-//! was sent, and `underway`, how far a contact path may go); `answers` turns what a phase found into the table's answer and the
-//! record's finding; `pressing` is what is known of a compliant tool. `run`, `acts`, `moves`, `contacts`, `robot_reports` and
-//! `tool_reports` perform.
+//! `setup` is the loop's input. `running` is its memory, with `pending`, the act that is under way, `sent`, the
+//! path that was sent, and `underway`, how far a contact path may continue. `answers` converts a phase's findings
+//! into the table's answer and the record's finding; `pressing` is the known state of a compliant tool. `run`,
+//! `acts`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform.
 //!
-//! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service stand `request`
-//! (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a line out) · `gateway` (a
-//! request in, a reply out) · `request_queue` (what waits, by its urgency) · `request_handler` (requests, signals and systemd, as
-//! the loop sees them) · `lending` (the cameras, for others, between cycles) · `words` (states and refusals for people). `replay`
-//! records what passes through the ports, and runs a cycle again on a recording.
+//! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service are
+//! `request` (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a
+//! line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
+//! `request_handler` (requests, signals and systemd, as the loop sees them) · `lending` (the cameras, for others,
+//! between cycles) · `words` (states and refusals for people). `replay` records what passes through the ports, and
+//! runs a cycle again on a recording.
 
 mod abrasion;
 mod acts;

@@ -39,7 +39,8 @@ impl Running<'_> {
             return Ok(());
         }
         if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
-            let message = "the controller reports 0 for each number of its pose: it is not known how the arm stands; start its program";
+            let message = "the controller reports 0 for each number of its pose: the arm's pose is not known; \
+                           start its program";
             self.note(Kind::Gate, vec![Reason::new("no_route", message)])?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
@@ -112,7 +113,7 @@ impl Running<'_> {
                 reasons.extend(met.map(|met| Reason::new("out_of_reach", format!("on the way there {met}"))));
             }
             (Some(_), Some(_)) => {}
-            _ => reasons.push(Reason::new("no_route", "it is not known how the arm stands")),
+            _ => reasons.push(Reason::new("no_route", "the arm's pose is not known")),
         }
         let good = reasons.is_empty();
         if !good {
@@ -164,8 +165,8 @@ impl Running<'_> {
             return Ok(true);
         }
         let (Some(state), Some(cycle)) = (state, self.cycle.clone()) else {
-            let message = "it is not known where the arm stands or where the panel is; bring the arm to the park pose by \
-                           `panelprep robot move-j park` while the way is watched";
+            let message = "the arm's pose or the panel's position is not known; move the arm to the park pose with \
+                           `panelprep robot move-j park` while a person watches the way";
             self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
             return Ok(false);
         };
@@ -173,8 +174,9 @@ impl Running<'_> {
         let tool = cycle.calibrations.flange_from_tool;
         let Some(met) = self.met_on_the_way(&state.joints, poses, (tool, Some(obstacles))) else { return Ok(true) };
         let message = format!(
-            "the arm is not where a path of this program left it, and on its way to the park pose {met}; jog the tool off the \
-             panel in T1, or bring the arm there by `panelprep robot move-j park` while the way is watched"
+            "the arm is not where a path of this program left it, and on its way to the park pose {met}; jog the \
+             tool off the panel in T1, or move the arm there with `panelprep robot move-j park` while a person \
+             watches the way"
         );
         self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
         Ok(false)
@@ -354,12 +356,10 @@ impl Running<'_> {
         let message = || {
             let [deg, allowed] = apart(off_deg, allowed_deg, 3);
             if let End::Joints(_) = sent.end {
-                return format!("an axis stands {deg}° from where it was sent, allowed are {allowed}°");
+                return format!("an axis is {deg}° from its commanded angle (limit {allowed}°)");
             }
             let [mm, allowed_mm] = apart(off_mm, DEVIATION_MM, 3);
-            format!(
-                "the arm stands {mm} mm and {deg}° from where it was sent, allowed are {allowed_mm} mm and {allowed}°"
-            )
+            format!("the arm is {mm} mm and {deg}° from its commanded pose (limits {allowed_mm} mm and {allowed}°)")
         };
         let far = !(off_mm <= DEVIATION_MM && off_deg <= allowed_deg);
         if far { vec![Reason::new("deviation", message())] } else { vec![] }

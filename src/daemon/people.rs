@@ -95,7 +95,7 @@ impl People {
     /// Writes a line of the audit trail; if the disk refuses, the line is in the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.keep_audit(entry)) {
-            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("nobody who is logged in"));
+            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
             tracing::warn!("the audit trail could not be written: {error}; {what} by {who}");
         }
     }

@@ -129,16 +129,14 @@ impl Pressing {
             return Some(lost(loss));
         }
         let Some((at, _)) = self.last else {
-            let words = "nothing was heard of the compliant tool yet; is it on, and its cable in? `panelprep doctor` looks at it";
+            let words = "nothing was received from the compliant tool yet; is it on, and its cable in? `panelprep \
+                         doctor` checks it";
             return Some(Reason::new("tool_link", words));
         };
         let longest = Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + SLACK;
         let age = now.since(at);
         let words = || {
-            format!(
-                "the compliant tool has told nothing for {} ms; `panelprep doctor` looks at it",
-                age.as_millis()
-            )
+            format!("the compliant tool has sent nothing for {} ms; `panelprep doctor` checks it", age.as_millis())
         };
         (age > longest).then(|| Reason::new("tool_link", words()))
     }
@@ -181,7 +179,8 @@ fn limits(tool: &CompliantTool) -> WatchLimits {
 
 fn lost(loss: &Loss) -> Reason {
     let words = format!(
-        "the link to the compliant tool is lost: {loss}; look at its power and cable, `panelprep doctor` looks at it"
+        "the link to the compliant tool is lost: {loss}; check its power and cable; `panelprep doctor` tests the \
+         link"
     );
     Reason::new("tool_link", words)
 }

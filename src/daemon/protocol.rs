@@ -1,13 +1,14 @@
-//! The service's socket, in lines: one JSON object asks, one answers, then the connection ends.
+//! The service's socket, in lines: one JSON object is the request, one is the answer, then the connection ends.
 //!
 //! ```text
 //! {"ask":"unhold","dried":true,"step":17}
 //! {"answer":"refused","state":"idle","phase":null,"epoch":4,"step":18,"cycle_id":null,"verdict":null,"recording":null,"reasons":[…]}
 //! ```
 //!
-//! Strict: an unknown word, an unknown or repeated key, more than one object, a line that is too long or has no end is
-//! refused with what is allowed; nothing of it is done. A recipe goes as its text, so that who asks needs no file that
-//! the service can read. Reads and writes no socket: see `socket`.
+//! Strict: an unknown word, an unknown or repeated key, more than one object, a line that is too long or has no end
+//! is refused. The refusal states what is allowed, and no part of the line is executed. A recipe is sent as its
+//! text, so that a client needs no file that the service can read. This module reads and writes no socket: see
+//! `socket`.
 
 use super::lending::ShotRequest;
 use super::request::{StartRequest, What};

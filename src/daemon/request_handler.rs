@@ -88,7 +88,7 @@ pub struct RequestHandler {
     /// Whether that request is a reset.
     waits_for_reset: bool,
     signals: u8,
-    /// The number of signals for which the table was asked.
+    /// The number of signals for which a request was sent to the table.
     obeyed: u8,
     /// The state that was last reported to systemd.
     told: Option<At>,
@@ -215,7 +215,7 @@ impl RequestHandler {
     /// Notifies systemd; has no effect without systemd.
     fn notify(states: &[NotifyState<'_>]) {
         if let Err(error) = sd_notify::notify(states) {
-            tracing::warn!("systemd cannot be told: {error}");
+            tracing::warn!("systemd cannot be notified: {error}");
         }
     }
 
@@ -310,7 +310,7 @@ impl RequestHandler {
     fn signal(&mut self) {
         self.signals = self.signals.saturating_add(1);
         if self.signals == 1 {
-            tracing::info!("a signal asks for a stop; a second one aborts");
+            tracing::info!("a signal requests a stop; a second one aborts");
             Self::notify(&[NotifyState::Stopping]);
         } else {
             tracing::warn!("another signal: abort");
@@ -329,7 +329,7 @@ impl RequestHandler {
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "without a writer the record stays; its page can be made of it"
+                reason = "without a writer the record stays; its page can be made from it"
             )]
             let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take() });
         }

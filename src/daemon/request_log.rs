@@ -56,7 +56,7 @@ impl Running<'_> {
             self.ports.requests.tell(News::DiscMounted);
             return self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
-        let message = "a disc is changed where the cell rests, held, idle or stopped";
+        let message = "a disc can be changed only while the cell is at rest: held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
         self.ports.requests.tell(News::Unable(reasons.clone()));
         self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Refused, reasons))

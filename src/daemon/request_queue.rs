@@ -76,10 +76,7 @@ impl Inside {
                 return Some(request);
             }
             if !matches!(request.what, What::State) {
-                tracing::warn!(
-                    "not done: {}; whoever asked for it was answered that it failed",
-                    request.what.words()
-                );
+                tracing::warn!("not done: {}; the caller was answered that it failed", request.what.words());
             }
         }
     }
@@ -93,7 +90,8 @@ pub enum NotTaken {
     Ended,
     /// Too many wait.
     #[error(
-        "{waiting} requests wait for an answer already; ask again when they were answered (stop and abort always get through)"
+        "{waiting} requests wait for an answer already; try again after they are answered (stop and abort are \
+         always accepted)"
     )]
     Full {
         /// Of the same user, or of all users.

@@ -64,8 +64,8 @@ pub(super) struct Running<'p> {
     pub stood: Option<Joints>,
     /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,
-    /// Executed waypoints of the path whose epoch was ended last, until the next motion: an answer that reports
-    /// them may be dropped for something else.
+    /// Executed waypoints of the path whose epoch was ended last, kept until the next motion: an answer that
+    /// reports them may be dropped in favour of another.
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,

@@ -57,7 +57,7 @@ pub enum SingleError {
     #[error("the link to the controller was lost: {0}; the controller stops by itself")]
     LinkLost(LinkLoss),
     /// It exceeds its time limit.
-    #[error("not done after {} s of the robot's time; it was told to stop", .0.as_secs())]
+    #[error("not done after {} s of the robot's time; it was commanded to stop", .0.as_secs())]
     Late(Duration),
 }
 
@@ -124,7 +124,7 @@ impl<'r> Single<'r> {
     /// Checks whether the arm is the one of the cell's file: its tip must be where the axes put it.
     ///
     /// # Errors
-    /// The distance between the two.
+    /// If it is not, with the distance between the two.
     pub fn is_the_cells_arm(&self, cell: &Cell) -> Result<(), Reason> {
         let state = &self.state;
         let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
@@ -203,8 +203,7 @@ impl<'r> Single<'r> {
         let fastest_mm_s = limits.max_speed_mm_s();
         if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
             let found_mm_s = line.speed_mm_s;
-            let message =
-                format!("the speed is {found_mm_s} mm/s, allowed are at most {fastest_mm_s}, max_speed_mm_s");
+            let message = format!("the speed is {found_mm_s} mm/s (limit {fastest_mm_s}, max_speed_mm_s)");
             return Err(gate(Reason::new("speed", message)));
         }
         self.open_epoch()?;
@@ -285,7 +284,7 @@ impl<'r> Single<'r> {
             (
                 !is_local,
                 "local_control",
-                "the selector switch is at remote, and a person at the cell asks for this; set it to local",
+                "the selector switch is at remote, but a person at the cell requests this; set it to local",
             ),
             (state.mode == Mode::T2, "mode", "the mode is T2; use T1, AUT or EXT"),
             (state.emergency_stop, "emergency_stop", "an emergency stop is pressed; release and acknowledge it"),
@@ -294,8 +293,8 @@ impl<'r> Single<'r> {
             (
                 state.drives_on && !state.motion_possible,
                 "motion",
-                "the controller says that no motion is possible; is \
-              the program running, in T1 the start key held, and every message acknowledged?",
+                "the controller reports that no motion is possible; is the program running, in T1 the start key \
+                 held, and every message acknowledged?",
             ),
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
@@ -387,7 +386,7 @@ impl<'r> Single<'r> {
         }
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "it is told to stop; what it says to that is of no more use"
+            reason = "it is commanded to stop; its answer is not needed any more"
         )]
         let _ = self.robot.abort();
         Err(SingleError::Late(allowed))
@@ -410,7 +409,7 @@ fn accepted(judgement: Judgement) -> Result<(), SingleError> {
 fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
     io.outputs().get(name).copied().ok_or_else(|| {
         let names = io.outputs().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-        let message = format!("\"{name}\" is no output of [io.outputs]; allowed are {names}");
+        let message = format!("\"{name}\" is no output of [io.outputs]; valid: {names}");
         gate(Reason::new("no_such_output", message))
     })
 }

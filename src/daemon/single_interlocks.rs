@@ -145,7 +145,7 @@ mod tests {
         assert_eq!(
             refused(&without("tool_running = 4\n")),
             [
-                "a motion needs the tool off, by its output and by the feedback tool_running (and tool_stands, where the cell has it)"
+                "a motion needs the tool off, by its output and by the feedback tool_running (and tool_stands, if the cell has it)"
             ]
         );
         let neither = CELL.replace("tool_running = 4\n", "").replace("tool = 5\n", "");

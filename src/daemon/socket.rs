@@ -61,7 +61,7 @@ pub enum SocketError {
         path: PathBuf,
     },
     /// A file that is none.
-    #[error("{}: is there and is not a socket; remove it, or name another `socket` in the cell's file", path.display())]
+    #[error("{}: already exists and is not a socket; remove it, or name another `socket` in the cell's file", path.display())]
     NotASocket {
         /// The file.
         path: PathBuf,
@@ -154,7 +154,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
     let service_uid = rustix::process::geteuid().as_raw();
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "where it is not permitted, the system shares the processors out as it does among all"
+        reason = "if it is not permitted, the system shares the processors as it does among all processes"
     )]
     let _ = rustix::process::setpriority_process(None, NICE);
     runtime.block_on(async {
@@ -219,7 +219,7 @@ async fn tell(stream: &UnixStream, reply: &Reply) {
     line.push(b'\n');
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "whoever hung up, or does not listen, does not want to know"
+        reason = "a client that hung up, or does not listen, does not need it"
     )]
     let _ = timeout(CLIENT_PATIENCE, write(stream, &line)).await;
 }

@@ -24,7 +24,7 @@ impl Waiting {
     }
 
     /// Returns the text of the alarm if something waits for `behind_min` minutes or longer, with the cause: "3 … ;
-    /// the oldest waits for …". `what` states what has not arrived, and at which place; `usual` is the cause if
+    /// the oldest has waited for …". `what` states what has not arrived, and at which place; `usual` is the cause if
     /// none is known.
     pub fn late(&self, behind_min: usize, now_unix_ms: i64, (what, usual): (&str, &str)) -> Option<String> {
         let Waiting { problem, count, since_unix_ms } = self;
@@ -32,7 +32,7 @@ impl Waiting {
         let is_late = *count > 0 && usize::try_from(waits_min).is_ok_and(|min| min >= behind_min);
         let why = problem.as_deref().unwrap_or(usual);
         is_late.then(|| {
-            format!("{count} {what}; the oldest waits for {waits_min} min, allowed are {behind_min}: {why}")
+            format!("{count} {what}; the oldest has waited for {waits_min} min (limit {behind_min} min): {why}")
         })
     }
 }

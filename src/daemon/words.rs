@@ -89,7 +89,7 @@ fn possible(state: &State) -> Vec<&'static str> {
 pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     let word = request_word(request);
     let possible = || match possible(state) {
-        words if words.is_empty() => "nothing is possible before that has changed".to_owned(),
+        words if words.is_empty() => "no command is possible until this changes".to_owned(),
         words => format!("possible now: {}", words.join(", ")),
     };
     match refusal {
@@ -125,14 +125,14 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
 /// Why the robot is not ready.
 pub(super) fn robot(robot: Robot) -> Reason {
     let (code, message) = match robot {
-        Robot::Unknown => ("robot_unknown", "nothing was heard from its controller yet"),
+        Robot::Unknown => ("robot_unknown", "nothing was received from its controller yet"),
         Robot::Ready => ("robot_ready", "the robot is ready"),
         Robot::LinkLost => {
             ("link_lost", "there is no connection to its controller; check its cable, address and program")
         }
         Robot::Restarted => ("robot_restarted", "its controller or program started anew"),
         Robot::EmergencyStop => {
-            ("emergency_stop", "an emergency stop is pressed; with the drives off nothing retracts")
+            ("emergency_stop", "an emergency stop is pressed; with the drives off the arm does not retract")
         }
         Robot::GuardOpen => ("guard_open", "the guard is open"),
         Robot::DrivesOff => ("drives_off", "its drives are off, or it cannot move"),
@@ -152,7 +152,7 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         Trouble::Picture => ("picture", "a camera's pictures cannot be used"),
         Trouble::Computing => ("computing", "a computation could not be made"),
         Trouble::Feedback => {
-            ("feedback", "a feedback is not what it should be: tool, extraction, water, lens or light")
+            ("feedback", "a feedback differs from its expected state: tool, extraction, water, lens or light")
         }
         Trouble::Force => (
             "force",
@@ -165,14 +165,14 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         Trouble::Slow => ("slow", "the robot is far behind its plan"),
         Trouble::Gate => ("gate", "a path did not pass the gate, and none of it was sent"),
         Trouble::Refused => ("refused", "the robot refused a command, or none could be sent"),
-        Trouble::Short => ("short", "the robot stood before its path's end"),
+        Trouble::Short => ("short", "the robot stopped before the end of its path"),
         Trouble::Sequence => ("sequence", "the robot acknowledged out of order"),
-        Trouble::Protocol => ("protocol", "what the controller sent is not the protocol"),
-        Trouble::Deviation => ("deviation", "the arm is not where it was sent"),
+        Trouble::Protocol => ("protocol", "the controller sent something that does not follow the protocol"),
+        Trouble::Deviation => ("deviation", "the arm is not at its commanded position"),
         Trouble::Store => ("store", "the store does not write, or its disk is full"),
-        Trouble::DiskFull => ("disk_full", "the store's disk is full; `panelprep ctl state` says what to delete"),
+        Trouble::DiskFull => ("disk_full", "the store's disk is full; `panelprep ctl state` lists what to delete"),
         Trouble::Late => ("late", "there was no answer by the deadline"),
-        Trouble::Unexpected => ("unexpected", "an answer does not fit what was asked"),
+        Trouble::Unexpected => ("unexpected", "an answer does not match its request"),
     };
     Reason::new(code, message)
 }
@@ -210,17 +210,17 @@ fn not_proven(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();
     if state.facts.water_may_run {
-        let message = "water may be running: it was switched on and no feedback says that it is off; look, and close its \
-                       valve by hand if it runs";
+        let message = "water may be running: it was switched on and no feedback confirms that it is off; check it, \
+                       and close its valve by hand if it runs";
         reasons.push(Reason::new("water_may_run", message));
     }
     if state.facts.tool_may_run {
-        let message = "the sanding tool may be running: it was switched on and no feedback says that it is off; do not \
-                       reach for it before it has stood still";
+        let message = "the sanding tool may be running: it was switched on and no feedback confirms that it is \
+                       off; do not reach for it before it is at rest";
         reasons.push(Reason::new("tool_may_run", message));
     }
     if state.intent.is_some() || state.facts.epoch == Epoch::Changing {
-        let message = "the robot has not confirmed that it stands; its controller stops it by its own rules. Where it \
+        let message = "the robot has not confirmed its standstill; its controller stops it by its own rules. If it \
                        moves, press the emergency stop";
         reasons.push(Reason::new("stop_not_confirmed", message));
     }
@@ -229,19 +229,24 @@ fn not_proven(state: &State) -> Vec<Reason> {
 
 fn cause_reason(cause: Cause) -> Reason {
     match cause {
-        Cause::Asked => Reason::new("asked", "an abort was asked for"),
+        Cause::Asked => Reason::new("asked", "an abort was requested"),
         Cause::Robot(condition) => robot(condition),
         Cause::Trouble(what) => trouble(what),
         Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"),
-        Cause::Interrupted => Reason::new("interrupted", "the program ended while a motion was open"),
+        Cause::Interrupted => Reason::new(
+            "interrupted",
+            "the program ended before a motion was reported as \
+                                                          finished",
+        ),
         Cause::StoreChanged => {
-            let message = "something in the store is not what this program wrote there, and `panelprep store verify` names it; \
-                           what the cell did last may not be known";
+            let message = "something in the store differs from what this program wrote, and `panelprep store \
+                           verify` names it; what the cell did last may be unknown";
             Reason::new("store_changed", message)
         }
         Cause::StoreRestored => {
-            let message = "the store was restored from a backup: what the cell did since then is not in it, and a part that lay there may have \
-                           been abraded more often than it says; take such parts out, or have an inspector decide";
+            let message = "the store was restored from a backup: it does not contain what the cell did since then, \
+                           and a part that was in the cell may have been abraded more often than recorded; take \
+                           such parts out, or have an inspector decide";
             Reason::new("store_restored", message)
         }
         Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
@@ -251,16 +256,16 @@ fn cause_reason(cause: Cause) -> Reason {
 fn aborted(cause: Cause) -> Reason {
     let because = cause_reason(cause);
     let message = format!(
-        "aborted: {}; look at the cell, jog the pad off the panel where it touches, then `panelprep ctl clear`",
+        "aborted: {}; look at the cell, jog the pad off the panel if it touches, then `panelprep ctl clear`",
         because.message
     );
     Reason { message, ..because }
 }
 
 fn held(hold: Hold) -> Reason {
-    let next = "`panelprep ctl unhold` goes on";
+    let next = "`panelprep ctl unhold` continues";
     match hold.why {
-        Why::Asked => Reason::new("asked", format!("held: a person asked; {next}")),
+        Why::Asked => Reason::new("asked", format!("held: a person requested it; {next}")),
         Why::Review if hold.is_of_contact() => Reason::new(
             "review",
             "held for review of what the tool did: read the finding, then `panelprep ctl accept`, or `panelprep ctl stop`",
@@ -279,7 +284,7 @@ fn held(hold: Hold) -> Reason {
             "held: the recipe judges sanded places by a new dry picture; dry the panel, then `panelprep ctl unhold --dried` takes it",
         ),
         Why::TokenOver => {
-            Reason::new("token_over", format!("held: the localization grew too old in contact; {next}"))
+            Reason::new("token_over", format!("held: the localization became too old in contact; {next}"))
         }
         Why::Trouble(what) => {
             let mended = trouble(what);
@@ -327,7 +332,10 @@ mod tests {
         let state = State { at: At::Aborted { cause: Cause::Interrupted }, ..State::NEW };
         let [reason] = &why(&state)[..] else { panic!("{:?}", why(&state)) };
         assert_eq!(reason.code, "interrupted");
-        assert!(reason.message.contains("while a motion was open") && reason.message.contains("ctl clear"));
+        assert!(
+            reason.message.contains("before a motion was reported as finished")
+                && reason.message.contains("ctl clear")
+        );
         assert_eq!(why(&State { at: At::Idle, ..State::NEW }), []);
     }
 

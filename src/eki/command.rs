@@ -159,7 +159,7 @@ pub enum Request {
 #[serde(rename_all = "snake_case")]
 pub enum CommandError {
     /// Not a number, too small or too large.
-    #[error("{function}: {field} is {found}, allowed is {low} to {high}")]
+    #[error("{function}: {field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// The function of Table 3.1.
         #[serde(deserialize_with = "word")]
@@ -184,7 +184,7 @@ pub enum CommandError {
         number: u16,
     },
     /// Requested on the wrong channel.
-    #[error("get_current_state is asked on the state channel, it has no place in the ring")]
+    #[error("get_current_state is requested on the state channel; it has no place in the ring")]
     NotACommand,
 }
 

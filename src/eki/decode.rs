@@ -18,7 +18,7 @@ pub enum DecodeError {
         problem: String,
     },
     /// What no controller sends: text, comments, instructions, entities.
-    #[error("{what} inside <{element}>, where only elements may stand")]
+    #[error("{what} inside <{element}>, which may contain only elements")]
     Foreign {
         /// What it is.
         #[serde(deserialize_with = "word")]
@@ -47,7 +47,7 @@ pub enum DecodeError {
         element: String,
     },
     /// An element twice.
-    #[error("the element {element} stands twice")]
+    #[error("the element {element} appears twice")]
     RepeatedElement {
         /// Its path.
         element: String,
@@ -59,7 +59,7 @@ pub enum DecodeError {
         field: String,
     },
     /// An attribute twice.
-    #[error("{field} stands twice")]
+    #[error("{field} appears twice")]
     Repeated {
         /// Its path.
         #[serde(deserialize_with = "word")]
@@ -92,7 +92,7 @@ pub enum DecodeError {
         needed: Word,
     },
     /// A number that no controller can mean.
-    #[error("{field} is {found}, allowed is {low} to {high}")]
+    #[error("{field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// Its path.
         #[serde(deserialize_with = "word")]

@@ -25,7 +25,7 @@ const MAX_DEPTH: usize = 8;
 #[serde(rename_all = "snake_case")]
 pub enum FrameError {
     /// Text or rubbish between documents.
-    #[error("byte {at}: {byte:#04x} stands between documents, where only < may")]
+    #[error("byte {at}: {byte:#04x} between documents, only < is valid there")]
     Stray {
         /// The position.
         at: u64,

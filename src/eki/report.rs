@@ -142,7 +142,7 @@ pub enum StopCause {
     #[error("the controller's program has stopped by itself")]
     ByProgram,
     /// The link's reports are not fetched: the program that should look after the robot has stalled.
-    #[error("the program that looks after the robot has not asked for news for too long")]
+    #[error("the program that supervises the robot has not fetched reports for too long")]
     Unattended,
 }
 
@@ -151,7 +151,10 @@ pub enum StopCause {
 #[serde(rename_all = "snake_case")]
 pub enum EchoMismatch {
     /// The controller does not know that it was set.
-    #[error("the {frame} set by command {id} was executed, but the controller says that none is set in this epoch")]
+    #[error(
+        "the {frame} set by command {id} was executed, but the controller reports that none is set in this \
+             epoch"
+    )]
     NotSet {
         /// Base or tool.
         #[serde(deserialize_with = "word")]
@@ -161,7 +164,8 @@ pub enum EchoMismatch {
     },
     /// Another frame is active.
     #[error(
-        "the {frame} set by command {id} is {sent}, the controller has {found}: {} mm and {}° apart, allowed is 0.001 of each",
+        "the {frame} set by command {id} is {sent}, the controller has {found}: {} mm and {}° apart (limit 0.001 \
+         of each)",
         apart(*distance_mm, 0.001, 4)[0], apart(*turn_deg, 0.001, 5)[0]
     )]
     Differs {
@@ -204,7 +208,7 @@ pub enum SequenceError {
         last: u32,
     },
     /// Received or executed what was not sent, or less than before.
-    #[error("the controller says that command {found} was {what}; {first} to {last} may be")]
+    #[error("the controller reports that command {found} was {what}; valid: {first} to {last}")]
     Command {
         /// Received or executed.
         #[serde(deserialize_with = "word")]
@@ -232,8 +236,8 @@ pub enum SequenceError {
 pub enum LinkLoss {
     /// Nothing listens.
     #[error(
-        "{address} refuses the {channel}: the controller is there, but its EthernetKRL server is not; is the program \
-         running, and the port the one in its file?"
+        "{address} refuses the {channel}: the controller answers, but its EthernetKRL server does not; is the \
+         program running, and is the port the one in its file?"
     )]
     Refused {
         /// Which connection.
@@ -275,8 +279,8 @@ pub enum LinkLoss {
     },
     /// An epoch that no controller can have reached from the one that was known.
     #[error(
-        "the {channel} tells of epoch {found}; known was {known}, and a controller never goes back, nor on by more than \
-         {step}: such a message is not believed"
+        "the {channel} reports epoch {found}, but the last known one is {known}; a controller never counts back, \
+         nor forward by more than {step}: such a message is rejected"
     )]
     EpochJump {
         /// Which connection.
@@ -309,8 +313,8 @@ pub enum LinkLoss {
     },
     /// Commands of several epochs were not acknowledged, though states come: what is wrong with the channel may end with it.
     #[error(
-        "the controller has acknowledged no command in {epochs} epochs, one after the other, though it tells its state: the \
-         connections are made anew"
+        "the controller has acknowledged no command in {epochs} consecutive epochs, although it reports its state: \
+         the connections are opened again"
     )]
     NotAcknowledged {
         /// In how many.
@@ -329,8 +333,9 @@ pub enum LinkLoss {
     },
     /// Closed before a word: the channel has another client.
     #[error(
-        "the controller closed the {channel} before it said anything: another client has it (another PC, or a program that hangs) and a \
-         second one is refused, the one before is not yet let go, or its XML files are of another version (`panelprep check`)"
+        "the controller closed the {channel} before it sent anything: another client has it (another PC, or a \
+         program that hangs) and a second one is refused; or the previous one is not yet released; or its XML \
+         files are of another version (`panelprep check`)"
     )]
     Occupied {
         /// Which connection.
@@ -357,7 +362,7 @@ pub enum LinkLoss {
         problem: String,
     },
     /// Bytes that are no documents.
-    #[error("the {channel} carries what no controller sends: {error}")]
+    #[error("the {channel} carries data that no controller sends: {error}")]
     Frame {
         /// Which connection.
         channel: Channel,

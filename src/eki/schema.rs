@@ -49,7 +49,7 @@ pub enum SchemaError {
         found: Kind,
     },
     /// A tag twice.
-    #[error("line {line}: the tag {tag} stands twice")]
+    #[error("line {line}: the tag {tag} appears twice")]
     Twice {
         /// Line in the file, from 1.
         line: usize,

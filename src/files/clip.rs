@@ -27,7 +27,7 @@ pub struct Clip {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ClipError {
     /// Another header.
-    #[error("line 1: found the header '{found}', allowed is file,time_s,phase or file,time_s")]
+    #[error("line 1: found the header '{found}'; valid: file,time_s,phase or file,time_s")]
     Header {
         /// The header found.
         found: String,
@@ -41,10 +41,10 @@ pub enum ClipError {
         problem: LineProblem,
     },
     /// No pictures.
-    #[error("the clip is empty: the header is there, no picture follows")]
+    #[error("the clip is empty: no picture follows the header")]
     Empty,
     /// Nothing to inspect.
-    #[error("none of the clip's {shots} pictures is wet; the test looks at wet ones")]
+    #[error("none of the clip's {shots} pictures is wet; the test needs wet ones")]
     NoneWet {
         /// Pictures in the clip.
         shots: usize,
@@ -58,7 +58,7 @@ pub enum LineProblem {
     #[error("{0}")]
     Syntax(String),
     /// A picture outside of the clip's folder.
-    #[error("the file is '{0}', allowed is a name in the clip's folder, without / \\ or ..")]
+    #[error("the file is '{0}'; valid: a name in the clip's folder, without / \\ or ..")]
     File(String),
     /// A picture twice.
     #[error("the file '{file}' is in line {first} already")]
@@ -69,13 +69,13 @@ pub enum LineProblem {
         first: u64,
     },
     /// A time that is no number.
-    #[error("time_s is '{0}', allowed is a finite number of seconds")]
+    #[error("time_s is '{0}'; valid: a finite number of seconds")]
     Time(String),
     /// A time that does not increase.
     #[error("time_s is {0}, which is not after {1} of the picture before")]
     NotLater(String, String),
     /// A phase that is no phase.
-    #[error("the phase is '{0}', allowed is dry, spray or wet")]
+    #[error("the phase is '{0}'; valid: dry, spray or wet")]
     Phase(String),
 }
 
@@ -140,7 +140,7 @@ fn syntax(error: &csv::Error) -> ClipError {
     let line = error.position().map_or(0, csv::Position::line);
     let problem = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            format!("found {len} values, allowed are {expected_len}, one for each column")
+            format!("found {len} values, expected {expected_len}, one for each column")
         }
         _ => error.to_string(),
     };
@@ -220,22 +220,19 @@ mod tests {
         let cases = [
             (
                 GOOD.replace("time_s", "time_ms"),
-                "line 1: found the header 'file,time_ms,phase', allowed is file,time_s",
+                "line 1: found the header 'file,time_ms,phase'; valid: file,time_s",
             ),
             (String::new(), "line 1: found the header ''"),
             ("file,time_s,phase\n".to_owned(), "the clip is empty"),
-            (GOOD.replace("spray", "moist"), "line 3: the phase is 'moist', allowed is dry, spray or wet"),
+            (GOOD.replace("spray", "moist"), "line 3: the phase is 'moist'; valid: dry, spray or wet"),
             (GOOD.replace("wet", "dry"), "none of the clip's 4 pictures is wet"),
-            (GOOD.replace("0.2", "NaN"), "line 4: time_s is 'NaN', allowed is a finite number"),
+            (GOOD.replace("0.2", "NaN"), "line 4: time_s is 'NaN'; valid: a finite number"),
             (GOOD.replace("0.2", "inf"), "line 4: time_s is 'inf'"),
-            (GOOD.replace("0.2", "0,2"), "line 4: found 4 values, allowed are 3"),
+            (GOOD.replace("0.2", "0,2"), "line 4: found 4 values, expected 3"),
             (GOOD.replace("0.2", ""), "line 4: time_s is ''"),
             (GOOD.replace("0.4", "0.2"), "line 5: time_s is 0.2, which is not after 0.2"),
             (GOOD.replace("003", "001"), "line 5: the file '001.png' is in line 3 already"),
-            (
-                GOOD.replace("003", "../003"),
-                "line 5: the file is '../003.png', allowed is a name in the clip's folder",
-            ),
+            (GOOD.replace("003", "../003"), "line 5: the file is '../003.png'; valid: a name in the clip's folder"),
             (GOOD.replace("003", "/003"), "line 5: the file is '/003.png'"),
             (GOOD.replace("003", "C:\\003"), "line 5: the file is"),
             (GOOD.replace("003.png", ".."), "line 5: the file is '..'"),

@@ -34,7 +34,7 @@ pub enum CloudFileError {
         problem: String,
     },
     /// A field that is needed is absent or of another type.
-    #[error("field {name}: found {found}, allowed is {allowed}")]
+    #[error("field {name}: found {found}; valid: {allowed}")]
     Field {
         /// The field, as the file's form names it.
         name: &'static str,
@@ -60,8 +60,8 @@ pub enum CloudFileError {
     },
     /// More data than any camera delivers.
     #[error(
-        "the header asks for {points} points of {point_bytes} bytes; allowed are {limit_point_bytes} bytes a point and \
-         {limit_bytes} bytes in all; export the cloud with positions and colours alone"
+        "the header states {points} points of {point_bytes} bytes (limits {limit_point_bytes} bytes a point, \
+         {limit_bytes} bytes in all); export the cloud with positions and colours alone"
     )]
     TooLarge {
         /// Points counted.
@@ -117,12 +117,12 @@ pub enum CloudFileError {
     },
     /// A list of points that does not state the width of its picture.
     #[error(
-        "the file does not say how wide and high its picture is, and no calibration says it: write the lines 'comment width W' \
-         and 'comment height H' into its header, or name a cell whose [calibration] has this scanner"
+        "neither the file nor a calibration states how wide and high its picture is: write the lines 'comment \
+         width W' and 'comment height H' into its header, or name a cell whose [calibration] has this scanner"
     )]
     NoSize,
     /// The cloud is not from the calibrated camera.
-    #[error("the cloud is {width}×{height}, the camera's calibration says {width_px}×{height_px}")]
+    #[error("the cloud is {width}×{height}, the camera's calibration is for {width_px}×{height_px}")]
     Size {
         /// Columns found.
         width: usize,
@@ -165,7 +165,8 @@ pub enum CloudFileError {
     },
     /// The points are in another order than the pixels.
     #[error(
-        "the points lie on this camera's rays where {order}: export the cloud as the camera took it, row by row from the top left"
+        "the points are in another order than this camera's pixels, {order}: export the cloud as the camera took \
+         it, row by row from the top left"
     )]
     OtherOrder {
         /// What is changed.
@@ -173,9 +174,9 @@ pub enum CloudFileError {
     },
     /// The points are those of another lens.
     #[error(
-        "half of the points lie {off_px} px and more from where this lens sees them: they lie on the rays of another lens, {own}, the \
-         calibration says {stated}; name the file of the camera that took this scan, or read its lens from the scan: panelprep calibrate \
-         intrinsics --from-scan"
+        "half of the points lie {off_px} px or more from where this lens sees them: they lie on the rays of \
+         another lens, {own}, the calibration states {stated}; name the file of the camera that took this scan, or \
+         read its lens from the scan: panelprep calibrate intrinsics --from-scan"
     )]
     OtherLens {
         /// How far off the points are.
@@ -187,8 +188,9 @@ pub enum CloudFileError {
     },
     /// The points are not in a camera's frame.
     #[error(
-        "half of the points lie {off_px} px and more from their pixels, and no lens takes them there: the cloud is in another frame (the \
-         robot's base?) or was smoothed or moved; export it in the camera's own frame, as it was taken"
+        "half of the points lie {off_px} px or more from their pixels, and no lens explains that: the cloud is in \
+         another frame (the robot's base?) or was smoothed or moved; export it in the camera's own frame, as it \
+         was taken"
     )]
     OtherFrame {
         /// How far off the points are.
@@ -196,8 +198,8 @@ pub enum CloudFileError {
     },
     /// Points that do not lie on the rays of their pixels, although the others do.
     #[error(
-        "{points} points do not lie where their pixels look, as all others do; the first is that of pixel ({column}, {row}): the file was \
-         changed after the camera took it; export or copy it once more"
+        "{points} points do not lie on the rays of their pixels, as all others do; the first is that of pixel \
+         ({column}, {row}): the file was changed after the camera took it; export or copy it once more"
     )]
     OffRays {
         /// How many.

@@ -45,7 +45,7 @@ pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
         );
     }
     if is_numbers(text) {
-        return other("a list of points (.xyz, .csv) that does not say which pixel each belongs to", ORDERED);
+        return other("a list of points (.xyz, .csv) that does not state the pixel of each point", ORDERED);
     }
     Ok(())
 }

@@ -219,7 +219,7 @@ fn check_compressed(bytes: &[u8], start: usize, unpacked_needed: usize) -> Resul
     let unpacked = u32::from_le_bytes([u0, u1, u2, u3]) as usize;
     check_length(bytes, start + 8, packed)?;
     let problem = if unpacked != unpacked_needed {
-        format!("it says {unpacked} bytes, the points need {unpacked_needed}")
+        format!("it states {unpacked} bytes, the points need {unpacked_needed}")
     } else if unpacked > packed.saturating_mul(MAX_LZF_RATIO) {
         format!("{packed} bytes cannot hold {unpacked}")
     } else {
@@ -246,7 +246,7 @@ fn point_error(error: &pcd_rs::Error, first_line: usize, index: usize, points: u
             return CloudFileError::TooFewLines { needed: points, found: index };
         }
         pcd_rs::Error::TextTokenMismatchError { expect, found } => {
-            format!("found {found} numbers, allowed are {expect}, one for each of FIELDS")
+            format!("found {found} numbers, expected {expect}, one for each of FIELDS")
         }
         pcd_rs::Error::InvalidArgumentError { desc } => desc.clone(),
         other => other.to_string(),
@@ -335,9 +335,9 @@ fn number_bits(word: &str, kind: ValueKind, name: &str) -> pcd_rs::Result<u32> {
     };
     number.ok_or_else(|| pcd_rs::Error::InvalidArgumentError {
         desc: match (kind, is_color(name)) {
-            (ValueKind::U32, _) => format!("{name} is '{word}', allowed is a whole number from 0 to 4294967295"),
+            (ValueKind::U32, _) => format!("{name} is '{word}'; valid: a whole number from 0 to 4294967295"),
             (_, true) => format!("{name} is '{word}', which is no packed float; write {name} with TYPE U"),
-            (_, false) => format!("{name} is '{word}', allowed is a number or nan"),
+            (_, false) => format!("{name} is '{word}'; valid: a number or nan"),
         },
     })
 }

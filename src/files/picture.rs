@@ -32,7 +32,7 @@ const MOST_DECODER_BYTES: u64 = 128 << 20;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
     /// Another kind of file.
-    #[error("this is no picture that can be read: {found}; allowed are PNG, JPEG and TIFF")]
+    #[error("this is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
     Format {
         /// What the first bytes look like.
         found: String,
@@ -49,9 +49,9 @@ pub enum PictureError {
     },
     /// Damage could not be found, and a measurement depends on it.
     #[error(
-        "this is a {format} picture, and the place of something is measured in it: a {format} file has no checksum, so \
-         damaged pixels would move what is measured without a word; take the picture again and let the camera's \
-         program save it as PNG (a JPEG that is converted keeps what JPEG has lost)"
+        "this is a {format} picture, and positions are measured in it: a {format} file has no checksum, so damaged \
+         pixels would shift the measurement unnoticed; take the picture again and let the camera's program save it \
+         as PNG (a converted JPEG does not regain what JPEG has lost)"
     )]
     Unchecked {
         /// JPEG or TIFF.
@@ -70,13 +70,13 @@ pub enum PictureError {
         allowed: u64,
     },
     /// Channels that cannot be taken over as they are.
-    #[error("the pixels are {found}; allowed are 8 bits a channel, grey or RGB, opaque")]
+    #[error("the pixels are {found}; valid: 8 bits a channel, grey or RGB, opaque")]
     Pixels {
         /// What the picture holds.
         found: String,
     },
     /// The picture is not from the calibrated camera.
-    #[error("the picture is {width}×{height}, the camera's calibration says {width_px}×{height_px}")]
+    #[error("the picture is {width}×{height}, the camera's calibration is for {width_px}×{height_px}")]
     Size {
         /// Columns found.
         width: usize,

@@ -129,7 +129,7 @@ fn read_text(
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         if words.len() != header.properties.len() {
             let (found, allowed) = (words.len(), header.properties.len());
-            return Err(refuse(format!("found {found} numbers, allowed are {allowed}, one for each property")));
+            return Err(refuse(format!("found {found} numbers, expected {allowed}, one for each property")));
         }
         let (mut point, mut color) = ([f32::NAN; 3], [0; 3]);
         for (index, (place, name)) in places.iter().zip(NAMES).enumerate() {
@@ -138,12 +138,12 @@ fn read_text(
                 0..3 => {
                     let number = word.parse();
                     point[index] =
-                        number.map_err(|_| refuse(format!("{name} is '{word}', allowed is a number or nan")))?;
+                        number.map_err(|_| refuse(format!("{name} is '{word}'; valid: a number or nan")))?;
                 }
                 _ => {
                     let number = word.parse();
                     color[index - 3] =
-                        number.map_err(|_| refuse(format!("{name} is '{word}', allowed is 0 to 255")))?;
+                        number.map_err(|_| refuse(format!("{name} is '{word}'; valid: 0 to 255")))?;
                 }
             }
         }

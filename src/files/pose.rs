@@ -10,9 +10,7 @@ use serde::Deserialize;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PoseError {
     /// No pose there.
-    #[error(
-        "{problem}; allowed is {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}"
-    )]
+    #[error("{problem}; valid: {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}")]
     Text {
         /// The key that may contain a pose.
         key: &'static str,
@@ -20,7 +18,7 @@ pub enum PoseError {
         problem: String,
     },
     /// The command that printed this found no pose.
-    #[error("{key} is null: what printed this file found no pose")]
+    #[error("{key} is null: the command that printed this file found no pose")]
     NotFound {
         /// The key.
         key: &'static str,

@@ -81,7 +81,7 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
         median_off_px(&changed, camera).is_some_and(|off_px| off_px <= allowed)
     };
     let order = if fits(&|pixel| Pixel::at(pixel.u, last_v - pixel.v)) {
-        Some("the rows stand upside down")
+        Some("the rows are upside down")
     } else if fits(&|pixel| Pixel::at(last_u - pixel.u, pixel.v)) {
         Some("the columns are mirrored")
     } else if fits(&|pixel| Pixel::at(last_u - pixel.u, last_v - pixel.v)) {

@@ -1,4 +1,4 @@
-//! The weight of what hangs on the tool, by the tool's attitude.
+//! The weight of the parts on the tool, by the tool's attitude.
 //!
 //! ```text
 //! F_contact = F_actuator + m g (a · d)                                                       (1)
@@ -6,9 +6,10 @@
 //! F_actuator = F_reading − zero                                                              (3)
 //! ```
 //!
-//! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's base, both of
-//! length 1: the base must stand level. Pointing down (`a · d` = 1) the weight presses too; pointing up it takes from the force. The
-//! tool is told a payload of 0 kg, so that nothing is compensated twice.
+//! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's
+//! base, both of length 1: the base must be level. If the tool points down (`a · d` = 1), the weight adds to the
+//! force; if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that
+//! nothing is compensated twice.
 
 use crate::cell::CompliantTool;
 use crate::geometry::{Base, Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector};

@@ -1,7 +1,8 @@
-//! The compliant tool without sockets: its telegrams, its session, its set-points, and what is expected of its readings.
+//! The compliant tool without sockets: its telegrams, its session, its set-points, and the expected values of its
+//! readings.
 //!
-//! A compliant tool presses the disc onto the panel with a force of its own, whatever the arm's distance, as far as its
-//! stroke reaches. The arm's tool centre point is calibrated at half the stroke. The arm moves along the plan as with any
+//! A compliant tool presses the disc onto the panel with a force of its own, at any distance of the arm within its
+//! stroke. The arm's tool centre point is calibrated at half the stroke. The arm moves along the plan as with any
 //! other tool; no force is controlled through the arm.
 //!
 //! ```text
@@ -10,10 +11,10 @@
 //!             └─ middle two thirds: in contact the tool is here ─┘
 //! ```
 //!
-//! Forces are contact forces, N, positive where the disc presses onto the panel, unless they are said to be the actuator's;
-//! `gravity` has the formula between them. Read in this order: `telegram` · `session` · `press` (what the tool is told) ·
-//! `gravity` · `aims` (which force at which waypoint) · `watch` (readings against what is expected) · `stroke` (the gate before
-//! the motion). Payload and zero are calibrated in `calib::force`.
+//! Forces are contact forces, N, positive if the disc presses onto the panel, unless they are stated to be the
+//! actuator's; `gravity` has the formula between them. Read in this order: `telegram` · `session` · `press` (the
+//! set-points of the tool) · `gravity` · `aims` (which force at which waypoint) · `watch` (readings against
+//! expected values) · `stroke` (the gate before the motion). Payload and zero are calibrated in `calib::force`.
 
 mod aims;
 mod gravity;

@@ -56,7 +56,7 @@ pub enum Loss {
         ms: u64,
     },
     /// Its answer is not a reply.
-    #[error("what it said is no reply: {problem}")]
+    #[error("its answer is not a reply: {problem}")]
     Garbage {
         /// Why.
         problem: String,
@@ -68,7 +68,7 @@ pub enum Loss {
         problem: String,
     },
     /// It sent data without a request.
-    #[error("it spoke without having been asked")]
+    #[error("it sent data without a request")]
     Unasked,
 }
 

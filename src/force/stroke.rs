@@ -1,14 +1,15 @@
-//! The gate before a contact motion: whether the tool's stroke takes up all that is not known of the way.
+//! The gate before a contact motion: whether the tool's stroke accommodates all errors of the path.
 //!
-//! The tool centre point is calibrated at half the stroke s. On the panel the tool is then out by
+//! The tool centre point is calibrated at half the stroke s. On the panel the tool is then extended by
 //!
 //! ```text
 //! s/2 − press_in ± e,     e = e_tool + e_surface + e_chord                                        (1)
 //! ```
 //!
-//! with e_tool the error at the tool, 95 %, e_surface the distance of the fitted surface from the scan, 95 %, and e_chord how
-//! far a straight line between two waypoints may lie off the surface. All of (1) must be within the middle two thirds of the
-//! stroke. The errors are added, not squared: one that is always the same would not average out along a path.
+//! with e_tool the error at the tool, 95 %, e_surface the distance of the fitted surface from the scan, 95 %, and
+//! e_chord the largest distance of a straight line between two waypoints from the surface. All of (1) must be
+//! within the middle two thirds of the stroke. The errors are added, not squared: a systematic error would not
+//! average out along a path.
 
 use crate::verdict::{Check, SetBy, Severity};
 use crate::words::{apart, fixed};

@@ -1,4 +1,5 @@
-//! Telegrams of the FerRobotics ACF over TCP: text in ASCII, fields separated by blanks, each ended by the letter k.
+//! Telegrams of the FerRobotics ACF over TCP: text in ASCII, fields separated by blanks, each ended by the letter
+//! k.
 //!
 //! ```text
 //! log-in   WORDk                                    echoed as it is
@@ -6,10 +7,10 @@
 //! reply    id force position contact errork         whole number, N, mm, 0 or 1, eight bits as a number
 //! ```
 //!
-//! `force` of a command is what the actuator presses with once there is contact, `f_zero` what it presses with before,
-//! `t_ramp` the time from one to the other when contact begins. The tool answers each command once and says nothing unasked.
-//! Facts from the public driver `sam-xl/ferrobotics_acf` (its log-in word is `ferba`, its id 1040, its port 7070); the order of the
-//! bits is that of its table. A reply that is anything else is refused whole.
+//! `force` of a command is the actuator's force once there is contact, `f_zero` its force before contact, `t_ramp`
+//! the time from one to the other when contact begins. The tool answers each command once and sends nothing
+//! unrequested. Facts from the public driver `sam-xl/ferrobotics_acf` (its log-in word is `ferba`, its id 1040, its
+//! port 7070); the order of the bits is that of its table. A reply in any other form is refused as a whole.
 //!
 //! Pure functions: bytes in, values out, and the other way round.
 
@@ -84,9 +85,9 @@ const MEANINGS: [&str; 8] = [
     "its valve has an error",
     "its sensor has an error",
     "its head and its controller do not fit each other",
-    "the force that it was told cannot be reached",
+    "its commanded force cannot be reached",
     "the force before contact was set to 0",
-    "a value that it was told is out of range",
+    "a commanded value is out of range",
     "its head does not answer its controller",
     "its head's parameters were not read whole",
 ];
@@ -131,7 +132,7 @@ pub enum TelegramError {
         found: String,
     },
     /// The reply of another tool.
-    #[error("id {found} answered, and id {expected} was asked")]
+    #[error("id {found} answered, but the request was for id {expected}")]
     OtherId {
         /// The one that answered.
         found: u32,
@@ -199,14 +200,14 @@ mod tests {
         let read = Reading { force_n: 19.7, position_mm: 17.25, contact: true, errors: ErrorBits(0) };
         assert_eq!(parse_reply(b"1040 19.7 17.25 1 0", 1040), Ok(read));
         let errors = parse_reply(b"1040 -3 0.0 0 9", 1040).expect("a reply").errors;
-        assert_eq!(errors.words(), "its valve has an error, the force that it was told cannot be reached");
+        assert_eq!(errors.words(), "its valve has an error, its commanded force cannot be reached");
     }
 
     #[test]
     fn what_is_no_reply_is_refused_with_what_it_is() {
         let says = |bytes: &[u8]| parse_reply(bytes, 7).expect_err("refused").to_string();
         assert_eq!(says(b"7 1.0 2.0 1"), "4 fields, a reply has five: id, force, position, contact, error");
-        assert_eq!(says(b"8 1.0 2.0 1 0"), "id 8 answered, and id 7 was asked");
+        assert_eq!(says(b"8 1.0 2.0 1 0"), "id 8 answered, but the request was for id 7");
         for (bytes, field) in [
             (&b"7 nan 2 1 0"[..], "force"),
             (b"7 inf 2 1 0", "force"),

@@ -1,7 +1,7 @@
 //! Compares the readings with their expected values while the arm is on a contact path.
 //!
 //! Each deviation counts from the reading that first shows it, and is reported once it has lasted longer than the
-//! limit of the cell's file; a tool that does not go back has a limit of its own, `GOES_BACK`. Deviations are: a force out of its band around the set-point; no contact where the tool
+//! limit of the cell's file; a tool that does not go back has a limit of its own, `GOES_BACK`. Deviations are: a force out of its band around the set-point; no contact although the tool
 //! presses; a position outside of the middle two thirds of the stroke; a tool that does not go back. Error bits and
 //! a lost link count at once. While the set-point ramps, the band includes its values of the last moment, by which
 //! the tool may follow later.
@@ -85,8 +85,8 @@ impl Watch {
         if no_contact {
             let ms = limits.contact_within.as_millis();
             let words = format!(
-                "the compliant tool has told no contact for {ms} ms where it presses; is the panel where it was found, and does the tool \
-                 move freely over its stroke?"
+                "the compliant tool has reported no contact for {ms} ms while it presses; is the panel where it \
+                 was found, and does the tool move freely over its stroke?"
             );
             return Some(Reason::new("no_contact", words));
         }
@@ -116,7 +116,7 @@ pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
         return Some(of_errors(reading));
     }
     if reading.contact {
-        let words = "the compliant tool tells contact in the air; look what it touches, and at its own settings";
+        let words = "the compliant tool reports contact in the air; check what it touches, and its own settings";
         return Some(Reason::new("contact_in_air", words));
     }
     not_back(reading, stroke_mm)
@@ -124,7 +124,7 @@ pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
 
 fn of_errors(reading: &Reading) -> Reason {
     let words = format!(
-        "the compliant tool says: {}; look at its controller, its air and its cable",
+        "the compliant tool reports: {}; check its controller, its air and its cable",
         reading.errors.words()
     );
     Reason::new("tool_errors", words)
@@ -133,8 +133,8 @@ fn of_errors(reading: &Reading) -> Reason {
 fn of_force(contact_n: f64, expected: Expected, limits: &WatchLimits) -> Reason {
     let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
     let words = format!(
-        "the compliant tool pressed with {} N for {} ms, allowed are {} to {} N; look at its air pressure and for what hinders it, and \
-         measure its zero: `panelprep calibrate force`",
+        "the compliant tool pressed with {} N for {} ms, the limits are {} to {} N; check its air pressure and \
+         what hinders it, and measure its zero: `panelprep calibrate force`",
         fixed(contact_n, 1),
         limits.band_within.as_millis(),
         fixed(low_n, 1),
@@ -147,7 +147,8 @@ fn not_back(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
     let allowed_mm = BACK_SHARE * stroke_mm;
     let words = || {
         format!(
-            "the compliant tool is held back and is still {} mm out, allowed are {} mm; does it move freely, and has it air?",
+            "the compliant tool is held back and is still {} mm out (limit {} mm); does it move freely, and does \
+             it have air?",
             fixed(reading.position_mm, 1),
             fixed(allowed_mm, 1)
         )

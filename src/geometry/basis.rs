@@ -22,7 +22,7 @@ pub type Local = [f64; MAX_DEGREE + 1];
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KnotError {
     /// The degree is not served.
-    #[error("degree {found}, allowed is 1 to {MAX_DEGREE}")]
+    #[error("degree {found}, the limits are 1 to {MAX_DEGREE}")]
     Degree {
         /// The requested degree.
         found: usize,

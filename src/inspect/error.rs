@@ -22,7 +22,9 @@ pub enum InspectError {
         height: usize,
     },
     /// Not one point of the region projects into the picture.
-    #[error("the region lies outside of the picture where the panel stands now; is the pose this clip's?")]
+    #[error(
+        "the region lies outside of the picture at the panel's present pose; does the pose belong to this clip?"
+    )]
     RegionNotInPicture,
     /// Pictures out of order.
     #[error("a picture at {time_s} s follows one at {previous_s} s; times must increase")]
@@ -45,7 +47,7 @@ pub enum InspectError {
         previous: Phase,
     },
     /// A film too long.
-    #[error("the clip has more than {most} wet pictures; take fewer a second")]
+    #[error("the clip has more than {most} wet pictures; take fewer per second")]
     TooManyPictures {
         /// How many it may have.
         most: usize,

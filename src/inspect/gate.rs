@@ -86,19 +86,21 @@ impl Film<'_> {
         let demands = self.demands;
         let allowed_gap_s = demands.max_gap_s();
         vec![
-            Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry)))
-                .at_least(1.0, SetBy::Program)
-                .rejects("no_dry_picture", || {
-                    "there is no picture of the dry panel; without one a place that never became wet cannot be told \
-                     from one that holds its film: take one before the spray and repeat the test"
+            Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry))).at_least(1.0, SetBy::Program).rejects(
+                "no_dry_picture",
+                || {
+                    "there is no picture of the dry panel; without one a place that never became wet looks like \
+                     one that holds its film: take one before the spray and repeat the test"
                         .to_owned()
-                }),
+                },
+            ),
             Check::new(name::WATCHED, "s", observed_s)
                 .at_least(demands.min_observed_s(), demands.window_set_by())
                 .rejects("too_short", || {
                     let [observed, window] = apart(observed_s, demands.observation_s, 1);
                     format!(
-                        "the film was watched for {observed} s; the recipe's observation_s asks for {window} s: repeat the test"
+                        "the film was watched for {observed} s, at least {window} s are needed (the recipe's \
+                         observation_s): repeat the test"
                     )
                 }),
             Check::new("wet pictures", "", frames as f64),
@@ -106,12 +108,13 @@ impl Film<'_> {
                 .at_most(allowed_gap_s, SetBy::recipe("process.frames_per_second"))
                 .rejects("gap", || {
                     let [gap, allowed] = apart(longest_gap_s, allowed_gap_s, 2);
-                    format!("two wet pictures lie {gap} s apart; allowed are {allowed} s: repeat the test")
+                    format!("two wet pictures are {gap} s apart (limit {allowed} s): repeat the test")
                 }),
         ]
     }
 
-    /// Is the panel at the place where the grids are looked for, and are the pixels fine enough?
+    /// Checks whether the panel is at the place where the grids are looked for, and whether the pixels are fine
+    /// enough.
     fn place(&self) -> Vec<Check> {
         let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
         let off_px = self.observation.quality.off_px;
@@ -159,8 +162,8 @@ impl Film<'_> {
                 .rejects("focus", || {
                     let [sharpness, needed] = apart(sharpness.unwrap_or(f64::NAN), MIN_FIRST_SHARPNESS, 2);
                     format!(
-                        "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first picture; \
-                         needed are {needed}: focus the camera and repeat the test"
+                        "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first \
+                         picture, at least {needed} are needed: focus the camera and repeat the test"
                     )
                 }),
             Check::new("pictures that could be judged by", "", quality.usable as f64),
@@ -183,8 +186,8 @@ impl Film<'_> {
         let what = shown(flaw, flawed.worst, self.observation, self.settings);
         let [unseen, allowed] = apart(quality.longest_unseen_s, allowed_s, 1);
         format!(
-            "{} of {frames} wet pictures cannot be judged by, {unseen} s of them without one that can (allowed {allowed} s); in \
-             {} of them {what}: repeat the test",
+            "{} of {frames} wet pictures cannot be used, the longest time without a usable one is {unseen} s \
+             (limit {allowed} s); in {} of them {what}: repeat the test",
             frames - quality.usable,
             flawed.pictures
         )
@@ -201,16 +204,16 @@ impl Film<'_> {
                 .broken(is_dry_somewhere, Severity::Reject, "never_wet", || {
                     let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
                     format!(
-                        "{found} % of the region was wet in no picture; allowed are {allowed} %: was the water on, does the \
-                         spray reach all of the panel? Repeat the test"
+                        "{found} % of the region was wet in no picture (limit {allowed} %): was the water on, does \
+                         the spray reach all of the panel? Repeat the test"
                     )
                 }),
             Check::new(name::WET_GRIDS, "", wet.len() as f64).at_most(0.0, SetBy::Program).rejects(
                 "wet_when_dry",
                 || {
                     format!(
-                        "the dry picture shows places on {} that were wet already, and the test says nothing of them: dry \
-                         the panel and repeat the test",
+                        "the dry picture shows places on {} that were already wet, so the test cannot judge them: \
+                         dry the panel and repeat the test",
                         wet.join(", ")
                     )
                 },
@@ -237,16 +240,17 @@ impl Film<'_> {
             let failed = when_s.map(|time_s| Check::new(name::failed_after(id), "s", time_s));
             std::iter::once(area).chain(failed)
         });
-        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64)
-            .at_most(0.0, SetBy::Program)
-            .rejects("no_contrast", || {
+        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64).at_most(0.0, SetBy::Program).rejects(
+            "no_contrast",
+            || {
                 format!(
-                    "on {} there are places where the film looks as the dry panel does in every channel, so that a break would \
-                     not show, or that water never wetted: move the lamp or the diffuser so that they mirror something darker or \
-                     brighter (`panelprep tune` shows which), and repeat the test",
+                    "on {} there are places where a break would not show, because the film looks like the dry \
+                     panel in every channel, or water never wetted them: move the lamp or the diffuser so that \
+                     they mirror something darker or brighter (`panelprep tune` shows which), and repeat the test",
                     faint.join(", ")
                 )
-            });
+            },
+        );
         let unseen =
             Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
                 "not_seen",
@@ -272,7 +276,8 @@ impl Film<'_> {
             .at_most(0.0, SetBy::recipe("inspect.masked_px"))
             .reviews("masked", || {
                 format!(
-                    "the recipe masks a part of {}, which therefore did not pass; look at it by eye while the film is watched",
+                    "the recipe masks a part of {}, which therefore did not pass; inspect it by eye while the film \
+                     is watched",
                     masked.join(", ")
                 )
             });

@@ -13,8 +13,8 @@
 //! of every place that was not sanded since. A place that never becomes wet, or dries under the spray, is a break
 //! at 0 s.
 //!
-//! Times are counted from the first fully wet picture, by the pictures' time stamps. This room does not locate the
-//! panel and draws nothing.
+//! Times are counted from the first fully wet picture, by the pictures' time stamps. This module does not locate
+//! the panel and draws nothing.
 
 mod advice;
 mod conclude;

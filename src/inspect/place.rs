@@ -21,24 +21,25 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
     })
 }
 
-/// Why the panel is not at the place where the grids are looked for.
+/// Returns why the panel is not at the place where the grids are looked for.
 pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
     let message = match off_px {
         Some(off_px) if off_px <= MAX_OFF_PX => return None,
         None if !assumed || !has_dry => return None,
-        None => "the panel is taken to stand in its nominal place, and the dry picture cannot confirm it, because the panel's \
-                 outline has too little contrast"
+        None => "the panel is assumed to be in its nominal place, and the dry picture cannot confirm it, because \
+                 the panel's outline has too little contrast"
             .to_owned(),
         Some(off_px) => {
-            let taken = if assumed { "its nominal place, where it is taken to stand" } else { "the place it was found" };
+            let taken =
+                if assumed { "its nominal place, where it is assumed to be" } else { "the place it was found" };
             let [off, allowed] = apart(off_px, MAX_OFF_PX, 1);
             format!(
-                "in the dry picture the panel's outline lies {off} px or more from {taken} (allowed {allowed} px), and \
-                 the wrong places would be judged"
+                "in the dry picture the panel's outline lies {off} px or more from {taken} (limit {allowed} px), \
+                 and the wrong places would be judged"
             )
         }
     };
     let remedy =
-        if assumed { "give --located with what `panelprep locate` printed" } else { "locate the panel again" };
+        if assumed { "give --located with the output of `panelprep locate`" } else { "locate the panel again" };
     Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
 }

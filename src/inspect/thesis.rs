@@ -2,8 +2,8 @@
 //!
 //!     sub = |reference − test|                                                  in each channel      (4.1)
 //!     g = α · sub + β, saturated to 0…255; then successive median blurs of g                          (4.2)
-//!     changed where max over the channels of g ≥ threshold
-//!     broken where changed, and H, S, V of the test picture are in the range of a dry pixel        (4.3–4.5)
+//!     changed if max over the channels of g ≥ threshold
+//!     broken if changed, and H, S, V of the test picture are in the range of a dry pixel           (4.3–4.5)
 //!
 //! The thesis leaves open how the three channels become one binary picture. Here the largest counts, each channel's
 //! difference by its weight, the heaviest being 1 (`channel_weights`). The reason: a film changes the panel most in

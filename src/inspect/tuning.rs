@@ -59,8 +59,8 @@ impl Tuning {
             .reviews("persist", || {
                 let [persist, longer] = apart(demands.persist_s, needed_s, 1);
                 format!(
-                    "places look dry for up to {} s and then wet again, and persist_s is {persist} s: needed are {longer} s, or \
-                     fewer reflections",
+                    "places look dry for up to {} s and then wet again, and persist_s is {persist} s: at least \
+                     {longer} s are needed, or fewer reflections",
                     fixed(self.flash_s, 1)
                 )
             });
@@ -94,8 +94,8 @@ fn light(advice: &Advice) -> [Check; 2] {
             .broken(darkest < MIN_EVENNESS, Severity::Review, "uneven", || {
                 let [darkest, needed] = apart(darkest, MIN_EVENNESS, 2);
                 format!(
-                    "the darkest twentieth of the region has {darkest} of its mean light, needed are {needed}: a diffuser, or \
-                     a lamp farther away"
+                    "the darkest twentieth of the region has {darkest} of its mean light, at least {needed} are \
+                     needed: use a diffuser, or a lamp farther away"
                 )
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
@@ -112,7 +112,8 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
         .reviews("contrast", || {
             let [found, needed] = apart(contrast_to_noise, MIN_CONTRAST_TO_NOISE, 1);
             format!(
-                "the film changes {what} by {found} times the noise, needed are {needed}: more light, or a longer exposure"
+                "the film changes {what} by {found} times the noise, at least {needed} times are needed: use more \
+                 light, or a longer exposure"
             )
         })
 }
@@ -130,8 +131,9 @@ fn faint(grids: &[GridContrast]) -> Option<Check> {
         let remedy = if mean_dry < DARK_LEVELS {
             "more light or a longer exposure"
         } else {
-            "there the film mirrors something that makes it as bright as the dry panel: move the lamp or the diffuser aside, so \
-             that the panel mirrors the dark there, or take a diffuser so large that it mirrors nothing else"
+            "there the film mirrors something that makes it as bright as the dry panel: move the lamp or the \
+             diffuser aside, so that the panel mirrors something dark there, or use a diffuser so large that it \
+             mirrors nothing else"
         };
         format!(
             "the film changes a part of {} by less than {MIN_CHANGE_TO_NOISE:.0} times the noise in every channel, and a break there \

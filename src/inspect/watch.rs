@@ -219,8 +219,8 @@ impl Watch {
         }
     }
 
-    /// Why the panel is not at the place where the grids are looked for, by the dry pictures so far; `None` if it
-    /// is there.
+    /// Returns why the panel is not at the place where the grids are looked for, by the dry pictures so far; `None`
+    /// if it is there.
     pub fn stands_elsewhere(&self) -> Option<Reason> {
         elsewhere(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }

@@ -215,7 +215,7 @@ impl Compiler<'_> {
             self.problem(&item.name, "this name is declared twice in the routine");
         }
         if item.value.is_some() {
-            self.problem(&item.name, "a local variable takes its first value by an assignment, not here");
+            self.problem(&item.name, "a local variable gets its first value by an assignment, not here");
         }
         locals.push(LocalVariable { name: item.name.clone(), offset, by_reference: false });
     }

@@ -317,7 +317,7 @@ fn other(reader: &mut Reader<'_>, first: &str) -> Read<Action> {
         None => {
             return Err(format!("this is no statement of KRL; a call has brackets: {first}( )").into());
         }
-        Some(_) => format!("{first} begins no statement that is known here"),
+        Some(_) => format!("{first} does not begin a statement that is known here"),
     };
     reader.skip_line();
     Err(Unread::NotChecked(message))

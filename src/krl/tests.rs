@@ -80,9 +80,9 @@ fn each_slip_is_told_with_its_line() {
         ("I=", "10: I: a value is missing at the end of the line"),
         ("I=1 2", "10: I: '2' is left over at the end of the line"),
         ("GOTO X", "10: X: GOTO leads to a label of its own routine"),
-        ("X:\nI=2\nX:", "12: X: this label is there twice: line 10"),
+        ("X:\nI=2\nX:", "12: X: this label already exists: line 10"),
         ("CIRC P.P", "10: CIRC: ',' is expected instead of the end of the line"),
-        ("MOVE ME", "10: MOVE: not checked: MOVE begins no statement"),
+        ("MOVE ME", "10: MOVE: not checked: MOVE does not begin a statement"),
         ("MOVE_ME", "10: MOVE_ME: this is no statement of KRL; a call has brackets"),
         ("I:=2", "10: I: KRL assigns with '='"),
         ("IF B\nENDIF", "10: IF: THEN is expected instead of the end of the line"),
@@ -110,7 +110,7 @@ fn each_slip_is_told_with_its_line() {
         ("P={ID 1,M 2}", "10: M: POINT has no component M; it has ID, N, R, P"),
         ("I=SUM(1,R,2)", "10: SUM: 3 arguments are given, 2 are wanted"),
         ("BAS(#INITMOV,0,1)", "10: BAS: 3 arguments are given, 2 are wanted"),
-        ("I=SUM(1,2.0)", "10: Y: SUM takes this argument as a variable (:OUT)"),
+        ("I=SUM(1,2.0)", "10: Y: SUM needs a variable for this argument (:OUT)"),
         ("I=SUM(1,I)", "10: I: a variable of type REAL is wanted, this one is INT"),
         ("I=SUM(B,R)", "10: X: INT is wanted, BOOL is given"),
         ("I=EKI_Open(\"C\")", "10: EKI_OPEN: gives back an INT in EthernetKRL 6"),
@@ -226,7 +226,9 @@ fn a_name_is_known_where_it_is_declared() {
     let told: Vec<String> = analysis.warnings.concat().into_iter().map(|warning| warning.message).collect();
     assert_eq!(
         told,
-        ["only the program beside one.dat sees this; declared GLOBAL in a list that is PUBLIC all do"]
+        [
+            "only the program that belongs to one.dat sees this; declare it GLOBAL in a PUBLIC list to make it visible to all programs"
+        ]
     );
     let hidden = parse("four.src", "DEF FOUR( )\nDECL SIDE_T S\nS=#LEFT\nEND");
     let told = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();

@@ -39,7 +39,7 @@ pub enum Problem {
     #[error("the name of the person who labels is missing")]
     NoAuthor,
     /// A name that is none.
-    #[error("the name has {found} characters, allowed are {MOST_CHARACTERS}, and no control characters")]
+    #[error("the name has {found} characters (limit {MOST_CHARACTERS}, no control characters)")]
     BadAuthor {
         /// Characters in it.
         found: usize,
@@ -48,7 +48,7 @@ pub enum Problem {
     #[error("no break is drawn: draw one, or state that the clip is clean")]
     NothingSaid,
     /// Both at once.
-    #[error("the clip is stated to be clean, and breaks are drawn ({found}): take one of the two back")]
+    #[error("the clip is stated to be clean, but breaks are drawn ({found}): take one of the two back")]
     CleanWithBreaks {
         /// Breaks drawn.
         found: usize,
@@ -60,7 +60,7 @@ pub enum Problem {
         number: usize,
     },
     /// No point can lie inside of the shape.
-    #[error("break {number}, shape from {from_s} s: it has {found} corners, needed are {FEWEST_CORNERS} or more")]
+    #[error("break {number}, shape from {from_s} s: it has {found} corners, at least {FEWEST_CORNERS} are needed")]
     TooFewCorners {
         /// Which break.
         number: usize,
@@ -129,7 +129,8 @@ pub enum Problem {
     },
     /// More than the times' picture can hold.
     #[error(
-        "break {number}: a shape begins {since_wet_s} s after the first wet picture; {MAX_SINCE_WET_S} s is the most that times.png can hold"
+        "break {number}: a shape begins {since_wet_s} s after the first wet picture (limit {MAX_SINCE_WET_S} s, \
+         the most that times.png can hold)"
     )]
     TooLate {
         /// Which break.

@@ -78,9 +78,9 @@ fn what_cannot_be_is_named_with_its_break() {
         ),
         (Statement { author: "A\nB".to_owned(), ..of(vec![good()], None) }, "no control characters"),
         (Statement { clean: false, ..said(vec![]) }, "no break is drawn"),
-        (Statement { clean: true, ..of(vec![good()], None) }, "to be clean, and breaks are drawn (1)"),
+        (Statement { clean: true, ..of(vec![good()], None) }, "to be clean, but breaks are drawn (1)"),
         (of(vec![], None), "break 1 has no shape"),
-        (of(vec![shape(4.0, &[[1.0, 1.0], [2.0, 2.0]])], None), "shape from 4 s: it has 2 corners, needed are 3"),
+        (of(vec![shape(4.0, &[[1.0, 1.0], [2.0, 2.0]])], None), "shape from 4 s: it has 2 corners, at least 3"),
         (
             of(vec![rectangle(4.0, [1.0, 1.0], [9.6, 4.0])], None),
             "corner 2 at (9.6, 1) px lies outside of the picture, which has 10×6",

@@ -175,8 +175,8 @@ impl<'a> StaticScene<'a> {
         faces.into_iter().flatten().collect()
     }
 
-    /// The distances of the taught edges from the scan's in the picture, and the share of them that is there at
-    /// all.
+    /// Returns the distances of the taught edges from the scan's in the picture, and the share of the edges that
+    /// were found at all.
     fn edges<F: Frame>(
         &self,
         panel: &TaughtPanel,

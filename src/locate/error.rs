@@ -6,7 +6,10 @@ use crate::words::apart;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LocateError {
     /// The search box is as good as empty.
-    #[error("{found} places of the scan fall in the search box, needed are {needed}; is the panel in the fixture?")]
+    #[error(
+        "{found} places of the scan are in the search box, at least {needed} are needed; is the panel in the \
+             fixture?"
+    )]
     EmptyBox {
         /// Places found in the box.
         found: usize,
@@ -15,8 +18,8 @@ pub enum LocateError {
     },
     /// There are things in the box, none of the panel's size.
     #[error(
-        "none of {pieces} things in the search box has the panel's size: the most alike has {} mm², the panel has {} \
-         mm²; is the right panel in the fixture, and nothing before it?", apart(*area_mm2, *taught_area_mm2, 0)[0],
+        "none of {pieces} objects in the search box has the panel's size: the most similar has {} mm², the panel \
+         has {} mm²; is the right panel in the fixture, and nothing in front of it?", apart(*area_mm2, *taught_area_mm2, 0)[0],
         apart(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {

@@ -76,8 +76,8 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
         let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
         let [off, allowed_off] = apart(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
-            "{absent} % of the outline in view is not where the taught one has it, allowed are {allowed} %; the rest lies \
-             {off} px off, allowed are {allowed_off} px; is it the right panel, and does nothing touch its edge?"
+            "{absent} % of the outline in view is not at its taught place (limit {allowed} %); the rest lies {off} \
+             px off (limit {allowed_off} px); is it the right panel, and does nothing touch its edge?"
         )
     };
     let mut checks = vec![
@@ -93,8 +93,8 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("poor_fit", || {
                 let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
                 format!(
-                    "the scan differs from the taught panel by {rms} mm rms beside every smooth bend of it, allowed are {allowed} mm; is \
-                     it the right panel, dry and clean, and does nothing lie on it?"
+                    "the scan differs from the taught panel by {rms} mm rms, apart from any smooth bend (limit \
+                     {allowed} mm); is it the right panel, dry and clean, and does nothing lie on it?"
                 )
             }),
         Check::new("taught surface that is seen through", "", fit.seen_through)
@@ -102,8 +102,8 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("seen_through", || {
                 let [through, allowed] = percent_apart(fit.seen_through, MAX_SEEN_THROUGH, 1);
                 format!(
-                    "{through} % of the taught surface is seen through, allowed are {allowed} %: it is not there; is it the \
-                     right panel, this side before the camera?"
+                    "{through} % of the taught surface is seen through (limit {allowed} %): it is not there; is it \
+                     the right panel, with the taught side to the camera?"
                 )
             }),
         Check::new("outline in view that is elsewhere", "", fit.outline_absent)
@@ -144,8 +144,8 @@ fn marks(found: f64) -> Check {
         .reviews("marks_differ", || {
             let [found, needed] = percent_apart(found, MIN_MARKS_FOUND, 0);
             format!(
-                "{found} % of the panel's marks in view are where the taught ones are, needed are {needed} %; is it the right panel, \
-                 this way up? Where its marks were sanded off, teach it again"
+                "{found} % of the panel's marks in view are where the taught ones are, at least {needed} % are \
+                 needed; is it the right panel, this way up? If its marks were sanded off, teach it again"
             )
         })
 }
@@ -159,27 +159,29 @@ fn picture(fit: &Fit) -> Vec<Check> {
             .reviews("points_missing", || {
                 let [gave, needed] = percent_apart(fit.measured, MIN_MEASURED, 0);
                 format!(
-                    "only {gave} % of the panel in view gave a point, needed are {needed} %; is it wet, or does it mirror a \
-                     lamp?"
+                    "only {gave} % of the panel in view gave a point, at least {needed} % are needed; is it wet, \
+                     or does it mirror a lamp?"
                 )
             }),
-        Check::new("edge wider than at teaching", "px", blur_px)
-            .at_most(MAX_BLUR_PX, SetBy::Program)
-            .reviews("blurred", || {
+        Check::new("edge wider than at teaching", "px", blur_px).at_most(MAX_BLUR_PX, SetBy::Program).reviews(
+            "blurred",
+            || {
                 let [wider, allowed] = apart(blur_px.unwrap_or(0.0), MAX_BLUR_PX, 1);
                 format!(
-                    "the outline's edge is {wider} px wider than at teaching, allowed are {allowed} px; did the panel move \
-                     during the scan, is the lens clean and in focus?"
+                    "the outline's edge is {wider} px wider than at teaching (limit {allowed} px); did the panel \
+                     move during the scan, is the lens clean and in focus?"
                 )
-            }),
-        Check::new("panel that is overexposed", "", fit.saturated)
-            .at_most(MAX_SATURATED, SetBy::Program)
-            .reviews("overexposed", || {
+            },
+        ),
+        Check::new("panel that is overexposed", "", fit.saturated).at_most(MAX_SATURATED, SetBy::Program).reviews(
+            "overexposed",
+            || {
                 let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
                 format!(
-                    "{found} % of the panel is overexposed, allowed are {allowed} %; lower the exposure, shade the lamp"
+                    "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure, shade the lamp"
                 )
-            }),
+            },
+        ),
     ]
 }
 
@@ -195,8 +197,9 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
         let [outline, outline_needed] = percent_apart(fit.outline_found, outline_allowed, 0);
         let [scan, scan_needed] = percent_apart(fit.scan_found, allowed, 0);
         format!(
-            "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned one have a partner, \
-             needed are {taught_needed}, {outline_needed} and {scan_needed} %; is it the right panel, and is nothing before it?"
+            "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned surface \
+             match; at least {taught_needed}, {outline_needed} and {scan_needed} % are needed; is it the right \
+             panel, and is nothing in front of it?"
         )
     };
     let set_by = || SetBy::recipe("locate.min_overlap");
@@ -226,8 +229,9 @@ pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
         .reviews("outline_unseen", || {
             let [seen, needed] = percent_apart(share, MIN_OUTLINE_SEEN, 0);
             format!(
-                "the scan shows {seen} % of the panel's outline, {needed} % are wanted: nothing else holds a flat panel sideways; \
-                 give the panel a background of another brightness, or scan again with fewer missing points at its edge"
+                "the scan shows {seen} % of the panel's outline, at least {needed} % are needed: nothing else \
+                 locates a flat panel sideways; give the panel a background of another brightness, or scan again \
+                 with fewer missing points at its edge"
             )
         });
     std::iter::once(outline).chain(fit.map(camera::at_teaching)).collect()

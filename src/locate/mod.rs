@@ -204,8 +204,8 @@ impl<'a> Prepared<'a> {
 enum Panels {
     /// As it was taught.
     AsTaught,
-    /// As it would have to be bent at each of the two, and where it then lies. The surface of a bent panel as it
-    /// was taught gives little information on any pose and pulls it aside. The evidence for one pose is the part
+    /// As it would have to be bent at each of the two poses, and where it then lies. The surface of a bent panel as
+    /// it was taught gives little information on any pose and pulls it aside. The evidence for one pose is the part
     /// that no bend explains, above all the outline.
     AsBent,
 }

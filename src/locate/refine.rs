@@ -50,7 +50,7 @@ pub struct CornerView<'a> {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefineError {
     /// No picture.
-    #[error("no corner picture was given; needed is one at least")]
+    #[error("no corner picture was given; at least one is needed")]
     NoView,
     /// The corner is not before the camera.
     #[error(

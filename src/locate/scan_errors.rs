@@ -56,7 +56,8 @@ impl RangeErrors {
                 )
             }
             false => format!(
-                "not measured, taken as {smooth_mm} mm a scan, alike over {over_mm} mm; distances off by {scale} %"
+                "not measured, assumed as {smooth_mm} mm a scan, alike over {over_mm} mm; distances off by {scale} \
+                 %"
             ),
         }
     }

@@ -112,7 +112,7 @@ fn take_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPa
             Some(Some(FleetPage { listen, certificate }))
         }
         Err(_) => {
-            let allowed = "allowed is an IP address and a port, such as \"127.0.0.1:8444\"";
+            let allowed = "valid: an IP address and a port, such as \"127.0.0.1:8444\"";
             section.problem("listen", format!("found \"{text}\", {allowed}"));
             None
         }

@@ -122,7 +122,7 @@ impl Chunk {
             _ => return Err(wrong("it is of a message or of a file, never of both or of none".to_owned())),
         };
         if !(1..=MOST_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
-            return Err(wrong(format!("part {} of {}; allowed are 1 to {MOST_PARTS}", head.part, head.parts)));
+            return Err(wrong(format!("part {} of {}; the limits are 1 to {MOST_PARTS}", head.part, head.parts)));
         }
         let bytes = bytes[end + 1..].to_vec();
         if bytes.len() > PART_BYTES {
@@ -138,6 +138,6 @@ impl Chunk {
 fn is_hash(hash: &str) -> Result<(), String> {
     match is_hex(hash, 64) {
         true => Ok(()),
-        false => Err(format!("the file is \"{}\", allowed is a SHA-256", hash.escape_debug())),
+        false => Err(format!("the file is \"{}\", valid: a SHA-256", hash.escape_debug())),
     }
 }

@@ -22,7 +22,7 @@ pub enum OfficeError {
         stated: String,
     },
     /// It is larger than any that a cell sends.
-    #[error("it has {found}, allowed are {allowed}")]
+    #[error("it has {found} (limit {allowed})")]
     Large {
         /// "5000 parts" and the like.
         found: String,
@@ -30,7 +30,7 @@ pub enum OfficeError {
         allowed: String,
     },
     /// The parts of one item state different numbers of parts.
-    #[error("part {part} says that there are {found} parts, another one said {before}")]
+    #[error("part {part} states {found} parts, another part stated {before}")]
     Parts {
         /// Which part.
         part: u32,

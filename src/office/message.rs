@@ -124,7 +124,7 @@ fn position(head: &Head) -> Result<Position, String> {
 pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
     match is_hex(epoch, 32) {
         true => Ok(()),
-        false => Err(format!("the epoch is \"{}\", allowed are 32 hexadecimal digits", epoch.escape_debug())),
+        false => Err(format!("the epoch is \"{}\", valid: 32 hexadecimal digits", epoch.escape_debug())),
     }
 }
 

@@ -129,13 +129,13 @@ fn what_is_no_part_is_refused_with_what_is_allowed() {
     let file = "ab".repeat(32);
     for (bytes, problem) in [
         (String::new(), "it does not end"),
-        (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "allowed is a SHA-256"),
-        (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "part 2 of 1; allowed are 1 to 4096"),
+        (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "valid: a SHA-256"),
+        (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "part 2 of 1; the limits are 1 to 4096"),
         (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
         (head("\"part\":1,\"parts\":1"), "never of both or of none"),
         (
             head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("cell-1", "a.*"),
-            "allowed are 1 to 40 letters",
+            "valid: 1 to 40 letters",
         ),
         (head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("part-1", "part-2"), "known is"),
     ] {

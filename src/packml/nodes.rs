@@ -100,7 +100,7 @@ pub const NODES: &[Node] = &[
         "PackML/Status/StateChangeInProcess",
         Kind::Boolean,
         "",
-        "true in a state that ends by itself, false where the unit waits for a command",
+        "true in a state that ends by itself, false if the unit waits for a command",
         |now| some(unit_state(now), |state| Value::Boolean(state.is_acting())),
     ),
     node(
@@ -131,12 +131,16 @@ pub const NODES: &[Node] = &[
         "PackML/Admin/ProdProcessedCount",
         Kind::UInt32,
         "",
-        "cycles in the store that ended, without runs in the air",
+        "cycles in the store that ended, without air-runs",
         |now| Value::UInt32(now.counts.processed()),
     ),
-    node("PackML/Admin/ProdDefectiveCount", Kind::UInt32, "", "those that ended with fail or reject", |now| {
-        Value::UInt32(now.counts.defective())
-    }),
+    node(
+        "PackML/Admin/ProdDefectiveCount",
+        Kind::UInt32,
+        "",
+        "of these, the cycles that ended with fail or reject",
+        |now| Value::UInt32(now.counts.defective()),
+    ),
     node(
         "PackML/Admin/StopReasonCode",
         Kind::String,
@@ -155,7 +159,8 @@ pub const NODES: &[Node] = &[
         "Cycle/Phase",
         Kind::String,
         "",
-        "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract, assess or rinse; while held the one in which it goes on",
+        "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract, assess or rinse; while held, \
+         the phase in which it will continue",
         |now| text(now.phase.as_ref()),
     ),
     node(
@@ -191,14 +196,14 @@ pub const NODES: &[Node] = &[
         "Cycle/WaitsForReview",
         Kind::Boolean,
         "",
-        "true where the cycle waits for a person's word on a result",
+        "true if the cycle waits for a person's decision on a result",
         |now| some(now.state, |_| Value::Boolean(now.is_review)),
     ),
     node(
         "Cycle/ReasonCodes",
         Kind::Strings,
         "",
-        "codes of the reasons why the cell is in its state, and of what was found wrong last",
+        "codes of the reasons why the cell is in its state, and of the last problems that were found",
         |now| reasons(now, |reason| reason.code.to_string()),
     ),
     node("Cycle/Reasons", Kind::Strings, "", "the same in words, in the same order", |now| {
@@ -208,7 +213,7 @@ pub const NODES: &[Node] = &[
         "Cycle/PossibleCommands",
         Kind::Strings,
         "",
-        "the requests that the cell would take now, by the words of `panelprep ctl`",
+        "the requests that the cell would accept now, by their names in `panelprep ctl`",
         |now| Value::Strings(now.possible.iter().map(|&word| word.to_owned()).collect()),
     ),
     node("Recipes/Names", Kind::Strings, "", "file names of the recipes in the folder of [page] recipes", |now| {
@@ -229,7 +234,8 @@ pub const NODES: &[Node] = &[
         "Grids/States",
         Kind::Strings,
         "",
-        "how each stands, in the same order: untested, whole (the film held), broke, abraded (since its last film)",
+        "state of each grid, in the same order: untested, whole (the film held), broke, abraded (since its last \
+         film)",
         |now| Value::Strings(now.grids.iter().map(|grid| grid.state.to_owned()).collect()),
     ),
     node(
@@ -239,7 +245,7 @@ pub const NODES: &[Node] = &[
         "whether a cycle may start with the calibrations as they are",
         |now| some(now.may_start, Value::Boolean),
     ),
-    node("Calibrations/Reasons", Kind::Strings, "", "why not, or what is doubtful", |now| {
+    node("Calibrations/Reasons", Kind::Strings, "", "why a cycle may not start, or what is doubtful", |now| {
         Value::Strings(now.calibration_reasons.clone())
     }),
     node("Calibrations/Files", Kind::Strings, "", "each calibration with its file and its age", |now| {
@@ -249,8 +255,8 @@ pub const NODES: &[Node] = &[
         verified_at(now.scanner)
     }),
     node("Calibrations/Scanner/Age", Kind::Double, "h", "time since then", |now| age_h(now, now.scanner)),
-    node("Calibrations/Scanner/Error", Kind::Double, "mm", "what was found", |now| error_mm(now.scanner)),
-    node("Calibrations/Scanner/Limit", Kind::Double, "mm", "what was allowed", |now| limit_mm(now.scanner)),
+    node("Calibrations/Scanner/Error", Kind::Double, "mm", "what was measured", |now| error_mm(now.scanner)),
+    node("Calibrations/Scanner/Limit", Kind::Double, "mm", "the limit that applied", |now| limit_mm(now.scanner)),
     node(
         "Calibrations/FlangeCamera/VerifiedAt",
         Kind::DateTime,
@@ -261,23 +267,23 @@ pub const NODES: &[Node] = &[
     node("Calibrations/FlangeCamera/Age", Kind::Double, "h", "time since then", |now| {
         age_h(now, now.flange_camera)
     }),
-    node("Calibrations/FlangeCamera/Error", Kind::Double, "mm", "what was found", |now| {
+    node("Calibrations/FlangeCamera/Error", Kind::Double, "mm", "what was measured", |now| {
         error_mm(now.flange_camera)
     }),
-    node("Calibrations/FlangeCamera/Limit", Kind::Double, "mm", "what was allowed", |now| {
+    node("Calibrations/FlangeCamera/Limit", Kind::Double, "mm", "the limit that applied", |now| {
         limit_mm(now.flange_camera)
     }),
     node("Calibrations/Tool/VerifiedAt", Kind::DateTime, "", "last verification of the tool by touch", |now| {
         verified_at(now.tool)
     }),
     node("Calibrations/Tool/Age", Kind::Double, "h", "time since then", |now| age_h(now, now.tool)),
-    node("Calibrations/Tool/Error", Kind::Double, "mm", "what was found", |now| error_mm(now.tool)),
-    node("Calibrations/Tool/Limit", Kind::Double, "mm", "what was allowed", |now| limit_mm(now.tool)),
+    node("Calibrations/Tool/Error", Kind::Double, "mm", "what was measured", |now| error_mm(now.tool)),
+    node("Calibrations/Tool/Limit", Kind::Double, "mm", "the limit that applied", |now| limit_mm(now.tool)),
     node(
         "Alarms/Ids",
         Kind::Strings,
         "",
-        "names of the alarms that last, the most urgent first; AcknowledgeAlarm takes them",
+        "names of the active alarms, the most urgent first; AcknowledgeAlarm needs such a name",
         |now| alarms(now, alarm_id),
     ),
     node("Alarms/Codes", Kind::Strings, "", "their codes, in the same order", |now| {
@@ -291,7 +297,7 @@ pub const NODES: &[Node] = &[
     node("Alarms/RaisedAt", Kind::DateTimes, "", "when they were raised", |now| {
         Value::DateTimes(now.alarms.iter().map(|alarm| alarm.raised_unix_ms).collect())
     }),
-    node("Alarms/AcknowledgedBy", Kind::Strings, "", "who acknowledged each; empty where nobody has", |now| {
+    node("Alarms/AcknowledgedBy", Kind::Strings, "", "who acknowledged each; empty if nobody has", |now| {
         alarms(now, |alarm| alarm.acknowledged.as_ref().map_or(String::new(), |seen| seen.who.clone()))
     }),
     node("Counters/Passed", Kind::UInt32, "", "cycles that ended with pass", |now| {
@@ -306,7 +312,8 @@ pub const NODES: &[Node] = &[
         "Robot/Condition",
         Kind::String,
         "",
-        "what its link says: unknown, ready, link_lost, restarted, emergency_stop, guard_open, drives_off or not_automatic",
+        "state of its link: unknown, ready, link_lost, restarted, emergency_stop, guard_open, drives_off or \
+         not_automatic",
         robot,
     ),
     node("Robot/Epoch", Kind::UInt32, "", "the last epoch that was opened on its link", |now| {
@@ -319,7 +326,7 @@ pub const NODES: &[Node] = &[
         "Service/Answers",
         Kind::Boolean,
         "",
-        "false where the service's loop does not answer: all else is what it said last",
+        "false if the service's loop does not answer: all other values are the last that it reported",
         |now| Value::Boolean(now.answers),
     ),
     node("Service/LastRefusal/Method", Kind::String, "", "the method that was called last and not done", |now| {

@@ -85,7 +85,7 @@ impl Local {
         let until = async {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "whoever holds the sender may have gone, which ends the page as well"
+                reason = "the holder of the sender may be gone, which also ends the page"
             )]
             let _ = done.await;
         };

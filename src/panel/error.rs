@@ -13,8 +13,8 @@ pub(super) const WIDEST_HALF_WIDTH_PX: usize = 40;
 pub enum LearnError {
     /// Corners of the region that are not on the panel: all of them.
     #[error(
-        "{}; choose all four corners of the region inside the panel's outline; where points of the panel are missing, give \
-             the outline yourself, `outline_px` in [panel]",
+        "{}; choose all four corners of the region inside the panel's outline; if points of the panel are missing, \
+         state the outline yourself, `outline_px` in [panel]",
         list(corners)
     )]
     WrongCorners {
@@ -36,8 +36,8 @@ pub enum LearnError {
     },
     /// What lies under the region and in the search box is too small for a panel.
     #[error(
-        "no panel under the region's centre, ({u:.0}, {v:.0}) px: the piece of scan there that lies in the search box \
-         has {found} points, needed are {needed}; is the box right, is the panel in place?"
+        "no panel under the region's centre, ({u:.0}, {v:.0}) px: the piece of scan there that lies in the search \
+         box has {found} points, at least {needed} needed; check the box and the place of the panel"
     )]
     NoPanel {
         /// The region's centre, column, px.
@@ -66,8 +66,8 @@ pub enum LearnError {
     },
     /// A grid has a hole at its edge, and no surface around the hole.
     #[error(
-        "grid {grid} has too few scan points around its edge at ({u:.0}, {v:.0}) px to say where the surface is there; scan again, at a \
-         steeper angle or with a longer exposure, or move the region"
+        "grid {grid} has too few scan points around its edge at ({u:.0}, {v:.0}) px to determine the surface \
+         there; scan again, at a steeper angle or with a longer exposure, or move the region"
     )]
     GridWithoutPoints {
         /// The grid.
@@ -82,8 +82,8 @@ pub enum LearnError {
     EmptyRegion,
     /// No panel lies in the view of a corner picture.
     #[error(
-        "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel's outline; is the flange pose right, \
-         and where the recipe has outline_px, does that follow the panel's edge?"
+        "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel's outline; check the flange \
+         pose, and if the recipe has outline_px, check that it follows the panel's edge"
     )]
     CornerOffPanel {
         /// Column, px.

@@ -40,8 +40,8 @@ impl DiscUse {
         check.at_most(life_mm2, SetBy::recipe("path.disc_life_mm2")).reviews("disc_worn", || {
             let left_mm2 = (life_mm2 - (self.worn_after_mm2 - self.swept_mm2)).max(0.0);
             format!(
-                "the disc lasts for {left_mm2:.0} mm² more of {life_mm2:.0}, disc_life_mm2, and {what} takes {:.0}; change \
-                 it, say so by `panelprep ctl new-disc`, and accept",
+                "the disc has {left_mm2:.0} mm² left of {life_mm2:.0}, disc_life_mm2, and {what} needs {:.0}; \
+                 change it, report this with `panelprep ctl new-disc`, and accept",
                 self.swept_mm2
             )
         })

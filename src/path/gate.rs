@@ -82,11 +82,13 @@ pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<
         Some(error_mm) => {
             let [error, allowed] = apart(error_mm, allowed_mm, 2);
             format!(
-                "the error at the tool is {error} mm, a pad of {stroke_mm} mm stroke takes up {allowed}; a softer pad takes up \
-                 more"
+                "the error at the tool is {error} mm, a pad of {stroke_mm} mm stroke absorbs {allowed} mm; a \
+                 softer pad absorbs more"
             )
         }
-        None => "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned(),
+        None => {
+            "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
+        }
     }))
 }
 
@@ -151,8 +153,8 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     let words = |grid: &GridCoverage| {
         let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
         format!(
-            "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
-             larger edge_overhang_mm beside the panel's outline",
+            "grid {}: the disc reaches {reached} %, at least {wanted} % are needed; a smaller step_over_mm reaches \
+             more, and so does a larger edge_overhang_mm near the panel's outline",
             grid.id
         )
     };
@@ -177,8 +179,8 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                 let found_mm = steps.map_or(0.0, |step| step.max_mm);
                 let [found, allowed] = apart(found_mm, settings.step_over_mm(), 2);
                 format!(
-                    "lines lie {found} mm apart, allowed is step_over_mm, {allowed}; another pattern or feed_angle_deg lays \
-                     them closer"
+                    "lines are {found} mm apart (limit {allowed} mm, step_over_mm); another pattern or \
+                     feed_angle_deg brings them closer"
                 )
             }),
         Check::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
@@ -190,9 +192,9 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                 let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
                 let [found, allowed] = apart(ratio, settings.max_dwell_ratio(), 2);
                 format!(
-                    "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the treated \
-                     area), allowed is max_dwell_ratio, {allowed}; a smaller step_over_mm, a smaller disc, pattern = \
-                     \"raster\" or more grids at a time make it more even"
+                    "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the \
+                     treated area; limit {allowed}, max_dwell_ratio); a smaller step_over_mm, a smaller disc, \
+                     pattern = \"raster\" or more grids at a time make it more even"
                 )
             }),
         Check::new("disc beyond the panel's outline", "mm", largest_mm)
@@ -201,7 +203,7 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
                 let [reach, allowed] = apart(largest_mm, allowed_mm, 1);
                 format!(
                     "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than \
-                     edge_overhang_mm allows, {allowed}; move the region inwards or take a smaller disc",
+                     the limit (edge_overhang_mm, {allowed} mm); move the region inwards or use a smaller disc",
                     fixed(100.0 * plan.overhang.share_beyond, 0)
                 )
             }),

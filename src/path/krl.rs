@@ -84,16 +84,10 @@ pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     }
     let _ = write!(
         text,
-        "BAS(#INITMOV, 0)\n\
-         $IPO_MODE = #BASE\n\
-         $ORI_TYPE = #VAR\n\
-         $TOOL = {} ; the sanding tool, its Z out of the pad; its load data is not set here\n\
-         $BASE = {} ; where the panel stands\n\
-         BAS(#VEL_PTP, {AXIS_PERCENT})\n\
-         BAS(#ACC_PTP, {AXIS_PERCENT})\n\
-         $ACC.CP = {:.3} ; m/s2\n\
-         ; In the air above the first place. Nobody has looked at the way there.\n\
-         PTP {}\n",
+        "BAS(#INITMOV, 0)\n$IPO_MODE = #BASE\n$ORI_TYPE = #VAR\n$TOOL = {} ; the sanding tool, its Z out of the \
+         pad; its load data is not set here\n$BASE = {} ; the pose of the panel\nBAS(#VEL_PTP, \
+         {AXIS_PERCENT})\nBAS(#ACC_PTP, {AXIS_PERCENT})\n$ACC.CP = {:.3} ; m/s2\n; In the air above the first \
+         place. The way to it has not been checked.\nPTP {}\n",
         frame(&program.flange_from_tool),
         frame(&program.base_from_panel),
         settings.acceleration_mm_s2() / 1_000.0,

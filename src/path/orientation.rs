@@ -72,8 +72,8 @@ pub enum OrientationError {
     },
     /// The reference leaves the spin open.
     #[error(
-        "reference_axis stands {angle} from the normal, needed are {MIN_ANGLE}; choose an axis along the panel, or \
-         [0, 0, 0] for the feed axis"
+        "reference_axis is {angle} from the normal, at least {MIN_ANGLE} are needed; choose an axis along the \
+         panel, or [0, 0, 0] for the feed axis"
     )]
     ReferenceAlongNormal {
         /// Angle between the axis and the normal, 0…90°.

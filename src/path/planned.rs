@@ -149,7 +149,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> Extent {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// Nothing to plan.
-    #[error("no grid was asked for")]
+    #[error("no grid was requested")]
     NoGrids,
     /// The region has no such grid.
     #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
@@ -162,7 +162,7 @@ pub enum PlanError {
         columns: usize,
     },
     /// A grid would be abraded twice.
-    #[error("grid {grid} was asked for twice")]
+    #[error("grid {grid} was requested twice")]
     Repeated {
         /// The grid.
         grid: GridId,

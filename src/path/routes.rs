@@ -242,7 +242,7 @@ impl Standing<'_> {
         outside.map(|flange| {
             let place = KukaPose::from_rigid(&flange);
             let message = format!(
-                "the flange would stand at {place}, outside of the volume over which the arm's correction was measured; \
+                "the flange would be at {place}, outside the volume in which the arm's correction was measured; \
                  calibrate the arm with pictures from there, or with axis angles"
             );
             let check = Check::new("pose of the flange where the arm's correction was measured", "", None);
@@ -281,7 +281,7 @@ impl Standing<'_> {
 /// for another arm, axes in another unit or another root of the robot.
 ///
 /// # Errors
-/// How far apart the two are.
+/// If it is not, with the distance between the two.
 pub fn is_the_arm(
     arm: &Kinematics,
     joints: &Joints,
@@ -289,8 +289,9 @@ pub fn is_the_arm(
     reported: Rigid<Base, Tool>,
 ) -> Result<(), Reason> {
     let by_model = arm.base_from_flange(joints).map(|flange| flange * flange_from_tool);
-    let unknown =
-        || Reason::new("arm_model", "the axes that the controller reports are no numbers; look at its messages");
+    let unknown = || {
+        Reason::new("arm_model", "the axis angles that the controller reports are not numbers; read its messages")
+    };
     let by_model = by_model.ok_or_else(unknown)?;
     let (off_mm, off) = (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).turn());
     if off_mm <= MODEL_MM && off.0 <= MODEL.0 {
@@ -299,8 +300,8 @@ pub fn is_the_arm(
     let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
     let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
     let message = format!(
-        "by its axes and [arm] the tip is {mm} mm and {deg}° from where the controller says, the limits are \
-         {allowed_mm} mm and {allowed_deg}°; is the arm in the cell's file this one?"
+        "the tip by its axes and [arm] is {mm} mm and {deg}° from the tip that the controller reports (limits \
+         {allowed_mm} mm and {allowed_deg}°); check that the cell's file describes this arm"
     );
     Err(Reason::new("arm_model", message))
 }

@@ -57,7 +57,8 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
         vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
     };
     let Some(workspace) = limits.workspace else {
-        let message = "the cell's file states no box_min_mm and box_max_mm; without them nothing moves in lines";
+        let message = "the cell's file states no box_min_mm and box_max_mm; without them the robot makes no linear \
+                       motions";
         return nothing_moves("the cell's box", "no_box", message.to_owned());
     };
     if route.waypoints.is_empty() {
@@ -86,7 +87,7 @@ pub fn judge_joints(joints: &Joints) -> Judgement {
             .at_most(LARGEST_AXIS_DEG, SetBy::Program)
             .rejects("axis_limit", || {
                 let angle = plain(angles[axis]);
-                format!("axis {} is to go to {angle}°, allowed is ±{LARGEST_AXIS_DEG}°", axis + 1)
+                format!("axis {} is commanded to {angle}° (limit ±{LARGEST_AXIS_DEG}°)", axis + 1)
             })
     };
     Judgement::of_checks(&wrong.map(check))
@@ -133,7 +134,7 @@ fn jump(
     (from, to): (&Rigid<Base, Tool>, &Rigid<Base, Tool>),
     limits: &WaypointLimits,
 ) -> impl Iterator<Item = Check> {
-    let before = if index == 1 { "where the arm stands".to_owned() } else { format!("waypoint {}", index - 1) };
+    let before = if index == 1 { "the arm's present place".to_owned() } else { format!("waypoint {}", index - 1) };
     let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
     let step = Check::new("step from a waypoint to the next", "mm", step_mm)
         .at_most(limits.max_step_mm, SetBy::cell("limits.max_step_mm"))

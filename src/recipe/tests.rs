@@ -43,7 +43,7 @@ fn a_panel_may_have_an_outline_and_held_edges() {
         ("door", 3, 1)
     );
     for (keys, words) in [
-        ("outline_px = [[1, 1], [90, 1]]", "panel.outline_px: found 2 corners, allowed are 3 to 200, or none"),
+        ("outline_px = [[1, 1], [90, 1]]", "panel.outline_px: found 2 corners, valid: 3 to 200, or none"),
         (
             "outline_px = [[0, 0], [9, 9], [9, 0], [0, 9]]",
             "panel.outline_px: the outline crosses itself: the sides from corner 1 and from corner 3",
@@ -89,27 +89,27 @@ fn each_mistake_is_named() {
         ("path.min_break_mm2 = 9", "path.min_break_mm2: unknown key here; did you mean inspect.min_break_mm2?"),
         (
             "path.step_over_mm = 31",
-            "path.step_over_mm: found 31, allowed is at most disc_diameter_mm, 30: wider rows leave stripes",
+            "path.step_over_mm: found 31 (limit 30, disc_diameter_mm): wider rows leave stripes",
         ),
         (
             "path.disc_diameter_mm = 10",
-            "path.step_over_mm: found 12, allowed is at most disc_diameter_mm, 10: wider rows leave stripes",
+            "path.step_over_mm: found 12 (limit 10, disc_diameter_mm): wider rows leave stripes",
         ),
         (
             "path.reference_axis = [0, 0, 0.001]",
-            "path.reference_axis: found a direction of length 0.001, allowed is 0.1 to 1.8, or [0, 0, 0]",
+            "path.reference_axis: found a direction of length 0.001, valid: 0.1 to 1.8, or [0, 0, 0]",
         ),
         (
             "removal = {target_um = 30, max_um = 30, force_n = 20}",
-            "removal.max_um: found 30, allowed is more than target_um, 30",
+            "removal.max_um: found 30, it must be more than target_um, 30",
         ),
         (
             "removal = {target_um = 30, max_um = 60, force_n = 20, min_feed_mm_s = 61}",
-            "removal.min_feed_mm_s: found 61, allowed is at most path.feed_mm_s, 60",
+            "removal.min_feed_mm_s: found 61 (limit 60, path.feed_mm_s)",
         ),
         (
             "path.force_n = 15\nremoval = {target_um = 30, max_um = 60, force_n = 20}",
-            "removal.force_n: has no effect: the tool presses with path.force_n, 15; take it out",
+            "removal.force_n: has no effect: the tool presses with path.force_n, 15; remove it",
         ),
         (
             "removal = {target_um = 30, max_um = 60}",
@@ -117,33 +117,33 @@ fn each_mistake_is_named() {
         ),
         (
             "removal = {target_um = 30, max_um = 60, force_n = 20, method = 'even'}",
-            "removal.method: found the text \"even\", allowed is \"constant\" or \"scheduled\"",
+            "removal.method: found the text \"even\", valid: \"constant\" or \"scheduled\"",
         ),
-        ("path.max_dwell_ratio = 1", "path.max_dwell_ratio: found 1, allowed is a number from 1.1 to 20"),
+        ("path.max_dwell_ratio = 1", "path.max_dwell_ratio: found 1, valid: a number from 1.1 to 20"),
         ("path.max_dwel_ratio = 2", "path.max_dwel_ratio: unknown key; did you mean max_dwell_ratio?"),
-        ("locate.min_overlap = 90", "locate.min_overlap: found 90, allowed is a number from 0 to 1"),
+        ("locate.min_overlap = 90", "locate.min_overlap: found 90, valid: a number from 0 to 1"),
         (
             "corner.which = 'top left'",
-            "corner.which: found the text \"top left\", allowed is \"top-left\" or \"top-right\" or \"bottom-right\" or \"bottom-left\"",
+            "corner.which: found the text \"top left\", valid: \"top-left\" or \"top-right\" or \"bottom-right\" or \"bottom-left\"",
         ),
         ("corner.panel_gray_min = 110", "corner.panel_gray_max: must exceed panel_gray_min, 110"),
-        ("inspect.method = 'films'", "inspect.method: found the text \"films\", allowed is \"film\" or \"thesis\""),
+        ("inspect.method = 'films'", "inspect.method: found the text \"films\", valid: \"film\" or \"thesis\""),
         (
             "inspect.channel_weights = [0, 0, 0]",
             "inspect.channel_weights: one channel at least must weigh 0.01 or more",
         ),
         (
             "inspect.masked_px = [[[1, 2], [3, 4], [5, 6]]]",
-            "inspect.masked_px: item 1: found a list of 3, allowed is a list of 4",
+            "inspect.masked_px: item 1: found a list of 3, valid: a list of 4",
         ),
-        ("inspect.median_px = 4", "inspect.median_px: found 4, allowed is an odd number"),
+        ("inspect.median_px = 4", "inspect.median_px: found 4, valid: an odd number"),
         (
             "inspect.hsv_max = [180, 255, 255]",
-            "inspect.hsv_max: found hue 180, allowed is 0 to 179: half of its degrees",
+            "inspect.hsv_max: found hue 180, the limits are 0 to 179: half of its degrees",
         ),
         (
             "inspect.hsv_max = [179, 256, 255]",
-            "inspect.hsv_max: item 2: found 256, allowed is a whole number from 0 to 255",
+            "inspect.hsv_max: item 2: found 256, valid: a whole number from 0 to 255",
         ),
         (
             "inspect.hsv_min = [0, 9, 0]\ninspect.hsv_max = [179, 8, 255]",
@@ -151,11 +151,11 @@ fn each_mistake_is_named() {
         ),
         (
             "process.max_passes_per_grid = 0",
-            "process.max_passes_per_grid: found 0, allowed is a whole number from 1 to 10",
+            "process.max_passes_per_grid: found 0, valid: a whole number from 1 to 10",
         ),
         (
             "process.max_passes_per_grid = 3\nprocess.max_passes_per_part = 2",
-            "process.max_passes_per_part: found 2, allowed is max_passes_per_grid, 3, or more",
+            "process.max_passes_per_part: found 2, valid: max_passes_per_grid, 3, or more",
         ),
     ];
     for (mistake, message) in cases {
@@ -177,7 +177,7 @@ fn a_region_goes_round() {
     assert!(with_corners("[[700, 850], [1250, 850], [1250, 350], [700, 350]]").is_empty(), "either way round");
     assert_eq!(
         with_corners("[[700, 350], [1250, 350], [1250, 850]]"),
-        ["4: region.corners_px: found a list of 3, allowed is a list of 4"]
+        ["4: region.corners_px: found a list of 3, valid: a list of 4"]
     );
 }
 

@@ -97,13 +97,13 @@ impl std::fmt::Display for Who {
             Front::Page => {
                 return match &self.user {
                     Some(user) => write!(f, "{user}, on the operator's page"),
-                    None => f.write_str("somebody who was not logged in, on the operator's page"),
+                    None => f.write_str("a person who was not logged in, on the operator's page"),
                 };
             }
             Front::OpcUa => {
                 return match &self.user {
                     Some(user) => write!(f, "{user}, through OPC UA"),
-                    None => f.write_str("somebody who was not logged in, through OPC UA"),
+                    None => f.write_str("a client that was not logged in, through OPC UA"),
                 };
             }
             Front::Command => "who ran the command",

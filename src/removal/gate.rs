@@ -9,7 +9,7 @@ use crate::words::{apart, fixed};
 /// Beyond the first a person must look, beyond the second it is rejected.
 type Bounds = [f64; 2];
 
-/// 95 % uncertainty of k where it is known worst, among the areas that the coupons' discs had swept, percent.
+/// 95 % uncertainty of k at the least certain of the areas that the coupons' discs had swept, percent.
 const KNOWN_PERCENT: Bounds = [12.0, 40.0];
 /// σ of a coupon, percent.
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
@@ -42,7 +42,7 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
             "left_out",
             ("left-out coupons, rms", 100.0 * found.left_out_rms()),
             LEFT_OUT_PERCENT,
-            "coupons that were left out differ from what the others foretell by percent",
+            "coupons that were left out differ from what the others predict by percent",
         ),
         outliers(found, coupons),
         power(found),
@@ -62,9 +62,7 @@ fn bounded(
     let check = Check::new(name, "%", percent).at_most(limit, SetBy::Program);
     let message = || {
         let [found, allowed] = apart(percent, limit, 1);
-        format!(
-            "{words}: {found}, allowed is {allowed}; measure more coupons, or look for what differed between them"
-        )
+        format!("{words}: {found} (limit {allowed}); measure more coupons, or look for differences between them")
     };
     if is_refused { check.rejects(code, message) } else { check.reviews(code, message) }
 }
@@ -72,7 +70,7 @@ fn bounded(
 fn few(count: usize) -> Check {
     Check::new("measured places", "", count as f64)
         .at_least(FEW, SetBy::Program)
-        .reviews("few_coupons", || format!("{count} places were measured; take {FEW} or more"))
+        .reviews("few_coupons", || format!("{count} places were measured; measure {FEW} or more"))
 }
 
 fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
@@ -82,7 +80,7 @@ fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
         .map(|(one, coupon)| {
             let [low, high] = one.interval_um.map(|um| fixed(um, 1));
             format!(
-                "{} (line {}): {} µm, the others say {low} to {high} µm",
+                "{} (line {}): {} µm, the others predict {low} to {high} µm",
                 coupon.name,
                 coupon.line,
                 fixed(coupon.depth_um, 1)
@@ -92,7 +90,7 @@ fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
     Check::new("coupons that the others contradict", "", out.len() as f64)
         .at_most(0.0, SetBy::Program)
         .reviews("outliers", || {
-            format!("{}; measure again, or take the line out where you know what was wrong", out.join("; "))
+            format!("{}; measure again, or remove the line if you know what was wrong", out.join("; "))
         })
 }
 

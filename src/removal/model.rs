@@ -15,8 +15,9 @@ use nalgebra::Matrix2;
 /// Square millimetres of a square metre.
 pub const MM2_PER_M2: f64 = 1e6;
 /// The message if a recipe requires a removal and there is no model.
-pub const UNKNOWN: &str = "the recipe has [removal], and the cell's file names no [calibration] removal: nobody can say whether \
-                           max_um is kept; measure coupons and name what `panelprep calibrate removal` writes";
+pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal: it is \
+                           unknown whether max_um is kept; measure coupons and name the file that `panelprep \
+                           calibrate removal` writes";
 /// Micrometres of a millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
 /// Parameters of the fitted line, by which the coupons' redundancy is reduced.

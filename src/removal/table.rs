@@ -88,15 +88,15 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     let unknown = header.iter().filter(|found| !known().any(|name| name == *found));
     let told = known().collect::<Vec<_>>().join(", ");
     let mut problems: Vec<TableProblem> =
-        unknown.map(|found| problem(line, found, format!("no such column; allowed are {told}"))).collect();
+        unknown.map(|found| problem(line, found, format!("no such column; valid: {told}"))).collect();
     let needed = COLUMNS.iter().filter(|(.., needed)| *needed).map(|(name, ..)| *name).chain([COUPON]);
     problems.extend(needed.filter(|name| !has(name)).map(|name| problem(line, name, "this column is missing")));
     if !(has("depth_um") || has("before_um") && has("after_um")) {
-        problems.push(problem(line, "depth_um", "this column is missing; before_um and after_um may stand for it"));
+        problems.push(problem(line, "depth_um", "this column is missing; before_um and after_um can replace it"));
     }
     let twice =
         header.iter().enumerate().filter(|(index, name)| header.iter().take(*index).any(|other| other == *name));
-    problems.extend(twice.map(|(_, name)| problem(line, name, "this column is there twice")));
+    problems.extend(twice.map(|(_, name)| problem(line, name, "this column appears twice")));
     problems
 }
 
@@ -119,7 +119,7 @@ impl Row<'_> {
         };
         let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
         let [low, high] = [allowed.start(), allowed.end()].map(|end| plain(*end));
-        let message = || format!("found {text}, allowed is a number from {low} to {high}");
+        let message = || format!("found {text}, valid: a number from {low} to {high}");
         number.map(Some).ok_or_else(|| problem(self.line, name, message()))
     }
 }
@@ -127,7 +127,8 @@ impl Row<'_> {
 fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     let mut problems = Vec::new();
     if row.record.len() != row.header.len() {
-        let message = format!("{} values, allowed are {}, one for each column", row.record.len(), row.header.len());
+        let message =
+            format!("{} values, but {} are needed, one for each column", row.record.len(), row.header.len());
         return Err(vec![problem(row.line, "the line", message)]);
     }
     let numbers: Vec<Option<f64>> = COLUMNS
@@ -144,7 +145,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     }
     let is_whole = numbers[2].is_none_or(|passes| passes.fract() == 0.0);
     if !is_whole {
-        problems.push(problem(row.line, "passes", "allowed is a whole number"));
+        problems.push(problem(row.line, "passes", "must be a whole number"));
     }
     let depth_um = if problems.is_empty() { depth_um(row, &numbers[5..]) } else { Err(Vec::new()) };
     match (&numbers[..5], row.text(COUPON), depth_um) {
@@ -173,14 +174,12 @@ fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProb
         [None, Some(before_um), Some(after_um)] => Err(vec![problem(
             row.line,
             "after_um",
-            format!("found {}, allowed is less than before_um, {}", plain(*after_um), plain(*before_um)),
+            format!("found {}, it must be less than before_um, {}", plain(*after_um), plain(*before_um)),
         )]),
         [Some(_), ..] => {
-            Err(vec![problem(row.line, "depth_um", "allowed is a depth, or before_um and after_um, not both")])
+            Err(vec![problem(row.line, "depth_um", "must be a depth, or before_um and after_um, not both")])
         }
-        _ => {
-            Err(vec![problem(row.line, "depth_um", "a number is missing; before_um and after_um may stand for it")])
-        }
+        _ => Err(vec![problem(row.line, "depth_um", "a number is missing; before_um and after_um can replace it")]),
     }
 }
 
@@ -217,39 +216,33 @@ mod tests {
         assert_eq!(
             line("A1,,-20,60,1.5,,0,14.9,,"),
             [
-                "line 2, force_n: found -20, allowed is a number from 0.1 to 1000",
-                "line 2, passes: allowed is a whole number"
+                "line 2, force_n: found -20, valid: a number from 0.1 to 1000",
+                "line 2, passes: must be a whole number"
             ]
         );
-        assert_eq!(
-            line("A1,,20,60,1,,0,-3,,"),
-            ["line 2, depth_um: found -3, allowed is a number from 0.01 to 10000"]
-        );
+        assert_eq!(line("A1,,20,60,1,,0,-3,,"), ["line 2, depth_um: found -3, valid: a number from 0.01 to 10000"]);
         assert_eq!(line("A1,,20,60,1,,0,,80,80").len(), 1, "nothing is gone");
         assert_eq!(
             line("A1,,20,60,1,,0,,80,81"),
-            ["line 2, after_um: found 81, allowed is less than before_um, 80"]
+            ["line 2, after_um: found 81, it must be less than before_um, 80"]
         );
         assert_eq!(
             line("A1,,20,60,1,,0,3,80,81"),
-            ["line 2, depth_um: allowed is a depth, or before_um and after_um, not both"]
+            ["line 2, depth_um: must be a depth, or before_um and after_um, not both"]
         );
         assert_eq!(line("A1,,20,,1,,NaN,3,,")[0], "line 2, feed_mm_s: a number is missing");
         assert_eq!(line(",,20,60,1,,0,3,,"), ["line 2, coupon: a name is missing"]);
-        assert_eq!(line("A1,20"), ["line 2, the line: 2 values, allowed are 10, one for each column"]);
+        assert_eq!(line("A1,20"), ["line 2, the line: 2 values, but 10 are needed, one for each column"]);
         assert_eq!(
             line("A1,,20,60,1,,0,,80,"),
-            ["line 2, depth_um: a number is missing; before_um and after_um may stand for it"]
+            ["line 2, depth_um: a number is missing; before_um and after_um can replace it"]
         );
     }
 
     #[test]
     fn columns_that_are_not_known_or_not_there_are_named() {
         let found = says("coupon,force,feed_mm_s,passes,worn_mm2,depth_um\nA1,20,60,1,0,15\n");
-        assert!(
-            found[0].starts_with("line 1, force: no such column; allowed are force_n, feed_mm_s,"),
-            "{found:?}"
-        );
+        assert!(found[0].starts_with("line 1, force: no such column; valid: force_n, feed_mm_s,"), "{found:?}");
         assert_eq!(found[1..], ["line 1, force_n: this column is missing"]);
         assert_eq!(
             says("")[..2],

@@ -32,7 +32,7 @@ pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, Imaging
     };
     let words = EXPLAINED.map(|share| format!("{:.2} s under the disc", share * longest_s));
     let mut legend: Vec<(Ink, &str)> = EXPLAINED.iter().zip(&words).map(|(s, w)| (ink(*s), w.as_str())).collect();
-    legend.extend([(NOT_REACHED, "not reached"), (UNASKED, "not asked for")]);
+    legend.extend([(NOT_REACHED, "not reached"), (UNASKED, "not requested")]);
     drawn(dwell, region, color, &legend)
 }
 
@@ -51,7 +51,7 @@ pub fn overlap_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, Imagi
         (twice, "passed twice"),
         (more, "passed more often"),
         (NOT_REACHED, "not reached"),
-        (UNASKED, "not asked for"),
+        (UNASKED, "not requested"),
     ];
     drawn(dwell, region, color, &legend)
 }

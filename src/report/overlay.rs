@@ -123,7 +123,7 @@ impl View<'_> {
         }
         let mut legend = vec![(Ink::BLUE, "taught panel"), (Ink::WHITE, "grids")];
         legend.extend((!corners.is_empty()).then_some((Ink::ORANGE, "taught corner")));
-        legend.extend((!panel.held_px.is_empty()).then_some((Ink::VERMILLION, "held: left out")));
+        legend.extend((!panel.held_px.is_empty()).then_some((Ink::VERMILLION, "held place: not used")));
         self.framed(canvas, panel, &legend)
     }
 

@@ -44,7 +44,7 @@ const DOTS: [Dots; 4] = [
     },
     Dots {
         codes: &["seen_through"],
-        caption: "Where the taught panel is not there",
+        caption: "Where the taught panel is missing",
         ink: |mark| (mark == SurfaceMark::Through).then_some(Ink::VERMILLION),
         legend: &[(Ink::VERMILLION, "the scan sees something behind"), (Ink::GREEN, "outline found")],
     },
@@ -56,7 +56,7 @@ const DOTS: [Dots; 4] = [
     },
     Dots {
         codes: &["low_overlap"],
-        caption: "What of the taught panel was not found, and why",
+        caption: "Parts of the taught panel that were not found, and why",
         ink: |mark| match mark {
             SurfaceMark::On(_) | SurfaceMark::Near => None,
             SurfaceMark::Hidden => Some(Ink::ORANGE),
@@ -124,7 +124,7 @@ impl View<'_> {
             return Some((self.dots(panel, explained, dots), dots.caption));
         }
         Some(match &*reason.code {
-            "no_panel" => (self.things(explained), "What stands in the search box, thing by thing"),
+            "no_panel" => (self.things(explained), "What is in the search box, thing by thing"),
             "outline_differs" => {
                 let legend = [
                     (Ink::GREEN, "outline found"),
@@ -132,7 +132,11 @@ impl View<'_> {
                     (Ink::WHITE, "hidden or out of view"),
                 ];
                 let picture = self.picture.clone();
-                (self.marked(picture, panel, explained, &legend), "Where the panel's edge is not the taught one")
+                (
+                    self.marked(picture, panel, explained, &legend),
+                    "Where the panel's edge differs from the taught \
+                                                                   one",
+                )
             }
             "marks_differ" => {
                 let legend = [
@@ -140,7 +144,7 @@ impl View<'_> {
                     (Ink::VERMILLION, "not where it was taught"),
                     (Ink::WHITE, "hidden or out of view"),
                 ];
-                (self.with_marks(panel, explained, &legend), "Where the panel's marks are not the taught ones")
+                (self.with_marks(panel, explained, &legend), "Where the panel's marks differ from the taught ones")
             }
             "overexposed" => {
                 let legend = [(Ink::VERMILLION, "overexposed"), (Ink::GREEN, "outline found")];
@@ -151,7 +155,7 @@ impl View<'_> {
                 (self.fixture(explained), "The fixture's edges as taught, over the new picture")
             }
             "uncertain" | "starts_disagree" => {
-                (self.weakest(panel, explained), "The direction in which the pose is held least")
+                (self.weakest(panel, explained), "The direction in which the pose is least certain")
             }
             "ambiguous" => {
                 let (fit, rival) = fit.and_then(|fit| Some((fit, fit.rival?)))?;
@@ -161,8 +165,8 @@ impl View<'_> {
             }
             "shift_limit" | "turn_limit" | "tilt_limit" => {
                 let nominal = fit?.base_from_panel.inverse() * panel_from_base_at_teaching().inverse();
-                let legend = [(Ink::ORANGE, "where it stands"), (Ink::BLUE, "its nominal place")];
-                (self.twice(panel, nominal, legend), "Where the panel stands and where it should")
+                let legend = [(Ink::ORANGE, "its present place"), (Ink::BLUE, "its nominal place")];
+                (self.twice(panel, nominal, legend), "The panel's present place and its nominal place")
             }
             _ => return None,
         })
@@ -253,7 +257,7 @@ impl View<'_> {
         }
         let moved = format!("moved by more than {MOVED_PX} px, or gone");
         let legend = [
-            (Ink::GREEN, "edge of the fixture that stands where it stood"),
+            (Ink::GREEN, "edge of the fixture that has not moved"),
             (Ink::VERMILLION, &*moved),
             (Ink::BLUE, "no fixture there: hidden, gone, or no point"),
         ];
@@ -315,7 +319,7 @@ impl View<'_> {
             legend.push((ink, format!("a thing of {:.0} cm2", area_mm2 / 100.0)));
         }
         if legend.is_empty() {
-            legend.push((Ink::WHITE, "nothing stands in the search box".to_owned()));
+            legend.push((Ink::WHITE, "nothing is in the search box".to_owned()));
         }
         let legend: Vec<(Ink, &str)> = legend.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
         Canvas::on(&picture)?.with_legend(&legend)?.finish()

@@ -16,8 +16,8 @@ pub enum ForceMismatch {
     NoForce,
     /// A force that nothing presses with.
     #[error(
-        "the recipe states [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; take the key out, or use a \
-         cell with a compliant tool"
+        "the recipe states [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; remove \
+         the key, or use a cell with a compliant tool"
     )]
     ForceOfSpring {
         /// What is stated, N.

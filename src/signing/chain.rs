@@ -197,7 +197,7 @@ fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
                 found.extend(record.unearned().into_iter().map(|words| format!("{}: {words}", one.name)));
             }
             Err(error) => {
-                found.push(format!("{}: its verdict cannot be held against its findings: {error}", one.name))
+                found.push(format!("{}: its verdict cannot be compared with its findings: {error}", one.name))
             }
         }
     }

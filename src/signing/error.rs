@@ -5,7 +5,8 @@
 pub enum SigningError {
     /// No private key.
     #[error(
-        "this is no private ed25519 key ({problem}); allowed is one as PEM, as `openssl genpkey -algorithm ed25519` writes it"
+        "this is not a private ed25519 key ({problem}); valid: a PEM file, as `openssl genpkey -algorithm ed25519` \
+         writes it"
     )]
     PrivateKey {
         /// What does not fit.
@@ -13,7 +14,8 @@ pub enum SigningError {
     },
     /// No public key.
     #[error(
-        "this is no public ed25519 key ({problem}); allowed is the PEM file that stands beside the cell's key, or several in one file"
+        "this is not a public ed25519 key ({problem}); valid: the PEM file next to the cell's key, or several in \
+         one file"
     )]
     PublicKey {
         /// What does not fit.
@@ -21,7 +23,7 @@ pub enum SigningError {
     },
     /// No statement of this form.
     #[error(
-        "this is no signed record ({problem}); allowed is a file that `panelprep record export` wrote, unchanged"
+        "this is not a signed record ({problem}); valid: an unchanged file that `panelprep record export` wrote"
     )]
     Form {
         /// What does not fit.

@@ -41,7 +41,7 @@ pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>)
             let json = name.strip_suffix(".sig").map(|stem| format!("{stem}.json"));
             found.extend(
                 json.filter(|json| !statements.contains_key(json.as_str()))
-                    .map(|json| format!("{json} is missing; its signature {name} is there")),
+                    .map(|json| format!("{json} is missing; its signature {name} exists")),
             );
             continue;
         };

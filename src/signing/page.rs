@@ -114,7 +114,7 @@ fn wrong_page(
     }
     let mut found = Vec::new();
     match pdfs.get(&pdf) {
-        None => found.push(format!("{pdf} is missing; its signed page {json} is there")),
+        None => found.push(format!("{pdf} is missing; its signed page {json} exists")),
         Some(hash) if *hash != page.pdf_sha256 => {
             found.push(format!("{pdf} was changed: its SHA-256 is {hash}, the cell signed {}", page.pdf_sha256));
         }

@@ -77,7 +77,7 @@ pub enum CommandError {
         problem: String,
     },
     /// Too much in one message.
-    #[error("the message has {found} metrics; allowed are up to {MOST_METRICS}")]
+    #[error("the message has {found} metrics (limit {MOST_METRICS})")]
     TooMany {
         /// How many it has.
         found: usize,
@@ -89,7 +89,7 @@ pub enum CommandError {
         allowed: String,
     },
     /// A metric that is none, or that is only read.
-    #[error("found the metric {found}; allowed are: {allowed}")]
+    #[error("found the metric {found}; valid: {allowed}")]
     NotWritten {
         /// Its name or alias.
         found: String,
@@ -97,13 +97,13 @@ pub enum CommandError {
         allowed: String,
     },
     /// A command that the cell's file does not allow.
-    #[error("{name} is not allowed here: [sparkplug] commands in the cell's file says so")]
+    #[error("{name} is not allowed here, as [sparkplug] commands in the cell's file states")]
     NotPermitted {
         /// Its metric.
         name: &'static str,
     },
     /// Another value than true.
-    #[error("{name} was written with another value; allowed is the Boolean true")]
+    #[error("{name} was written with another value; valid: the Boolean true")]
     NotTrue {
         /// Its metric.
         name: &'static str,

@@ -57,9 +57,12 @@ pub const METRICS: [Definition; 29] = [
     metric("Cycle/work_order", String, "the part's work order in the newest cycle", |view| {
         Value::text(view.kept.work_order.as_deref())
     }),
-    metric("Cycle/phase", String, "the phase inside of Execute; while held, the one in which it goes on", |view| {
-        Value::text(view.now.phase.as_deref())
-    }),
+    metric(
+        "Cycle/phase",
+        String,
+        "the phase inside of Execute; while held, the phase in which it will continue",
+        |view| Value::text(view.now.phase.as_deref()),
+    ),
     metric("Cycle/pass", Int64, "its abrasions so far", |view| Value::whole(view.now.pass)),
     metric("Cycle/film_s", Double, "for how long the film was watched, s", |view| Value::real(view.now.film_s)),
     metric("Cycle/film_total_s", Double, "for how long the film is to be watched, s", |view| {

@@ -1,11 +1,13 @@
-//! The edge node: what it says to the broker, and what it makes of what comes back. Events in, acts out; it touches no socket and no clock.
+//! The edge node: its messages to the broker, and its handling of received messages. Events in, acts out; it uses
+//! no socket and no clock.
 //!
 //! ```text
 //! Connecting ─ Connected ─ (primary host online) ─ NBIRTH ─ NDATA at each change ─ NDEATH
 //! ```
 //!
-//! The death stands at the broker before anything else, as the will of the connection, under the number (`bdSeq`) that the births of
-//! the same connection carry. Births and data are counted by `seq` from 0 to 255 and on from 0.
+//! The death message is registered at the broker before anything else, as the will of the connection. It has the
+//! number (`bdSeq`) that the births of the same connection carry. Births and data are counted by `seq` from 0 to
+//! 255 and again from 0.
 
 use super::command::{NodeCommand, commands};
 use super::host::{HostState, PrimaryHost};
@@ -278,8 +280,8 @@ impl EdgeNode {
             return self.refuse("message", Some(topic.escape_debug().to_string()), refused);
         }
         if is_retained {
-            let refused = "the broker had kept this command, so that nobody knows how old it is; a command is sent without \
-                           the retain flag";
+            let refused = "the broker had retained this command, so its age is unknown; send commands without the \
+                           retain flag";
             return self.refuse("command", None, refused.to_owned());
         }
         let asked = commands(payload, self.setup.commands_allowed);

@@ -116,7 +116,8 @@ impl Abraded {
 
     /// The removal, if it is known.
     pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
-        let caption = "What was removed, with what earlier passes removed of this part, by the poses that the robot reported, µm";
+        let caption = "Depth removed by this and earlier passes of this part, calculated from the poses that the \
+                       robot reported, µm";
         self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_executed", caption)))
     }
 
@@ -139,18 +140,19 @@ impl Abraded {
                 "not_covered",
                 || {
                     format!(
-                        "by the poses that the robot reported the disc did not reach all that was planned of {}; the film \
-                         will tell",
+                        "by the poses that the robot reported, the disc did not reach all of the planned area of \
+                         {}; the next film will show the result",
                         names(&self.begun).join(", ")
                     )
                 },
             ),
-            Check::new(name::OFF_PATH, "mm", off_mm)
-                .at_most(allowed_mm, SetBy::Program)
-                .reviews("off_path", || {
+            Check::new(name::OFF_PATH, "mm", off_mm).at_most(allowed_mm, SetBy::Program).reviews(
+                "off_path",
+                || {
                     let [off, allowed] = apart(off_mm, allowed_mm, 2);
-                    format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}")
-                }),
+                    format!("the robot reported a pose {off} mm off the planned path (limit {allowed} mm)")
+                },
+            ),
             self.longer_check(),
         ]
     }

@@ -148,8 +148,9 @@ impl Taught<'_> {
             px_per_mm: self.camera.px_per_mm_at(in_camera.mm.z).0,
         };
         let which = sighting.corner + 1;
-        let caption =
-            format!("The flange camera's picture of corner {which}, {title}: where it is expected and where it is");
+        let caption = format!(
+            "The flange camera's picture of corner {which}, {title}: its expected place and its found place"
+        );
         Some(Drawing::new(name, caption, view.drawn(title)))
     }
 }
@@ -216,8 +217,8 @@ fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
     let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
     let [step, settled] = apart(step_mm, settled_mm, 2);
     format!(
-        "after {moves} moves, [corner] max_moves, a corner still stands {step} mm from where it was looked for, allowed are \
-         {settled} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
+        "after {moves} moves, [corner] max_moves, a corner is still {step} mm from its expected place (limit \
+         {settled} mm, settled_mm); check the hand-eye calibration, and that the panel does not move"
     )
 }
 

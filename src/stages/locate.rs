@@ -59,7 +59,7 @@ impl Located<'_> {
         let fit = self.fit.as_ref().filter(|_| self.judgement.verdict != Verdict::Reject)?;
         let of_panel = self.panel.points().map(|(_, point)| fit.base_from_panel * point);
         let of_scan = self.view.scan.valid().map(|(_, point)| self.view.base_from_camera * point);
-        Some(Obstacles::default().with("panel", of_panel).with("what the scan saw", of_scan))
+        Some(Obstacles::default().with("panel", of_panel).with("the scan's points", of_scan))
     }
 
     /// The taught outline and grids at the found place, over the scan's picture; `None` if no panel was found.

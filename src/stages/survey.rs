@@ -152,8 +152,8 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
             .reviews("deviates", || {
                 let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);
                 format!(
-                    "the panel lies up to {mm} mm from the taught one, the limit is {limit_mm} mm: look at the map of its deviation; is it \
-                     this panel, and is it clamped as it was taught?"
+                    "the panel is up to {mm} mm from the taught one (limit {limit_mm} mm): look at the map of its \
+                     deviation; check that it is the right panel, clamped as it was taught"
                 )
             }),
         Check::new("residual of today's surface, rms", "mm", rms_mm)
@@ -161,8 +161,8 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
             .reviews("rough_today", || {
                 let [mm, limit_mm] = apart(rms_mm, limit_rms_mm, 3);
                 format!(
-                    "the scan's points lie {mm} mm (rms) from today's surface, the limit is {limit_mm} mm: it bends within less than \
-                     70 mm, or the scan is poor; look at the panel, then scan again"
+                    "the scan's points are {mm} mm (rms) from today's surface (limit {limit_mm} mm): it bends \
+                     within less than 70 mm, or the scan is poor; look at the panel, then scan again"
                 )
             }),
         Check::new("region that today's scan does not show", "%", percent)
@@ -170,8 +170,8 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
             .reviews("hidden_today", || {
                 let [percent, limit_percent] = apart(percent, limit_percent, 1);
                 format!(
-                    "{percent} % of the region is hidden in the scan or has something on it, the limit is {limit_percent} %; the surface is \
-                     not known there: remove what hides it, then locate again"
+                    "{percent} % of the region is hidden in the scan or has something on it (limit {limit_percent} \
+                     %); the surface is not known there: remove what hides it, then locate again"
                 )
             }),
         Check::new("largest square that today's scan does not show", "mm", hole_mm)
@@ -179,8 +179,8 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
             .reviews("hidden_today", || {
                 let [mm, limit_mm] = apart(hole_mm, limit_hole_mm, 1);
                 format!(
-                    "a square of {mm} mm of the region is hidden, or something lies on it, the limit is {limit_mm} mm: look at the map of the \
-                     deviation, remove what lies there, then locate again"
+                    "a square of {mm} mm of the region is hidden, or something lies on it (limit {limit_mm} mm): \
+                     look at the map of the deviation, remove what lies there, then locate again"
                 )
             }),
     ]
@@ -188,7 +188,7 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
 
 /// How the surface lies in the taught scan, pixel by pixel.
 pub fn drawn_surface(map: &DeviationMap) -> Drawing {
-    Drawing::new("surface", "The region's scan beside the fitted surface", surface_map(map))
+    Drawing::new("surface", "The region's scan compared with the fitted surface", surface_map(map))
 }
 
 impl Surveyed {

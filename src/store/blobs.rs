@@ -96,7 +96,7 @@ impl Blobs {
         let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
         let removed = fs::remove_file(&probe).map_err(at("remove", &probe));
         written.and(removed)?;
-        free_mb(&self.folder).map_err(at("look at the disk of", &self.folder))
+        free_mb(&self.folder).map_err(at("read the free space on the disk of", &self.folder))
     }
 
     /// Returns whether there is a file with this hash; it was complete when it was written.

@@ -146,12 +146,8 @@ pub(super) static PARTS: [Part; 26] = [
         "signature",
         &["cycle_id", "kind", "unix_ms", "record_hash", "previous_hash", "signature", "public_key"],
     ),
-    Part::row("outbox_epochs", "epoch of what the office is to have", &["epoch", "unix_ms", "why"]),
-    Part::row(
-        "outbox",
-        "entry of what the office is to have",
-        &["epoch_id", "number", "kind", "row_key", "unix_ms"],
-    ),
+    Part::row("outbox_epochs", "epoch of the office's outbox", &["epoch", "unix_ms", "why"]),
+    Part::row("outbox", "entry of the office's outbox", &["epoch_id", "number", "kind", "row_key", "unix_ms"]),
 ];
 
 /// The part with this name.

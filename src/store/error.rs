@@ -64,7 +64,7 @@ pub enum StoreError {
         problem: String,
     },
     /// An append failed before.
-    #[error("the journal of {} could not be written before; nothing more is appended until the program starts again", path.display())]
+    #[error("an earlier write to the journal of {} failed; nothing more is appended until the program starts again", path.display())]
     JournalInDoubt {
         /// The database.
         path: PathBuf,
@@ -112,7 +112,7 @@ pub enum StoreError {
         problem: String,
     },
     /// A number that JSON cannot hold.
-    #[error("the number '{name}' is NaN or infinite; what was not measured is None")]
+    #[error("the number '{name}' is NaN or infinite; a value that was not measured is None")]
     NotFinite {
         /// The number.
         name: String,

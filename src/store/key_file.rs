@@ -68,7 +68,8 @@ fn is_private(file: &Path) -> Result<(), StoreError> {
         return Ok(());
     }
     let words = format!(
-        "others than its owner may use it (mode {mode:03o}); allowed is 600: chmod 600 it, or replace it where others have read it"
+        "users other than its owner may use it (mode {mode:03o}, valid: 600): chmod 600 it, or replace it if \
+         others have read it"
     );
     Err(at("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
 }

@@ -19,7 +19,7 @@ pub struct Lease {
 }
 
 impl Lease {
-    /// Takes the lock; every other writer is refused until it is dropped.
+    /// Acquires the lock; every other writer is refused until it is dropped.
     ///
     /// # Errors
     /// If another process, or another store of this process, holds it.

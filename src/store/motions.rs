@@ -112,7 +112,10 @@ impl Store {
             let told = settled.concluded.filter(|(cycle, _)| *cycle == Some(id));
             let judgement = Judgement {
                 verdict: told.map_or(Verdict::Aborted, |(_, verdict)| verdict),
-                reasons: vec![Reason::new("interrupted", "the program ended before it could keep the cycle's end")],
+                reasons: vec![Reason::new(
+                    "interrupted",
+                    "the program ended before it could record the cycle's end",
+                )],
             };
             self.conclude(id, judgement.verdict, &judgement.reasons)?;
         }

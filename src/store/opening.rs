@@ -84,10 +84,7 @@ impl Store {
         schema::check(&connection, &path)?;
         if (1..schema::SCHEMA).contains(&version) {
             let kept = copy::keep_earlier(&connection, folder, version)?;
-            tracing::info!(
-                "the store's tables are brought up to date; as they were they are kept in {}",
-                kept.display()
-            );
+            tracing::info!("the store's tables are updated; a copy of the old ones is kept in {}", kept.display());
         }
         schema::prepare(&connection).map_err(failed)?;
         let head = HeadFile::open(folder).map_err(|error| at_head(folder, error))?;
@@ -108,7 +105,7 @@ impl Store {
         }
         store.begin_epoch_if_restored()?;
         if let Err(error) = store.reserve.take() {
-            tracing::warn!("no reserve for a full disk could be taken in {}: {error}", folder.display());
+            tracing::warn!("the reserve for a full disk could not be created in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.fill();
                 // Without room for the journal nothing may begin, and no start either.

@@ -124,7 +124,7 @@ impl Store {
             };
             self.connection.prepare_cached(sql)?.query_map([], position)?.collect()
         };
-        read().map_err(|error| self.failed("read what the office is to have from", &error))
+        read().map_err(|error| self.failed("read the office's outbox from", &error))
     }
 
     /// The rows for the office after this position, within its epoch and in order, at most `most`.
@@ -132,7 +132,7 @@ impl Store {
     /// # Errors
     /// If it cannot be read, or a row or a file is damaged.
     pub fn outbox_after(&self, after: &Position, most: usize) -> Result<Vec<Envelope>, StoreError> {
-        let failed = |error: rusqlite::Error| self.failed("read what the office is to have from", &error);
+        let failed = |error: rusqlite::Error| self.failed("read the office's outbox from", &error);
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT ?3");
         let mut statement = self.connection.prepare_cached(&sql).map_err(failed)?;
         let [after_number, most] = [after.number, most as u64].map(|it| i64::try_from(it).unwrap_or(i64::MAX));
@@ -150,7 +150,7 @@ impl Store {
         let number = i64::try_from(after.number).unwrap_or(i64::MAX);
         let read =
             || self.connection.prepare_cached(&sql)?.query_row(params![after.epoch, number], Kept::of).optional();
-        let row = read().map_err(|error| self.failed("read what the office is to have from", &error))?;
+        let row = read().map_err(|error| self.failed("read the office's outbox from", &error))?;
         Ok(row.map(|row| row.unix_ms))
     }
 
@@ -234,10 +234,7 @@ impl Store {
         let Kept { position, kind, row_key, unix_ms } = row;
         let unknown = || StoreError::Unreadable {
             path: self.path().to_owned(),
-            problem: format!(
-                "number {} of what the office is to have is of the unknown kind \"{kind}\"",
-                position.number
-            ),
+            problem: format!("number {} of the office's outbox is of the unknown kind \"{kind}\"", position.number),
         };
         let body = match Kind::of_word(&kind).ok_or_else(unknown)? {
             Kind::Cycle => self.cycle_end(CycleId(row_key))?,
@@ -292,7 +289,7 @@ impl Store {
         let named = |(name, hash): (String, String)| {
             let gone = match blobs.join(&hash).exists() {
                 true => None,
-                false if removed.contains(&hash) => Some("removed as [store] keep says"),
+                false if removed.contains(&hash) => Some("removed according to [store] keep"),
                 false => Some("missing in the cell's store"),
             };
             NamedFile { name, hash, gone: gone.map(str::to_owned) }

@@ -88,13 +88,15 @@ pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<
         let Some(part) = text(blobs, &hash) else { continue };
         match row {
             Some(row) if row == part => {}
-            Some(_) => {
-                found.push(format!("changed: the part of cycle {cycle} is not the one that the cycle keeps"))
-            }
+            Some(_) => found.push(format!(
+                "changed: the part of cycle {cycle} is not the one that was recorded with the \
+                                    cycle"
+            )),
             None => found.push(format!("deleted: the part of cycle {cycle} is missing from the table of parts")),
         }
     }
-    let more = rows.keys().map(|cycle| format!("put in: the part of cycle {cycle}, which keeps none"));
+    let more =
+        rows.keys().map(|cycle| format!("put in: the part of cycle {cycle}, with which no part was recorded"));
     found.extend(more);
     Ok(found)
 }

@@ -81,7 +81,7 @@ impl Store {
             Ok(Pruned { files: files as u64, bytes: bytes as u64, at_unix_s: row.get(2)? })
         };
         let pruned = self.connection.query_row(sql, [id.0], row);
-        let pruned = pruned.map_err(|error| self.failed("read what was removed from", &error))?;
+        let pruned = pruned.map_err(|error| self.failed("read the list of removed files from", &error))?;
         Ok(Some(pruned).filter(|pruned| pruned.files > 0))
     }
 
@@ -127,7 +127,7 @@ impl Store {
             .filter_map(|hash| Some((hash, i64::try_from(blobs.join(hash).metadata().ok()?.len()).ok()?)))
             .collect();
         let at_unix_s = self.unix_s();
-        let may = self.commit("write what is removed to", |writing| {
+        let may = self.commit("write the list of removed files to", |writing| {
             let sql = "SELECT count(*) FROM cycles WHERE verdict IS NULL";
             let running: i64 = writing.query_row(sql, [], |row| row.get(0))?;
             if running > 0 {
@@ -217,7 +217,7 @@ fn clip(store: &Store, hash: &str) -> Vec<String> {
 
 /// The files that were removed.
 pub(super) fn removed(store: &Store) -> Result<BTreeSet<String>, StoreError> {
-    let read = |error: rusqlite::Error| store.failed("read what was removed from", &error);
+    let read = |error: rusqlite::Error| store.failed("read the list of removed files from", &error);
     let mut statement = store.connection.prepare("SELECT hash FROM pruned").map_err(read)?;
     statement.query_map([], |row| row.get(0)).map_err(read)?.collect::<Result<_, _>>().map_err(read)
 }

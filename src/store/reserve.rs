@@ -51,7 +51,8 @@ impl Reserve {
         if released && let Some(folder) = self.path.parent() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "the blocks are free once the folder is on the disk; where that fails, the next writing tells"
+                reason = "the blocks are free once the folder is on the disk; if that fails, the next write \
+                          reports it"
             )]
             let _ = flush::names(folder);
         }
@@ -96,6 +97,7 @@ fn advice(folder: &Path) -> String {
         count => format!("recordings that were looked at ({count} files, {mb} MB, in {})", recordings.display()),
     };
     format!(
-        "delete {recordings}, or let [store] keep in the cell's file remove clips and scans of old cycles; nothing else in the store may be deleted"
+        "delete {recordings}, or set [store] keep in the cell's file, which removes clips and scans of old cycles; \
+         nothing else in the store may be deleted"
     )
 }

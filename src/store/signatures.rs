@@ -107,7 +107,7 @@ fn last(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
 
 impl Store {
     /// Signs every cycle that is over and is not signed yet, in order, in the store in this folder, also while a
-    /// service writes to it. `told` is called for each; one that cannot be signed does not stop the others.
+    /// service writes to it. The callback is called for each; one that cannot be signed does not stop the others.
     ///
     /// # Errors
     /// If the store cannot be opened, or its signatures cannot be read.

@@ -40,7 +40,7 @@ impl Store {
                 == (statement.cycle(), statement.unix_ms, &statement.previous, hash, &statement.public_key)
                 && row.is_of_person == matches!(statement.says, Said::Person(_));
             if !same {
-                verified.found.push(format!("signature {} does not say what its signed record says", row.number));
+                verified.found.push(format!("signature {} does not match its signed record", row.number));
             }
         }
         verified.found.extend(after_the_last(&rows));
@@ -72,7 +72,7 @@ impl Store {
             .map(|words| format!("cycle {id} is not what was signed, at {words}"))
             .collect();
         if signed.part.is_some() && now.part != signed.part {
-            found.push(format!("cycle {id} is not what was signed: its part was named otherwise"));
+            found.push(format!("cycle {id} is not what was signed: the signed record has another part"));
         }
         found
     }

@@ -20,7 +20,7 @@ const DEGENERATE_SINE: f64 = 1e-6;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
     /// The net does not fit the knots.
-    #[error("the knots ask for {needed} control points, found {found}")]
+    #[error("the knots need {needed} control points, found {found}")]
     ControlCount {
         /// Control points found.
         found: usize,

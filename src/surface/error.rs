@@ -17,8 +17,8 @@ pub enum FitError {
     NoPoints,
     /// The control points are closer than the scan's.
     #[error(
-        "a span of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, needed are {MIN_PIXELS}; raise \
-         [surface] control_spacing_mm", at.u, at.v
+        "a span of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, at least {MIN_PIXELS} are \
+         needed; raise [surface] control_spacing_mm", at.u, at.v
     )]
     TooFine {
         /// The recipe's spacing, mm.

@@ -30,8 +30,8 @@ pub enum TapeError {
     },
     /// It ends too soon.
     #[error(
-        "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} whole entries; the program \
-         that wrote it ended before, or the file was cut"
+        "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} whole entries; \
+         the program that wrote it ended too early, or the file was cut"
     )]
     Unfinished {
         /// Entries read.
@@ -62,8 +62,8 @@ pub enum TapeError {
     },
     /// Something is missing.
     #[error(
-        "the recording has a gap: {topic} goes on with entry {found} after {from_s:.3} s, entry {expected} was due; it was \
-         changed after it was written"
+        "the recording has a gap: {topic} continues with entry {found} after {from_s:.3} s, entry {expected} was \
+         expected; it was changed after it was written"
     )]
     Gap {
         /// The topic.

@@ -132,7 +132,7 @@ fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
     let found = shot.size_px();
     if found != size_px {
         return Err(format!(
-            "a picture of {}×{} px where {}×{} was said",
+            "a picture of {}×{} px, but {}×{} px was stated",
             found[0], found[1], size_px[0], size_px[1]
         ));
     }

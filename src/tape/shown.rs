@@ -41,8 +41,8 @@ pub(super) const SCANNER_FRAME: &str = "scanner";
 pub(super) const FLANGE_FRAME: &str = "flange_camera";
 
 /// The text at the beginning of each recording.
-pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that takes them for metres shows the scene 1000 times \
-     as large as it is";
+pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that reads them as metres shows the \
+                                scene 1000 times too large";
 
 /// What is shown.
 #[derive(Debug, Clone, PartialEq)]

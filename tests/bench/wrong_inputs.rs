@@ -78,7 +78,7 @@ fn mistakes() -> Vec<Mistake> {
         pose("rotation vector, degrees", "rotation vector in degrees", |pose| {
             written(pose, pose.rotation.scaled_axis().map(f64::to_degrees).into())
         }),
-        pose("quaternion order", "w, x, y, z were taken as x, y, z, w", |pose| {
+        pose("quaternion order", "w, x, y, z were read as x, y, z, w", |pose| {
             let q = pose.rotation.coords;
             turned(pose, UnitQuaternion::from_quaternion(Quaternion::new(q.z, q.w, q.x, q.y)))
         }),

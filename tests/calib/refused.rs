@@ -51,7 +51,7 @@ fn bad_input_is_told_and_writes_nothing() {
     for (command, words) in [
         (format!("{lens} {all} large.png"), "large.png has 640 × 480 pixels"),
         (format!("{lens} {all} lens.toml"), "lens.toml"),
-        (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "allowed is 0.5 to 500"),
+        (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "the limits are 0.5 to 500"),
         (format!("{many} few.toml"), "3 of 3 pictures can be used, 5 are needed"),
         (format!("{many} missing.toml"), "33.png is not in the folder"),
         (format!("{many} radians.toml"), "look like radians"),
@@ -65,7 +65,7 @@ fn bad_input_is_told_and_writes_nothing() {
     // Correct pictures that do not determine a lens: a verdict, and the next picture to take.
     for (command, words) in [
         (format!("{lens} empty.png empty.png empty.png empty.png"), "empty.png shows no board with 5×4"),
-        (format!("{lens} {all}").replace("5x4", "9x6"), "found a 5x4 board, asked for 9x6"),
+        (format!("{lens} {all}").replace("5x4", "9x6"), "found a 5x4 board, expected 9x6"),
         (format!("{lens} 00.png 01.png 02.png"), "3 of 3 pictures can be used, 4 are needed"),
         (format!("{lens} 00.png 00.png 00.png 00.png"), ""),
     ] {
@@ -145,7 +145,7 @@ fn a_look_without_its_board_ends_soon() {
     save(folder, "weave.png", &weave);
     write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
     for (name, board, words) in [
-        ("board.png", "6x4", "found a 5x4 board, asked for 6x4"),
+        ("board.png", "6x4", "found a 5x4 board, expected 6x4"),
         ("noise.png", "5x4", "shows no board with 5×4"),
         ("weave.png", "9x6", "weave.png"),
         ("noise.png", "charuco:8x6:18:4X4_50", "shows no board with 7×5"),

@@ -96,8 +96,8 @@ fn a_recording_that_cannot_be_begins_no_cycle() {
     let of = |command: &str| format!("{command} --cell cell/cell.toml --recipe cell/recipe.toml --seed 3 --record");
     for command in [of("cycle"), of("air-run"), "demo --reduction 4 --out demo --record".to_owned()] {
         for (file, words) in [
-            ("there.mcap", "is there already"),
-            ("link.mcap", "is there already"),
+            ("there.mcap", "already exists"),
+            ("link.mcap", "already exists"),
             ("nowhere/a.mcap", "no such folder"),
             ("there.mcap/a.mcap", "no such folder"),
             ("cell/store/a.mcap", "inside the store"),

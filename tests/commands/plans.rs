@@ -52,7 +52,7 @@ fn a_rejected_plan_becomes_no_program() {
     let earlier = std::fs::read(folder.join("sand.src")).expect("the program");
     let told = panelprep(folder, &format!("{plan} --located far.json"));
     let told = String::from_utf8_lossy(&told.stdout).into_owned();
-    assert!(told.contains("no program was written to sand.src") && told.contains("of an earlier plan"), "{told}");
+    assert!(told.contains("no program was written to sand.src") && told.contains("from an earlier plan"), "{told}");
     assert_eq!(std::fs::read(folder.join("sand.src")).expect("the program"), earlier);
     for (name, word) in [("sand.txt", ".src"), ("while.src", "no word of the language")] {
         let output = panelprep(folder, &plan.replace("sand.src", name));

@@ -51,8 +51,11 @@ fn bad_input_is_refused_with_file_and_reason() {
         (clip("empty"), vec!["empty/clip.csv", "empty"]),
         (clip("gap"), vec!["gap/00001.jpg", "No such file"]),
         (format!("{} --located pose.json", clip("cell/clip")), vec!["pose.json", "missing field"]),
-        (VERIFY[0].replace("5x4", "5"), vec!["--board 5: allowed is a chessboard"]),
-        (VERIFY[0].replace("--square-mm 40", "--square-mm -40"), vec!["squares of -40 mm; allowed is 0.5 to 500"]),
+        (VERIFY[0].replace("5x4", "5"), vec!["--board 5: valid: a chessboard"]),
+        (
+            VERIFY[0].replace("--square-mm 40", "--square-mm -40"),
+            vec!["squares of -40 mm; the limits are 0.5 to 500"],
+        ),
         ("render --out cell/clip".to_owned(), vec!["cell/clip", "not written by"]),
     ];
     for (arguments, words) in &cases[..1] {

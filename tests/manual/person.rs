@@ -30,7 +30,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
         let (column, row) = rest.split(']').next()?.split_once(", ")?;
         cell.touch_corner(column.parse().ok()?, row.parse().ok()?);
         words("")
-    } else if line.contains("Bring the camera on the flange to where it sees the") {
+    } else if line.contains("Move the camera on the flange until it sees the") {
         cell.jog_to_corner(number);
         words("")
     } else if let Some(url) = line.split_whitespace().find(|word| word.starts_with("http://")) {
@@ -38,7 +38,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
         return None;
     } else if let Some((step, _)) = line.strip_prefix("Type ").and_then(|rest| rest.split_once(", the step, to ")) {
         words(step)
-    } else if line.contains("axis angles where the arm is clear") {
+    } else if line.contains("axis angles at which the arm is clear") {
         words(PARK_DEG)
     } else if line.contains("least corner of the box that the tool's tip") {
         words(BOX_MM[0])

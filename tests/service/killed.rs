@@ -131,7 +131,7 @@ fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
     let service = Service::start(folder);
     let found = service.done("state");
     let words = found["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(found["state"] == "aborted" && words.contains("while a motion was open"), "{found}");
+    assert!(found["state"] == "aborted" && words.contains("before a motion was reported as finished"), "{found}");
     service.refused("reset", 2, "possible now: clear");
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
     service.reach("stopped");

@@ -37,7 +37,7 @@ fn cycles_of_the_service_are_recorded_and_replay() {
     slow_film(folder, "[path]\ndisc_life_mm2 = 1000.0\n");
     let service = Service::start(folder);
     service.reset();
-    let taken = "is there already; remove it, or record in another file";
+    let taken = "already exists; remove it, or record to another file";
     service.refused(&format!("{START} --record cell/cell.toml"), 2, taken);
     service.refused(&format!("{START} --record nowhere/at/all/a.mcap"), 2, "no such folder");
     assert_eq!(service.done("state")["recording"], Value::Null, "nothing began");
@@ -97,7 +97,7 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
     assert!(entries > 50, "{entries}");
     let (exit, told) = json(folder, "replay cut.mcap");
     let reason = told["reasons"][0]["message"].as_str().expect("words");
-    let words = format!("with {entries} whole entries; the program that wrote it ended before");
+    let words = format!("with {entries} whole entries; the program that wrote it ended too early");
     assert!(exit == 2 && reason.contains("cut.mcap") && reason.contains(&words), "{told}");
     // The next one may record again, and its cycle is another.
     let service = Service::start(folder);
@@ -106,5 +106,5 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
         service.reach("stopped");
     }
     service.reset();
-    service.refused(&format!("{START} --record cut.mcap"), 2, "is there already");
+    service.refused(&format!("{START} --record cut.mcap"), 2, "already exists");
 }

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 const SECTOR: usize = 512;
 /// The file that states how far the chain goes.
 const HEAD: &str = "panelprep.head";
-/// The file that takes room and contains nothing.
+/// The file that reserves space and contains no data.
 const RESERVE: &str = "panelprep.reserve";
 
 /// What is to happen at one of the next writings.

@@ -22,7 +22,7 @@ const CELL_SEED: u64 = 3;
 const DIFFERENT_MM: f64 = 2.0;
 const AROUND_PX: usize = 4;
 
-/// The file that takes room and contains nothing.
+/// The file that reserves space and contains no data.
 const RESERVE: &str = "panelprep.reserve";
 const RESERVE_BYTES: u64 = 32 << 20;
 

@@ -72,7 +72,7 @@ impl InTime {
             world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
         }
         let now_ms = world.now_ms();
-        // A stalled link receives nothing of it.
+        // A stalled link does not receive this.
         let hears = now_ms > world.cell.client_stalls_until_ms;
         if world.cell.controller.can_move() || !works(state.at) || world.is_strange() || !hears {
             self.unable = None;

@@ -1,5 +1,5 @@
-//! One simulation of everything between a person's request and the panel: table, loop, link, robot program, arm, cameras,
-//! water, people, store and disk, in one process and one thread, by one seed and in virtual time.
+//! One simulation of everything between a person's request and the panel: table, loop, link, robot program, arm,
+//! cameras, water, people, store and disk, in one process and one thread, by one seed and in virtual time.
 //!
 //! ```text
 //! people ── requests ──┐                     ┌── record ── the real store, on a folder in memory
@@ -7,21 +7,24 @@
 //! cameras ── stages ───┘                     └── session ── four ways for bytes ── controller ── arm, outputs
 //! ```
 //!
-//! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read ·
-//!   `pairs`: faults that show something only where they meet · `elsewhere`: override, measured poses, jogs, restores, a second screen
-//! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
-//!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
-//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request handler before them ·
-//!   `judges`: what must hold at every moment · `in_time`: what must come in time · `ledger`: what the store has acknowledged ·
-//!   `touched`: what the arm touched and no count may forget · `restoring`: backups and restores of the store ·
-//!   `wear`, `aims`: what is said of contact, where lines end · `killing`: real processes that are killed
-//! - `disk`: the disk, what it may do, and what a power cut leaves, or would have left · `libc_calls`: how it sees what is written
+//! - `fixture`: the cell, its recipe, its taught panel · `script`: the faults and their times, drawn from a seed,
+//!   printed and read · `pairs`: faults that have an effect only in combination · `elsewhere`: override, measured
+//!   poses, jogs, restores, a second screen
+//! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and
+//!   meanings · `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
+//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request
+//!   handler in front of them · `judges`: what must hold at every moment · `in_time`: what must happen in time ·
+//!   `ledger`: what the store has acknowledged · `touched`: what the arm touched and no count may forget ·
+//!   `restoring`: backups and restores of the store · `wear`, `aims`: the requirements on contact, and the ends of
+//!   lines · `killing`: real processes that are killed
+//! - `disk`: the disk, its possible faults, and what a power cut leaves, or would have left · `libc_calls`: how it
+//!   sees what is written
 //!
-//! - `sabotage`: mistakes that are put in, to see that a world finds them
+//! - `sabotage`: mistakes that are planted, to check that a world finds them
 //!
-//! The loop is the service's own (`daemon::run`, by the wall clock) with ports of this world, so that heartbeats, watchdogs and
-//! deadlines are those of the service. Results of computing come to the loop after some virtual time, and what happens
-//! meanwhile happens to the loop.
+//! The loop is the service's own (`daemon::run`, by the wall clock) with ports of this world, so that heartbeats,
+//! watchdogs and deadlines are those of the service. Results of computing reach the loop after some virtual time,
+//! and events in that time affect the loop.
 
 mod aims;
 mod cameras;

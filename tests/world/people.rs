@@ -67,7 +67,7 @@ pub struct People {
     begun_before: u64,
     /// The queue and the handler of the process at hand.
     desk: Option<Desk>,
-    /// A person has told this process to leave.
+    /// A person has ordered this process to leave.
     has_left: bool,
     working: Option<(Id, u64)>,
     /// The cycle at hand began when nothing went wrong any more.

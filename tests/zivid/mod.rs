@@ -41,7 +41,7 @@ fn each_planted_fault_of_the_camera_is_named() {
         ("gone", "C2 the 3D camera was lost during a 3D shot: the camera does not answer"),
         ("missing", "C6 no 3D data: 0.00 % of the shot's points are there"),
         ("infinite", "C4 the shot has 1 points with a coordinate that is infinite"),
-        ("half", "C5 a 3D shot: 81×50 px, the camera's calibration says 162×100"),
+        ("half", "C5 a 3D shot: 81×50 px, the camera's calibration is for 162×100"),
     ];
     for (fault, words) in cases {
         let (_folder, mut scanner) =

@@ -107,6 +107,6 @@ fn doctor_looks_at_light_warmth_and_settings() {
     let film = folder.path().join("cell/film.yml");
     std::fs::write(&film, stub::PICTURE.replace("Brightness: 0", "Brightness: 1.8")).expect("written");
     let (ok, scanner) = check(&checks(), "scanner");
-    let words = "Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, allowed is 0";
+    let words = "Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, it must be 0";
     assert!(!ok && scanner.contains("film.yml:") && scanner.contains(words), "{scanner}");
 }

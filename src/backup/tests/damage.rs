@@ -74,7 +74,7 @@ fn a_full_disk_leaves_all_as_it_was() {
     let file = cell.at("cell.toml");
     let on_disk = Plan { wanted, store: Some(&store), ..plan(&archive, &file) };
     let error = restore(&on_disk).expect_err("no room").to_string();
-    assert!(error.contains("MB left and the backup needs 9 MB"), "{error}");
+    assert!(error.contains("MB free, and the backup needs 9 MB"), "{error}");
     assert_eq!(left(), 0);
 
     // The disk fills when the configuration is written; the store, elsewhere, was ready.
@@ -85,6 +85,6 @@ fn a_full_disk_leaves_all_as_it_was() {
     let before = content(cell.0.path());
     let (file, store) = (disk.folder().join("a/cell.toml"), cell.at("new-store"));
     let error = restore(&Plan { store: Some(&store), ..plan(&archive, &file) }).expect_err("no room").to_string();
-    assert!(error.contains("No space left") && !error.contains("failed as well"), "{error}");
+    assert!(error.contains("No space left") && !error.contains("failed too"), "{error}");
     assert_eq!((left(), content(cell.0.path())), (1, before));
 }

@@ -1,5 +1,5 @@
-//! Archives by a person who knows the format: sealed as they should be, with names, links and rows that should not
-//! be.
+//! Archives forged by a person who knows the format: sealed correctly, with names, links and rows that are not
+//! allowed.
 
 use super::super::entry::Entry;
 use super::super::manifest::{FORMAT, Listed, Manifest, NAME};
@@ -45,8 +45,8 @@ fn manifest(entries: &[Forged]) -> Manifest {
     Manifest { format: FORMAT, program: "0".to_owned(), made_unix_s: 0, links: None, entries }
 }
 
-/// Sealed by a person who knows how: names that lead elsewhere, links, other contents, more or less than the
-/// manifest states.
+/// Archives sealed by a person who knows the format: names that lead elsewhere, links, other contents, more or less
+/// than the manifest states.
 #[test]
 fn a_forged_archive_is_refused_and_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -65,10 +65,10 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     .into();
     let mut link = named("configuration/recipes/evil.toml");
     (link[1].kind, link[1].listed.bytes) = (tar::EntryType::Symlink, 1);
-    cases.push(("where its manifest says", link));
+    cases.push(("but its manifest lists", link));
     let mut elsewhere = named("configuration/recipes/evil.toml");
     elsewhere[1].header_name = "../../evil.toml".to_owned();
-    cases.push(("where its manifest says", elsewhere));
+    cases.push(("but its manifest lists", elsewhere));
     let mut other = named("configuration/recipes/evil.toml");
     other[1].content = b"y".to_vec();
     cases.push(("the SHA-256 of configuration/recipes/evil.toml", other));
@@ -79,7 +79,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     unnamed[0] = forged("configuration/cell.toml", b"store = \"store\"\n");
     cases.push(("names no calibration.scanner", unnamed));
     cases.push((
-        "this program does not take its cell's file",
+        "this program does not accept its cell's file",
         vec![forged("configuration/cell.toml", b"stoer = 1")],
     ));
     for (words, entries) in cases {
@@ -95,7 +95,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     let entries = named("configuration/recipes/wing.toml");
     let wanted = Wanted { store: false, configuration: true };
     for (manifest, words) in [
-        (manifest(&entries[..1]), "more than its manifest says"),
+        (manifest(&entries[..1]), "more files than its manifest lists"),
         (
             manifest(&[&entries[..], &[forged("configuration/recipes/more.toml", b"x")]].concat_all()),
             "missing in it",

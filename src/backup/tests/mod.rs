@@ -1,5 +1,5 @@
-//! Backups of a small cell: whole, in use, outside of its folder. `damage` damages them, `forgery` is by a person
-//! who knows the format.
+//! Backups of a small cell: whole, in use, outside of its folder. `damage` damages them, `forgery` forges them with
+//! knowledge of the format.
 
 mod damage;
 mod forgery;
@@ -130,9 +130,9 @@ fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
         |permission| restore(&Plan { permission, ..plan(&archive, &file) }).expect_err("refused").to_string();
     let none = Permission::default();
     let first = told(none);
-    assert!(first.contains("cell.toml is there already") && first.contains("--replace configuration"), "{first}");
+    assert!(first.contains("cell.toml is already present") && first.contains("--replace configuration"), "{first}");
     let second = told(Permission { replace_configuration: true, ..none });
-    assert!(second.contains("store is there already") && second.contains("--replace store"), "{second}");
+    assert!(second.contains("store is already present") && second.contains("--replace store"), "{second}");
     assert_eq!(content(cell.0.path()), before);
 
     let permission = Permission { replace_configuration: true, replace_store: true, outside: false };

@@ -31,8 +31,8 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
     let words = || {
         let [is, most] = apart(found.smooth_mm, if is_bad { reject_mm } else { review_mm }, 2);
         format!(
-            "scans of a flat board are off a plane by {is} mm where it is not the same each time, allowed is {most} mm; warm the camera up, look at \
-             its exposure, and have it calibrated by its maker"
+            "scans of a flat board deviate from a plane by {is} mm, differently in each scan (limit {most} mm); \
+             warm up the camera, check its exposure, and have it calibrated by its maker"
         )
     };
     let smooth =
@@ -63,7 +63,7 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             "scanner_board",
             || {
                 let [is, most] = apart(found.bow_mm, MOST_BOW_MM, 2);
-                format!("the board is bowed by {is} mm, allowed is {most} mm; take a stiff one")
+                format!("the board is bowed by {is} mm (limit {most} mm); use a stiff one")
             },
         ),
         Check::new("scale of distances", "%", found.scale_percent.abs())
@@ -71,14 +71,16 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
             .reviews("scanner_scale", || {
                 let [is, most] = apart(found.scale_percent.abs(), SCALE_PERCENT, 2);
                 format!(
-                    "distances on the board are off by {is} %, allowed is {most} %; measure the board's squares, and have the camera calibrated by its maker"
+                    "distances on the board are off by {is} % (limit {most} %); measure the board's squares, and \
+                     have the camera calibrated by its maker"
                 )
             }),
         Check::new("length over which the smooth error is alike", "mm", found.correlation_mm)
             .at_most(SHOWN * found.board_mm, SetBy::Program)
             .reviews("scanner_board_small", || {
                 let [is, most] = apart(found.correlation_mm, SHOWN * found.board_mm, 0);
-                format!("the smooth error is alike over {is} mm, boards of this size show {most} mm; take a larger board")
+                format!("the smooth error is correlated over {is} mm, but boards of this size show at most {most} \
+                         mm; use a larger board")
             }),
     ]
 }

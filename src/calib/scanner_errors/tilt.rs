@@ -1,4 +1,4 @@
-//! The error that turns planes into other planes, by the distances between printed corners.
+//! The depth error that maps planes to other planes, determined from the distances between printed corners.
 //!
 //! A depth error that is linear over the directions, c = a + b x + c y, leaves flat boards flat, and makes
 //! distances on them longer where it is larger. With the scale sᵢ of each scan's distances, and its change by each

@@ -115,8 +115,8 @@ fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
 }
 
 /// The 5×4 board in a picture of full size. If the search is for a board with more squares or with fewer, the error
-/// names the board that is there. A part of a board is never mistaken for the whole. Its corners in the other order
-/// are the same.
+/// names the board in the picture. A part of a board is never mistaken for the whole. Its corners in the other
+/// order are the same.
 #[test]
 fn another_board_is_named_and_a_part_is_not_the_whole() {
     let board = |text: &str| Board::parse(text, 40.0).expect("a board");
@@ -124,7 +124,7 @@ fn another_board_is_named_and_a_part_is_not_the_whole() {
     let picture = cell.picture(&cell.scanner(), &cell.fixed_shots(1)[0]);
     for other in ["6x4", "9x6", "4x4", "4x3", "3x3"] {
         let told = detect::detect("it.png", &picture, &board(other), None).expect_err(other).to_string();
-        assert!(told.starts_with(&format!("it.png: found a 5x4 board, asked for {other}")), "{told}");
+        assert!(told.starts_with(&format!("it.png: found a 5x4 board, expected {other}")), "{told}");
     }
     let [along, across] = ["5x4", "4x5"].map(|text| detect::detect("it.png", &picture, &board(text), None));
     let pixels = |found: Result<detect::Detected, _>| -> Vec<[i64; 2]> {

@@ -146,8 +146,8 @@ fn reached(
     None
 }
 
-/// Compares where the corrected tip goes with where the scanner's camera sees the spot: over a panel of 360 × 260
-/// mm.
+/// Compares the position of the corrected tip with the position at which the scanner's camera sees the spot, over a
+/// panel of 360 × 260 mm.
 fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool) -> Vec<(f64, f64)> {
     let geometry = &simulated.data.geometry;
     let truth = Isometry3::from_parts(

@@ -74,7 +74,7 @@ const CHANGES: [Change; 10] = [
         let vector = pose.rotation.scaled_axis().map(f64::to_degrees);
         with_angles(pose, vector.into())
     }),
-    ("quaternion as w, x, y, z", "w, x, y, z were taken as x, y, z, w", |pose| {
+    ("quaternion as w, x, y, z", "w, x, y, z were read as x, y, z, w", |pose| {
         let q = pose.rotation.coords;
         with_turn(pose, UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.z, q.w, q.x, q.y)))
     }),

@@ -27,7 +27,7 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
         wrong("fx_px = 1785.0", "fx_mm = 6.2"),
         ["4: camera.fx_mm: unknown key; this length is in px: write fx_px"]
     );
-    assert_eq!(wrong("k2 = 0.12", "k2 = nan"), ["9: camera.k2: found nan, allowed is a number from -1000 to 1000"]);
+    assert_eq!(wrong("k2 = 0.12", "k2 = nan"), ["9: camera.k2: found nan, valid: a number from -1000 to 1000"]);
     assert_eq!(wrong("p1 = 0.0006\n", ""), ["1: camera.p1: is missing; this key has no default"]);
     // By hand: k1 = −10 folds where 1 − 30 r² = 0, r = 0.18, and the corner lies at 0.64.
     assert_eq!(
@@ -37,8 +37,8 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
     // By hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 holds only at r = −1.23, across the axis.
     assert_eq!(wrong("k1 = -0.1", "k1 = -1.0").len(), 1, "a false inverse is none");
     let dated = |date: &str| problems(Intrinsics::check("f", &format!("{LENS}date = {date}")));
-    assert_eq!(dated("2026-05-31T10:00:00"), ["13: camera.date: allowed is a day, such as 2026-05-31"]);
-    assert_eq!(dated("'yesterday'"), ["13: camera.date: allowed is a day, such as 2026-05-31"]);
+    assert_eq!(dated("2026-05-31T10:00:00"), ["13: camera.date: valid: a date, such as 2026-05-31"]);
+    assert_eq!(dated("'yesterday'"), ["13: camera.date: valid: a date, such as 2026-05-31"]);
     assert!(dated("'2026-05-31'").is_empty());
 }
 

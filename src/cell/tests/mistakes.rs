@@ -17,11 +17,11 @@ fn each_mistake_is_named() {
     let cases = [
         (
             "scanner.kind = 'gige'",
-            "1: scanner.kind: found the text \"gige\", allowed is \"simulated\" or \"recorded\" or \"zivid\"",
+            "1: scanner.kind: found the text \"gige\", valid: \"simulated\" or \"recorded\" or \"zivid\"",
         ),
         (
             "flange_camera.kind = 'zivid'",
-            "1: flange_camera.kind: found the text \"zivid\", allowed is \"simulated\" or \"recorded\" or \"gige\"",
+            "1: flange_camera.kind: found the text \"zivid\", valid: \"simulated\" or \"recorded\" or \"gige\"",
         ),
         (
             "scanner.kind = 'recorded'",
@@ -37,7 +37,7 @@ fn each_mistake_is_named() {
         ),
         (
             "flange_camera = {kind = 'gige', serial = 221600123, exposure_us = 10000}",
-            "1: flange_camera.serial: found 221600123, allowed is a text that is not empty",
+            "1: flange_camera.serial: found 221600123, valid: a text that is not empty",
         ),
         (
             "[flange_camera]\nkind = 'gige'\nserial = '1'\naddress = '10.0.0.2'\nexposure_us = 10000",
@@ -49,12 +49,12 @@ fn each_mistake_is_named() {
         ),
         (
             "[flange_camera]\nkind = 'gige'\npacket_bytes = 9001\nexposure_us = 10000",
-            "3: flange_camera.packet_bytes: found 9001, allowed is a whole number from 576 to 9000",
+            "3: flange_camera.packet_bytes: found 9001, valid: a whole number from 576 to 9000",
         ),
         (
             "[flange_camera]\nkind = 'gige'",
             "1: flange_camera.exposure_us: is missing; kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains \
-             of 50 Hz, of 8333 on 60 Hz, so that the brightest parts are not saturated (`panelprep shoot corner` says so)",
+             of 50 Hz, of 8333 on 60 Hz, such that the brightest parts are not saturated (`panelprep shoot corner` reports it)",
         ),
         (
             "[scanner]\nexposure_us = 100",
@@ -63,8 +63,8 @@ fn each_mistake_is_named() {
         ("[robot]\nkind = 'eki'", "1: robot.host: is missing; kind = \"eki\" needs the controller's address"),
         (
             "[robot]\nkind = 'eki'\nhost = 'host.foo bar'",
-            "3: robot.host: found \"host.foo bar\", allowed is an address such as 172.31.1.147, or a host's name of letters, digits, \
-             - and points",
+            "3: robot.host: found \"host.foo bar\", valid: an address such as 172.31.1.147, or a host name of letters, digits, \
+             - and dots",
         ),
         (
             "[robot]\nkind = 'eki'\nhost = '0.0.0.0'",
@@ -72,7 +72,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nprograms_sum = 1000003",
-            "2: robot.programs_sum: found 1000003, allowed is a whole number from 0 to 1000002",
+            "2: robot.programs_sum: found 1000003, valid: a whole number from 0 to 1000002",
         ),
         (
             "[robot]\nhost = '172.31.1.147'",
@@ -80,11 +80,11 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nstate_port = 54616",
-            "2: robot.state_port: found 54616, allowed is a whole number from 54600 to 54615",
+            "2: robot.state_port: found 54616, valid: a whole number from 54600 to 54615",
         ),
         (
             "[robot]\ncommand_port = 54601",
-            "1: robot.state_port: found 54601, allowed is any port but command_port's",
+            "1: robot.state_port: found 54601, valid: any port other than command_port's",
         ),
         (
             "[robot]\nport = 54600",
@@ -102,13 +102,13 @@ fn each_mistake_is_named() {
             "[poses.park]\nx_mm = 3",
             "2: poses.park.x_mm: unknown key; known here: a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg",
         ),
-        ("[io.outputs]\ntool = 4097", "2: io.outputs.tool: found 4097, allowed is a whole number from 1 to 4096"),
+        ("[io.outputs]\ntool = 4097", "2: io.outputs.tool: found 4097, valid: a whole number from 1 to 4096"),
         ("[io.outputs]\ntool = 3\nlight = 3", "2: io.outputs.tool: found 3, which is light's number already"),
         (
             "[io.feedbacks]\nflow = 1025",
             "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] always false",
         ),
-        (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names, allowed are 31"),
+        (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names (limit 31)"),
         (
             "[io.feedbacks]\nflow = 1026",
             "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
@@ -123,7 +123,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { lamp = 5 }",
-            "3: io.off_after_s.lamp: is no output of [io.outputs]; allowed are light, tool",
+            "3: io.off_after_s.lamp: is no output of [io.outputs]; valid: light, tool",
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { tool = 5 }",
@@ -131,11 +131,11 @@ fn each_mistake_is_named() {
         ),
         (
             "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { light = 601 }",
-            "3: io.off_after_s.light: found 601, allowed is a whole number from 0 to 600",
+            "3: io.off_after_s.light: found 601, valid: a whole number from 0 to 600",
         ),
         (
             "[io]\noutputs = { lens_shutter = 1 }\noff_after_s = { lens_shutter = 5 }",
-            "3: io.off_after_s.lens_shutter: keeps drops off the cameras and stays as it is; take it out",
+            "3: io.off_after_s.lens_shutter: keeps drops off the cameras and is never switched off here; remove it",
         ),
         (
             "[limits]\nheartbeat_s = 0.1",
@@ -143,12 +143,12 @@ fn each_mistake_is_named() {
         ),
         (
             "[limits]\nwatchdog_ms = 150",
-            "2: limits.watchdog_ms: found 150, allowed is at least two heartbeats, 200",
+            "2: limits.watchdog_ms: found 150, at least two heartbeats are needed, 200",
         ),
-        ("[limits]\nwindow_s = 2", "2: limits.window_s: found 2, allowed is a number from 0.1 to 1"),
+        ("[limits]\nwindow_s = 2", "2: limits.window_s: found 2, valid: a number from 0.1 to 1"),
         (
             "[limits]\nmin_points = 20\nwindow_commands = 10",
-            "2: limits.min_points: found 20, allowed is at most window_commands, 10",
+            "2: limits.min_points: found 20, the limit is window_commands, 10",
         ),
         ("[limits]\nbox_min_mm = [0, 0, 0]", "1: limits.box_max_mm: is missing; box_min_mm is given"),
         (
@@ -165,6 +165,6 @@ fn each_mistake_is_named() {
     assert_eq!(says("scanner = {kind = 'recorded', folder = 3}").len(), 1, "a wrong folder is not missing too");
     assert_eq!(
         says("[calibrations]\nscanner = ''")[1],
-        "2: calibration.scanner: found the text \"\", allowed is a text that is not empty"
+        "2: calibration.scanner: found the text \"\", valid: a text that is not empty"
     );
 }

@@ -112,11 +112,11 @@ fn the_store_s_table_says_what_is_kept() {
     assert_eq!(*cell.keep(), expected);
     assert_eq!(check("[store]").store(), Path::new("a/store"));
     for (text, words) in [
-        ("[store]\nkeep = { days = 0 }", "2: store.keep.days: found 0, allowed is a whole number from 1 to 36500"),
+        ("[store]\nkeep = { days = 0 }", "2: store.keep.days: found 0, valid: a whole number from 1 to 36500"),
         ("[store]\nkeep = { day = 3 }", "store.keep.day"),
-        ("[store.keep]\ndays = 30\nfailed_days = 7", "3: store.keep.failed_days: found 7, allowed is 30"),
-        ("[store]\nkeep = 30", "store.keep: found 30, allowed is a table"),
-        ("store = 7", "store: found 7, allowed is a text"),
+        ("[store.keep]\ndays = 30\nfailed_days = 7", "3: store.keep.failed_days: found 7, the minimum is 30"),
+        ("[store]\nkeep = 30", "store.keep: found 30, valid: a table"),
+        ("store = 7", "store: found 7, valid: a text"),
     ] {
         let told = says(text);
         assert!(told.iter().any(|told| told.contains(words)), "{text}: {told:?}");

@@ -22,12 +22,12 @@ fn mistakes_of_the_opcua_server_are_named() {
     for (text, expected) in [
         (
             "listen = '4840'",
-            "2: opcua.listen: found \"4840\", allowed is an IP address and a port, such as \"0.0.0.0:4840\"",
+            "2: opcua.listen: found \"4840\", valid: an IP address and a port, such as \"0.0.0.0:4840\"",
         ),
-        ("listen = '0.0.0.0:0'", "2: opcua.listen: found \"0.0.0.0:0\", allowed is an IP address and a port"),
-        ("anonymous = 'write'", "2: opcua.anonymous: found the text \"write\", allowed is \"nothing\" or \"read\""),
-        ("unencrypted = true", "2: opcua.unencrypted: found true, but nobody logs in"),
-        ("host = 'a b'", "2: opcua.host: found \"a b\", allowed is a computer's name or an IP address"),
+        ("listen = '0.0.0.0:0'", "2: opcua.listen: found \"0.0.0.0:0\", valid: an IP address and a port"),
+        ("anonymous = 'write'", "2: opcua.anonymous: found the text \"write\", valid: \"nothing\" or \"read\""),
+        ("unencrypted = true", "2: opcua.unencrypted: found true, but nobody can log in"),
+        ("host = 'a b'", "2: opcua.host: found \"a b\", valid: a computer's name or an IP address"),
         ("listen = '0.0.0.0:4840'\nport = 4840", "3: opcua.port: unknown key"),
         ("anonymous = 'read'", "1: opcua.listen: is missing: the address and port of the server"),
     ] {

@@ -27,7 +27,7 @@ pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
             let inside = format!("{tag}/");
             let whole = channel.received.iter().any(|element| element.tag.starts_with(&inside));
             let when = if whole { format!("a whole <{tag}>") } else { tag.clone() };
-            says.push(format!("{} rises when {when} has arrived; the program takes it back", signal.variable()));
+            says.push(format!("{} is set when {when} has arrived; the program resets it", signal.variable()));
         }
     }
     says.extend(roots("sends", &channel.sent));
@@ -35,7 +35,7 @@ pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
         says.push("receives nothing".to_owned());
     }
     if channel.sent.is_empty() {
-        says.push("sends nothing of its own; EKI_Send may send a text as it is".to_owned());
+        says.push("has no elements to send; EKI_Send can send a plain text".to_owned());
     }
     says
 }
@@ -48,7 +48,7 @@ fn who_listens(channel: &StatedChannel) -> String {
     if channel.listens() {
         let port = port.map_or("54600, not stated".to_owned(), |port| port.to_string());
         format!(
-            "channel {}: the controller listens on {}, port {port}, {protocol}, and takes one client",
+            "channel {}: the controller listens on {}, port {port}, {protocol}, and accepts one client",
             channel.name,
             ip.unwrap_or("its own address")
         )

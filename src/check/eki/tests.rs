@@ -45,7 +45,7 @@ fn our_own_files_are_right_and_say_what_they_do() {
     assert_eq!(
         reports[0].says,
         [
-            "channel CELLCMD: the controller listens on 172.31.1.147, port 54600, TCP, and takes one client",
+            "channel CELLCMD: the controller listens on 172.31.1.147, port 54600, TCP, and accepts one client",
             "it lives until the submit interpreter is cancelled or the inputs and outputs are configured anew",
             "at most 512 entries of each tag wait for the program, the oldest is read first, one more closes the \
              connection; at most 65534 bytes wait to be interpreted",
@@ -53,7 +53,7 @@ fn our_own_files_are_right_and_say_what_they_do() {
             "no Ping: a pulled cable is not noticed by EthernetKRL itself",
             "messages: logged warning, on the pendant disabled",
             "receives <Cmd>: @Id INT, @Ep INT, @Op INT, @N1 INT, @N2 INT, @R1 REAL, @R2 REAL, P FRAME (X Y Z A B C)",
-            "$FLAG[851] rises when a whole <Cmd> has arrived; the program takes it back",
+            "$FLAG[851] is set when a whole <Cmd> has arrived; the program resets it",
             "sends <Ack>: @Rx INT, @Done INT, @Free INT, @Err INT, @ErrId INT, @Ep INT",
         ]
     );
@@ -71,11 +71,11 @@ fn defaults_are_told() {
             "1 CONFIGURATION/EXTERNAL/PORT: is missing; the controller dials",
         ],
         &[
-            "1 CONFIGURATION/EXTERNAL/TYPE: is not stated: the controller takes Server, dials",
+            "1 CONFIGURATION/EXTERNAL/TYPE: is not stated: the controller assumes Server, connects",
             "2 CONFIGURATION/INTERNAL/ENVIRONMENT: is not stated, and Program then",
             "2 CONFIGURATION/INTERNAL/ALIVE: raises no flag",
             "2 CONFIGURATION/INTERNAL/BUFFERING/@Limit: states no Limit: each memory holds 16 entries",
-            "3 RECEIVE/XML/ELEMENT[A]: no flag tells that a <A> has arrived",
+            "3 RECEIVE/XML/ELEMENT[A]: no flag shows that a <A> has arrived",
         ],
     );
     assert_eq!(
@@ -116,12 +116,12 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
     let cases = [
         (
             internal("<BUFFSIZE Limit=\"70000\"/>"),
-            "5 CONFIGURATION/INTERNAL/BUFFSIZE/@Limit: is \"70000\"; allowed is a whole number 1 to 65534",
+            "5 CONFIGURATION/INTERNAL/BUFFSIZE/@Limit: is \"70000\"; valid: a whole number 1 to 65534",
         ),
-        (internal("<PORT>54601</PORT>"), "5 CONFIGURATION/INTERNAL/PORT: stands twice"),
+        (internal("<PORT>54601</PORT>"), "5 CONFIGURATION/INTERNAL/PORT: appears twice"),
         (
             internal("<PROTOCOL>TPC</PROTOCOL>"),
-            "5 CONFIGURATION/INTERNAL/PROTOCOL: is \"TPC\"; allowed is one of TCP, UDP",
+            "5 CONFIGURATION/INTERNAL/PROTOCOL: is \"TPC\"; valid: one of TCP, UDP",
         ),
         (internal("<TIMEOUT Connect=\"-1\"/>"), "5 CONFIGURATION/INTERNAL/TIMEOUT/@Connect: is \"-1\""),
         (internal("<MESSAGES Logging=\"all\"/>"), "5 CONFIGURATION/INTERNAL/MESSAGES/@Logging: is \"all\""),
@@ -132,7 +132,7 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         ),
         (
             received("<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
-            "6 RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; allowed is one of STRING, REAL, INT, BOOL, FRAME; axes travel",
+            "6 RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; axes travel",
         ),
         (
             received("<ELEMENT Tag=\"A/@B\" Type=\"FRAME\"/>"),
@@ -146,7 +146,7 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\"/>\n<ELEMENT Tag=\"A/B\" Type=\"REAL\"/>"),
-            "7 RECEIVE/XML/ELEMENT[A/B]: stands twice with different types (line 6)",
+            "7 RECEIVE/XML/ELEMENT[A/B]: is defined twice with different types (line 6)",
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" Set_Flag=\"2\"/>"),
@@ -192,8 +192,8 @@ fn what_is_no_channel_file_is_said() {
         ("", "1 : not XML: the file holds no element"),
         ("<ETHERNETKRL>\n<SEND>", "2 : not XML: SEND is never closed"),
         ("<ETHERNETKRL>\n</SEND>", "2 : not XML:"),
-        ("<ETHERNETKRL/>\n<ETHERNETKRL/>", "2 : not XML: ETHERNETKRL stands behind the end"),
-        ("; comment\n<ETHERNETKRL/>", "1 : not XML: \"; comment\" stands outside"),
+        ("<ETHERNETKRL/>\n<ETHERNETKRL/>", "2 : not XML: ETHERNETKRL is after the end"),
+        ("; comment\n<ETHERNETKRL/>", "1 : not XML: \"; comment\" is outside"),
         ("<!DOCTYPE a>\n<ETHERNETKRL/>", "1 : not XML: a document type"),
         ("\n<Robot/>", "2 Robot: the outermost element is Robot; that of an EthernetKRL file is ETHERNETKRL"),
         (
@@ -218,13 +218,13 @@ fn unknown_names_get_the_nearest_right_one() {
             .replace("<EXTERNAL>", "<EXTERNAL><PROTOCOL>TCP</PROTOCOL>"),
         &[],
         &[
-            "3 CONFIGURATION/EXTERNAL/PROTOCOL: no manual names this element here; its place is \
-             CONFIGURATION/INTERNAL/PROTOCOL; the controller passes over it",
-            "5 CONFIGURATION/INTERNAL/BUFERING: no manual names this element here; did you mean BUFFERING?",
-            "5 CONFIGURATION/INTERNAL/SENDFLAG: no manual names this element here; known here: ENVIRONMENT, BUFFERING,",
-            "6 CONFIGURATION/INTERNAL/ENVIROMENT: no manual names this element here; did you mean ENVIRONMENT?",
-            "8 RECEIVE/XML/ELEMENT[A]/@Setflag: no manual names this attribute; did you mean Set_Flag?",
-            "8 RECEIVE/XML/ELEMENT[A]/@Colour: no manual names this attribute; known here: Tag, Type, Set_Flag, Set_Out, Mode",
+            "3 CONFIGURATION/EXTERNAL/PROTOCOL: no manual describes this element here; its place is \
+             CONFIGURATION/INTERNAL/PROTOCOL; the controller ignores it",
+            "5 CONFIGURATION/INTERNAL/BUFERING: no manual describes this element here; did you mean BUFFERING?",
+            "5 CONFIGURATION/INTERNAL/SENDFLAG: no manual describes this element here; known here: ENVIRONMENT, BUFFERING,",
+            "6 CONFIGURATION/INTERNAL/ENVIROMENT: no manual describes this element here; did you mean ENVIRONMENT?",
+            "8 RECEIVE/XML/ELEMENT[A]/@Setflag: no manual describes this attribute; did you mean Set_Flag?",
+            "8 RECEIVE/XML/ELEMENT[A]/@Colour: no manual describes this attribute; known here: Tag, Type, Set_Flag, Set_Out, Mode",
         ],
     );
     expect(
@@ -237,7 +237,7 @@ fn unknown_names_get_the_nearest_right_one() {
         &[
             "4 CONFIGURATION/INTERNAL/ALIVE: written Alive, the manual writes ALIVE",
             "4 CONFIGURATION/INTERNAL/ALIVE/@SET_FLAG: written SET_FLAG, the manual writes Set_Flag",
-            "6 RECEIVE/XML: the text \";nothing\" means nothing here",
+            "6 RECEIVE/XML: the text \";nothing\" has no meaning here",
         ],
     );
 }
@@ -255,13 +255,13 @@ fn elements_are_looked_at_one_by_one() {
         &[
             "8 RECEIVE/XML/ELEMENT[A]: no flag for the whole of <A>: that of A/@B does not rise in a message without it",
             "11 RECEIVE/XML/ELEMENT[A/@C]: has neither Type nor flag nor output",
-            "12 RECEIVE/XML/ELEMENT[A/@B]: stands twice (line 8); both are one memory",
+            "12 RECEIVE/XML/ELEMENT[A/@B]: is defined twice (line 8); both share one memory",
             "13 RECEIVE/XML/ELEMENT[F/G]/@Mode: reads the newest entry first",
             "13 RECEIVE/XML/ELEMENT[F/G]: is a FRAME, and F/G/@X (line 13) is a part of it",
             "14 RECEIVE ELEMENT[F]: $FLAG ends at 1024",
         ],
     );
-    let rises = "$FLAG[5] rises when A/@B has arrived; the program takes it back".to_owned();
+    let rises = "$FLAG[5] is set when A/@B has arrived; the program resets it".to_owned();
     assert!(report.says.contains(&rises), "{:?}", report.says);
 }
 
@@ -277,7 +277,7 @@ fn a_flag_above_all_data_is_as_good_as_the_roots() {
         "{:?}",
         report.says
     );
-    let rises = "$FLAG[5] rises when a whole <A/C> has arrived; the program takes it back".to_owned();
+    let rises = "$FLAG[5] is set when a whole <A/C> has arrived; the program resets it".to_owned();
     assert!(report.says.contains(&rises), "{:?}", report.says);
     let beside = receive.replace("<XML>", "<XML><ELEMENT Tag=\"A/@M\" Type=\"INT\"/>");
     expect(&file(INTERNAL, &beside, ""), &[], &["6 RECEIVE/XML/ELEMENT[A]: no flag for the whole of <A>"]);
@@ -292,7 +292,7 @@ fn other_kinds_of_channel_are_put_in_words() {
     let bytes = says(&bytes.replace("<SEND></SEND>", "<SEND/>"));
     assert!(bytes[0].starts_with("channel B: the controller listens"), "{bytes:?}");
     assert!(bytes.contains(&"receives records of bytes, size 256".to_owned()), "{bytes:?}");
-    assert!(bytes.contains(&"sends nothing of its own; EKI_Send may send a text as it is".to_owned()), "{bytes:?}");
+    assert!(bytes.contains(&"has no elements to send; EKI_Send can send a plain text".to_owned()), "{bytes:?}");
     let send = "<XML><ELEMENT Tag=\"S/@VR\"/><ELEMENT Tag=\"R\" Type=\"INT\"/><ELEMENT Tag=\"S/T\"/><ELEMENT Tag=\"S/T/@U\" \
                 Type=\"REAL\"/></XML>";
     let dials = file(INTERNAL, "", send)
@@ -352,7 +352,7 @@ fn a_flag_that_is_none_is_told_once() {
         [about(&report.problems), about(&report.warnings)]
     };
     let [problems, warnings] = flags("2688");
-    assert!(problems.len() == 1 && problems[0].contains("allowed is a whole number 1 to 1025"), "{problems:?}");
+    assert!(problems.len() == 1 && problems[0].contains("valid: a whole number 1 to 1025"), "{problems:?}");
     assert_eq!(warnings, Vec::<String>::new());
     let [problems, warnings] = flags("1025");
     assert_eq!((problems.len(), warnings.len()), (0, 1), "{warnings:?}");

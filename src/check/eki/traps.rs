@@ -22,8 +22,8 @@ pub(super) fn find(channel: &StatedChannel, found: &mut Findings) {
 fn addresses(channel: &StatedChannel, found: &mut Findings) {
     let internal_line = channel.internal_line;
     if !channel.type_stated {
-        let message = "is not stated: the controller takes Server, dials the other machine and does not listen; write \
-                       Client where the PC dials";
+        let message = "is not stated: the controller assumes Server, connects to the other machine and does not \
+                       listen; write Client if the PC connects";
         found.warn(1, "CONFIGURATION/EXTERNAL/TYPE", message);
     }
     if channel.listens() {
@@ -37,7 +37,7 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
             None => found.warn(
                 internal_line,
                 "CONFIGURATION/INTERNAL/PORT",
-                "is not stated: the controller takes 54600, which another channel may have",
+                "is not stated: the controller assumes 54600, which another channel may use",
             ),
         }
         let ignored = [
@@ -122,7 +122,7 @@ fn signals(channel: &StatedChannel, found: &mut Findings) {
         let same = |other: &&Signal| other.variable() == signal.variable();
         if let Some(other) = channel.signals().take(index).find(same) {
             let message = format!(
-                "{} is raised by {} too (line {}); the program cannot tell which it was",
+                "{} is set by {} too (line {}); the program cannot distinguish the two",
                 signal.variable(),
                 other.cause(),
                 other.line
@@ -137,7 +137,7 @@ fn signals(channel: &StatedChannel, found: &mut Findings) {
 
 fn elements(channel: &StatedChannel, found: &mut Findings) {
     if channel.received.is_empty() && channel.raw.is_empty() && channel.sent.is_empty() {
-        found.warn(1, "RECEIVE", "neither RECEIVE nor SEND has an ELEMENT: the channel carries nothing");
+        found.warn(1, "RECEIVE", "neither RECEIVE nor SEND has an ELEMENT: the channel carries no data");
     }
     duplicates("RECEIVE", &channel.received, found);
     duplicates("SEND", &channel.sent, found);
@@ -147,7 +147,7 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
         let is_attribute = element.inside().contains('@');
         match element.kind.as_deref() {
             None if !raises(&element.tag) => {
-                let message = "has neither Type nor flag nor output: what arrives is not kept and nobody is told";
+                let message = "has neither Type nor flag nor output: received data is neither stored nor reported";
                 found.warn(element.line, &key, message);
             }
             Some("FRAME") if is_attribute => {
@@ -183,8 +183,8 @@ fn root_flags(channel: &StatedChannel, found: &mut Findings) {
                  Tag=\"{root}\" Set_Flag=\"…\"/>"
             ),
             None => format!(
-                "no flag tells that a <{root}> has arrived; the program must ask EKI_CheckBuffer all the time, or add \
-                 <ELEMENT Tag=\"{root}\" Set_Flag=\"…\"/>"
+                "no flag shows that a <{root}> has arrived; the program must poll EKI_CheckBuffer, or add <ELEMENT \
+                 Tag=\"{root}\" Set_Flag=\"…\"/>"
             ),
         };
         found.warn(element.line, format!("RECEIVE/XML/ELEMENT[{root}]"), message);
@@ -211,10 +211,10 @@ fn duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
             found.wrong(
                 element.line,
                 key,
-                format!("stands twice with different types (line {line}); it has one memory"),
+                format!("is defined twice with different types (line {line}); both share one memory"),
             );
         } else {
-            found.warn(element.line, key, format!("stands twice (line {line}); both are one memory"));
+            found.warn(element.line, key, format!("is defined twice (line {line}); both share one memory"));
         }
     }
 }
@@ -229,10 +229,10 @@ fn raw(channel: &StatedChannel, found: &mut Findings) {
             found.wrong(raw.line, key, "XML and RAW cannot be mixed on one channel");
         }
         if raw.is_stream && raw.end.is_none() {
-            found.wrong(raw.line, key, "is a STREAM without EOS: nothing says where a text ends");
+            found.wrong(raw.line, key, "is a STREAM without EOS: the end of a text is not defined");
         }
         if !raw.is_stream && raw.size.is_none() {
-            found.wrong(raw.line, key, "is of BYTE without Size: nothing says how long a record is");
+            found.wrong(raw.line, key, "is of BYTE without Size: the length of a record is not defined");
         }
     }
 }

@@ -19,8 +19,9 @@ pub struct StoreCommand {
 pub enum StoreTask {
     /// Hold every row against the chain of hashes, the chain against its head outside of the database, and every file
     /// against its hash: name what was changed, deleted, put in, reordered or rolled back.
-    #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store --rows-only\n\
-        Exit codes: 0 nothing was found, 1 something was found, 2 there is no store to read.")]
+    #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store \
+                            --rows-only\nExit codes: 0 no problem was found, 1 a problem was found, 2 there is no \
+                            store to read.")]
     Verify(VerifyStore),
     /// List what the office is to have of this cell: each end of a cycle, signature and verification by its name, with the SHA-256 of
     /// its content. `panelprep archive check` holds the office's own list against it.

@@ -23,9 +23,11 @@ pub enum NewFile {
         Without --yes it asks on the terminal.")]
     Cell(NewCell),
     /// A recipe for a kind of panel.
-    #[command(after_help = "Example, with the numbers of the sample where nothing is said:\n  \
-        panelprep new recipe --yes --panel door-skin-right --out target/new/door-skin-right.toml\n\
-        The corners of the region are read from the picture of `panelprep look`.")]
+    #[command(
+        after_help = "Example, with the sample's numbers for everything that is not given:\n  panelprep new \
+                            recipe --yes --panel door-skin-right --out target/new/door-skin-right.toml\nThe \
+                            corners of the region are read from the picture of `panelprep look`."
+    )]
     Recipe(NewRecipe),
 }
 

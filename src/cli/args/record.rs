@@ -25,11 +25,13 @@ pub enum RecordTask {
         All of them: panelprep record export --all --out target/records")]
     Export(ExportRecord),
     /// Verify signed records with nothing but the public key: name what was changed, is missing, was exchanged or rolled back.
-    #[command(after_help = "Example, after the one of `panelprep record export --help`:\n  \
-        panelprep record verify target/record --public-key target/record/public-key.pem\n\
-        All records of a cell, up to a head that was kept elsewhere: panelprep record verify target/records --public-key KEY \
-        --head HEAD\n\
-        Exit codes: 0 nothing was found, 1 something was found, 2 a file cannot be read.")]
+    #[command(
+        after_help = "Example, after the one of `panelprep record export --help`:\n  panelprep record verify \
+                            target/record --public-key target/record/public-key.pem\nAll records of a cell, up to \
+                            a head that was kept elsewhere: panelprep record verify target/records --public-key \
+                            KEY --head HEAD\nExit codes: 0 no problem was found, 1 a problem was found, 2 a file \
+                            cannot be read."
+    )]
     Verify(VerifyRecord),
     /// Print the head of the chain of signed records. If it is written to a file each day and kept elsewhere, it
     /// shows later whether records were removed from the end.

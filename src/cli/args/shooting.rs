@@ -60,11 +60,11 @@ pub struct Shoot {
 }
 
 fn film_seconds(text: &str) -> Result<f64, String> {
-    let allowed = || "allowed are 0.1 to 600 s".to_owned();
+    let allowed = || "the limits are 0.1 to 600 s".to_owned();
     text.parse().ok().filter(|seconds| (0.1..=600.0).contains(seconds)).ok_or_else(allowed)
 }
 
 fn film_rate(text: &str) -> Result<f64, String> {
-    let allowed = || "allowed are 0.1 to 60 a second".to_owned();
+    let allowed = || "the limits are 0.1 to 60 a second".to_owned();
     text.parse().ok().filter(|rate| (0.1..=60.0).contains(rate)).ok_or_else(allowed)
 }

@@ -49,6 +49,6 @@ impl Default for Simulation {
 
 /// Reads how far the simulated arm is off its drawing, mm.
 pub(super) fn arm_error(text: &str) -> Result<f64, String> {
-    let allowed = || "allowed are 0 to 5 mm".to_owned();
+    let allowed = || "the limits are 0 to 5 mm".to_owned();
     text.parse().ok().filter(|mm| (0.0..=5.0).contains(mm)).ok_or_else(allowed)
 }

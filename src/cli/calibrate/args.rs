@@ -24,70 +24,72 @@ pub struct Calibrate {
 #[derive(Debug, Clone, Subcommand)]
 pub enum What {
     /// The lens, from pictures of a board (thesis 3.6).
-    #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
-        panelprep calibrate intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \
-        --pictures target/cell/pictures target/cell/boards/lens/*.png\n\
-        Example, by twelve pictures that are taken now; without --count one at each Enter, which leaves the time to move the board:\n  \
-        panelprep calibrate intrinsics --live target/shots --count 12 --every-s 0 --camera flange-camera --board 9x6 --square-mm 25 \
-        --cell target/cell/cell.toml --out target/cell/found/flange_camera.toml")]
+    #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  panelprep calibrate \
+                            intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \
+                            --pictures target/cell/pictures target/cell/boards/lens/*.png\nExample, with twelve \
+                            pictures that are taken now; without --count one at each Enter, so that there is time \
+                            to move the board:\n  panelprep calibrate intrinsics --live target/shots --count 12 \
+                            --every-s 0 --camera flange-camera --board 9x6 --square-mm 25 --cell \
+                            target/cell/cell.toml --out target/cell/found/flange_camera.toml")]
     Intrinsics(Intrinsics),
     /// Mount of a camera: from three touched points (thesis 3.7), or from many poses.
     #[command(
-        after_help = "Example, three points, after `panelprep render --boards --out target/cell`; without --points it \
-        writes the picture with the corners to touch:\n  \
-        panelprep calibrate hand-eye --mount eye-to-hand --board 9x6 --square-mm 25 \
-        --intrinsics target/cell/scanner.toml --image target/cell/boards/touched.png \
-        --points target/cell/boards/touched.toml --out target/cell/found/base_from_camera.toml\n\
-        Example, many poses:\n  \
-        panelprep calibrate hand-eye --mount eye-in-hand --board 9x6 --square-mm 25 \
-        --intrinsics target/cell/flange_camera.toml --poses target/cell/boards/flange/poses.toml \
-        --images target/cell/boards/flange --out target/cell/found/flange_from_camera.toml\n\
-        Example, by an arm that moves by itself from where it sees the board:\n  \
-        panelprep calibrate hand-eye --live target/poses --move --count 14 --mount eye-in-hand --board 9x6 --square-mm 25 \
-        --cell target/cell/cell.toml --intrinsics target/cell/flange_camera.toml --out target/cell/found/flange_from_camera.toml"
+        after_help = "Example, three points, after `panelprep render --boards --out target/cell`; without --points \
+                      it writes the picture with the corners to touch:\n  panelprep calibrate hand-eye --mount \
+                      eye-to-hand --board 9x6 --square-mm 25 --intrinsics target/cell/scanner.toml --image \
+                      target/cell/boards/touched.png --points target/cell/boards/touched.toml --out \
+                      target/cell/found/base_from_camera.toml\nExample, many poses:\n  panelprep calibrate \
+                      hand-eye --mount eye-in-hand --board 9x6 --square-mm 25 --intrinsics \
+                      target/cell/flange_camera.toml --poses target/cell/boards/flange/poses.toml --images \
+                      target/cell/boards/flange --out target/cell/found/flange_from_camera.toml\nExample, with an \
+                      arm that moves by itself, from a pose that sees the board:\n  panelprep calibrate hand-eye \
+                      --live target/poses --move --count 14 --mount eye-in-hand --board 9x6 --square-mm 25 --cell \
+                      target/cell/cell.toml --intrinsics target/cell/flange_camera.toml --out \
+                      target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
     /// The arm's own errors, from pictures of boards and from touches; without axis angles, a smooth correction.
-    #[command(
-        after_help = "The pictures lie in the folder of their poses file: [[poses]] with image, and base_from_flange, \
-        axes_deg = [A1, …, A6], or both. Touches: [[touches]] with such a pose and spot = 0, 1, …, or corner = [COLUMN, ROW] of \
-        the board that stands still before the camera on the flange, or with image = \"FILE\" beside, of the board that lies \
-        still in that picture of the fixed camera: the camera and the tool are then tied to each other.\n\
-        Example, after `panelprep render --boards --out target/cell`; that arm is good as it is:\n  \
-        panelprep calibrate robot --board 9x6 --square-mm 25 --eye-in-hand target/cell/boards/flange/poses.toml \
-        --flange-camera-lens target/cell/flange_camera.toml --out target/cell/found/robot.toml"
-    )]
+    #[command(after_help = "The pictures lie in the folder of their poses file: [[poses]] with image, and \
+                      base_from_flange, axes_deg = [A1, …, A6], or both. Touches: [[touches]] with such a pose and \
+                      spot = 0, 1, …, or corner = [COLUMN, ROW] of the fixed board in front of the camera on the \
+                      flange. With image = \"FILE\" as well, the corner is of the board at rest in that picture of \
+                      the fixed camera: this ties the camera and the tool to each other.\nExample, after \
+                      `panelprep render --boards --out target/cell`; that arm needs no correction:\n  panelprep \
+                      calibrate robot --board 9x6 --square-mm 25 --eye-in-hand \
+                      target/cell/boards/flange/poses.toml --flange-camera-lens target/cell/flange_camera.toml \
+                      --out target/cell/found/robot.toml")]
     Robot(Robot),
     /// Removal by the disc, from measured depths on flat test coupons.
     #[command(
-        after_help = "COUPONS is a CSV file with one measured place a line; its first line names the columns, in any order:\n  \
-        coupon        its name, and in the column place where on it (may be left out)\n  \
-        force_n       force of the tool, N\n  \
-        feed_mm_s     feed, mm/s\n  \
-        passes        how often the disc passed\n  \
-        step_over_mm  distance of the rows, mm, for a field of rows, measured as the mean over a row in its middle;\n                \
-        empty, or no such column, for a single line, measured in its middle\n  \
-        worn_mm2      what the disc had swept when it came there, mm², as `panelprep plan` tells it; a new disc has 0\n  \
-        depth_um      what is gone, µm; or before_um and after_um, thickness before and after\n\
-        Lines that begin with # are remarks. Six places at least, with loads and discs that differ: passes 1, 2 and 4, by a new disc \
-        and by used ones. A coupon that the others contradict is named and stays in the fit: measure it again.\n\
-        The stiffness of the pad is its modulus over its thickness: press the disc onto a scale, and divide the force by its area \
-        and by the way.\n\
-        Example, after `panelprep render --boards --out target/cell`:\n  \
-        panelprep calibrate removal target/cell/boards/coupons.csv --disc-diameter-mm 30 --pad-n-mm3 0.05 --orbit-mm 5 \
-        --orbit-rev-min 10000 --out target/cell/found/removal.toml"
+        after_help = "COUPONS is a CSV file with one measured place per line; its first line names the columns, in \
+                      any order:\n  coupon        its name; the column place states the place on it (may be left \
+                      out)\n  force_n       force of the tool, N\n  feed_mm_s     feed, mm/s\n  passes        how \
+                      often the disc passed\n  step_over_mm  distance of the rows, mm, for a field of rows, \
+                      measured as the mean over a row in its middle;\n                empty, or no such column, \
+                      for a single line, measured in its middle\n  worn_mm2      area that the disc had swept \
+                      before this place, mm², as `panelprep plan` reports it; a new disc has 0\n  depth_um      \
+                      depth that was removed, µm; or before_um and after_um, thickness before and after\nLines \
+                      that begin with # are comments. At least six places are needed, with different loads and \
+                      discs: passes 1, 2 and 4, by a new disc and by used ones. A coupon that disagrees with the \
+                      others is named and stays in the fit: measure it again.\nThe stiffness of the pad is its \
+                      modulus over its thickness: press the disc onto a scale, and divide the force by the disc's \
+                      area and by the travel.\nExample, after `panelprep render --boards --out target/cell`:\n  \
+                      panelprep calibrate removal target/cell/boards/coupons.csv --disc-diameter-mm 30 --pad-n-mm3 \
+                      0.05 --orbit-mm 5 --orbit-rev-min 10000 --out target/cell/found/removal.toml"
     )]
     Removal(Removal),
     /// The 3D camera's own errors from scans of a flat board: noise, smooth errors, and what is the same in each scan, which is taken
     /// off from then on.
-    #[command(after_help = "\
-        Hold a stiff flat board in at least eight places of the working volume, sixteen are better: near and far, in the picture's \
-        corners too, leant by up to 30° to all sides, and turned upright in half of them. `panelprep shoot scan --count 16` \
-        takes them. The board's white rim must be seen. The numbers are kept in the lens's own file; teach no panel anew for them: \
-        a taught scan of the same camera is corrected as well. Verify the camera again afterwards: its file has changed.\n\
-        Example, after `panelprep render --board-scans 16 --scanner-error-mm 1 --out target/cell3`:\n  \
-        panelprep calibrate scanner --intrinsics target/cell3/scanner.toml --board 8x6 --square-mm 30 --out target/cell3/scanner.toml \
-        --pictures target/cell3/found target/cell3/boards/scanner/*.pcd")]
+    #[command(after_help = "Hold a stiff flat board at eight or more places of the working volume, better at \
+                            sixteen: near and far, also in the picture's corners, tilted by up to 30° to all \
+                            sides, and turned upright in half of them. `panelprep shoot scan --count 16` takes the \
+                            scans. The board's white rim must be visible. The numbers are kept in the lens's own \
+                            file. No panel must be taught again: a taught scan of the same camera is corrected as \
+                            well. Verify the camera again afterwards: its file has changed.\nExample, after \
+                            `panelprep render --board-scans 16 --scanner-error-mm 1 --out target/cell3`:\n  \
+                            panelprep calibrate scanner --intrinsics target/cell3/scanner.toml --board 8x6 \
+                            --square-mm 30 --out target/cell3/scanner.toml --pictures target/cell3/found \
+                            target/cell3/boards/scanner/*.pcd")]
     Scanner(Scanner),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
@@ -103,22 +105,24 @@ pub enum What {
     )]
     Force(Force),
     /// Look at a fixed board and compare with its known pose; kept in the store.
-    #[command(after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  \
-        panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
-        --target target/cell/target/scanner.toml --image target/cell/target/scanner.png\n  \
-        panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera --board 5x4 --square-mm 40 \
-        --target target/cell/target/flange_camera.toml --image target/cell/target/flange_camera.png \
-        --flange target/cell/target/flange.json --pictures target/cell/pictures\n\
-        What is left over the working volume, after `panelprep render --boards --out target/cell`:\n  \
-        panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera \
-        --target target/cell/boards/flange/target.toml --poses target/cell/boards/flange/poses.toml \
-        --pictures target/cell/pictures\n\
-        By a taught corner, after the one of `panelprep teach --help`:\n  \
-        panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera \
-        --recipe target/cell/recipe.toml --image target/cell/taught_corner.png --flange target/cell/taught_flange.json\n\
-        By a picture that is taken now:\n  \
-        panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --target target/cell/target/scanner.toml \
-        --live target/shots")]
+    #[command(
+        after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  panelprep \
+                            calibrate verify --cell target/cell/cell.toml --camera scanner --board 5x4 --square-mm \
+                            40 --target target/cell/target/scanner.toml --image target/cell/target/scanner.png\n  \
+                            panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera --board \
+                            5x4 --square-mm 40 --target target/cell/target/flange_camera.toml --image \
+                            target/cell/target/flange_camera.png --flange target/cell/target/flange.json \
+                            --pictures target/cell/pictures\nThe remaining error over the working volume, after \
+                            `panelprep render --boards --out target/cell`:\n  panelprep calibrate verify --cell \
+                            target/cell/cell.toml --camera flange-camera --target \
+                            target/cell/boards/flange/target.toml --poses target/cell/boards/flange/poses.toml \
+                            --pictures target/cell/pictures\nWith a taught corner, after the example of `panelprep \
+                            teach --help`:\n  panelprep calibrate verify --cell target/cell/cell.toml --camera \
+                            flange-camera --recipe target/cell/recipe.toml --image target/cell/taught_corner.png \
+                            --flange target/cell/taught_flange.json\nWith a picture that is taken now:\n  \
+                            panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --target \
+                            target/cell/target/scanner.toml --live target/shots"
+    )]
     Verify(Verify),
     /// Touch known corners of that board with the calibrated tool and compare; kept in the store.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \

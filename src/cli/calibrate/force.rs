@@ -70,7 +70,10 @@ fn known(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
     let allowed_n = OF_BAND * tool.band_n;
     check.at_most(allowed_n, SetBy::cell("tool.band_n")).reviews("force_uncertain", || {
         let [found, allowed] = apart(known_n, allowed_n, 1);
-        format!("the force is known to {found} N, allowed are {allowed} N; take more readings, at attitudes that differ more")
+        format!(
+            "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes \
+                 that differ more"
+        )
     })
 }
 
@@ -95,7 +98,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     outcome.put("limit_n", json!(demands.limit));
     outcome.put("number", json!(number));
     let [off, allowed] = apart(error_n, demands.limit, 2);
-    outcome.say(format!("force without contact: {off} N off, allowed are {allowed} N; kept as number {number}"));
+    outcome.say(format!("force without contact: {off} N off (limit {allowed} N); kept as number {number}"));
     Ok(outcome)
 }
 

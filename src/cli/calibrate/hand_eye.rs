@@ -102,7 +102,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             json!({(A::TABLE): pose_of(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
         );
         outcome.say(format!(
-            "from the 3D camera's own points, which is kept: {} ± {:.3} mm ({apart_mm:.3} mm apart at the panel)",
+            "from the 3D camera's own points (this mount is kept): {} ± {:.3} mm ({apart_mm:.3} mm apart at the \
+             panel)",
             pose_of(second),
             second.uncertainty_mm
         ));
@@ -234,8 +235,8 @@ fn tell<A: Arrangement>(outcome: &mut Outcome, (found, board): (&HandEye<A>, &Bo
     outcome.put("noise", json!({"corner_px": noise.corner, "robot_mm": noise.shift_mm, "robot_deg": turn_deg}));
     outcome.say(format!("{} {}", A::TABLE, pose_of(found)));
     let lens = match lens_mm > 0.0 {
-        true => format!("of it the lens ± {lens_mm:.3} mm"),
-        false => "the intrinsics' file states no covariance: the lens is taken as true".to_owned(),
+        true => format!("the lens contributes ± {lens_mm:.3} mm"),
+        false => "the intrinsics' file states no covariance: the lens is assumed to have no error".to_owned(),
     };
     outcome.say(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
     outcome.say(format!(

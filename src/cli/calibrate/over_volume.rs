@@ -123,7 +123,7 @@ fn tell(
     if let Some(folder) = &args.pictures {
         let file = folder.join("map_flange_camera.svg");
         let limit_mm = files.cell.limits().verify_limit_mm();
-        let title = "what is left at the board, by the flange's place";
+        let title = "remaining error at the board, by the flange's position";
         disk::write(&file, report::error_map(title, left, limit_mm))?;
         outcome.say(format!("{}: the map", file.display()));
     }

@@ -101,7 +101,7 @@ fn tell(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
         fixed(wear_95, 2)
     ));
     outcome.say(format!(
-        "{} measured places, {} % rms off the model; left-out ones {} % off what the others foretell",
+        "{} measured places, {} % rms from the model; left-out places {} % from what the others predict",
         coupons.len(),
         fixed(100.0 * found.coupon_deviation, 1),
         fixed(100.0 * found.left_out_rms(), 1)

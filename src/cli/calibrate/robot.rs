@@ -117,9 +117,7 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
     let wrong = |words: String| Fault::stage(CalibError::Points(format!("{}: {words}", file.display())));
     let rig = |kind: RigKind, option: &str| {
         let found = data.rigs.iter().position(|rig| rig.kind == kind);
-        found.ok_or_else(|| {
-            wrong(format!("a corner was touched whose camera is not calibrated here; give {option}"))
-        })
+        found.ok_or_else(|| wrong(format!("the camera of a touched corner is not calibrated here; give {option}")))
     };
     let corner = |column: usize, row: usize| {
         let (columns, rows) = (board.columns(), board.rows());
@@ -255,7 +253,7 @@ fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
     }
     let names: Vec<&str> = untold.iter().map(|number| number.name.as_str()).collect();
     if !names.is_empty() {
-        outcome.say(format!("not told by these data, and kept near the drawing's: {}", names.join("; ")));
+        outcome.say(format!("not determined by these data, and kept near the drawing's: {}", names.join("; ")));
     }
     if let Some(tip) = found.tip_mm {
         outcome.put("tip_mm", json!([tip.x, tip.y, tip.z]));

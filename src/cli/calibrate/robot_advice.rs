@@ -51,7 +51,8 @@ pub(super) fn tell(
 
 fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
     let Some(next) = next else {
-        return "no next pose: within the axes' limits no pose shows a board whole, or the data tell no number yet"
+        return "no next pose: no pose within the axes' limits shows a whole board, or the data determine no number \
+                yet"
             .to_owned();
     };
     let less = |share: f64| format!("{:.1} %", 100.0 * (1.0 - share));
@@ -79,7 +80,7 @@ fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
 fn board_words(found: &RobotFound, rig: usize) -> &'static str {
     match found.rigs[rig].kind {
         RigKind::EyeToHand => "the board on the flange before the fixed camera",
-        RigKind::EyeInHand => "the board that stands still before the camera on the flange",
+        RigKind::EyeInHand => "the fixed board in front of the camera on the flange",
     }
 }
 

@@ -44,8 +44,8 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         let beyond = beyond(MEDIAN_PX.1);
         let [off, allowed] = apart(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
         let message = format!(
-            "half of the points lie {off} px and more off the rays of the lens that fits best, the limit is {allowed} px: was the scan \
-             smoothed or moved after it was taken?"
+            "half of the points lie {off} px or more off the rays of the lens that fits best (limit {allowed} px): \
+             was the scan smoothed or moved after it was taken?"
         );
         let reason = Reason::new("off_rays", message);
         if beyond { reject.push(reason) } else { review.push(reason) }

@@ -120,12 +120,15 @@ fn tell(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
     let plain = fixed(found.left_out_plain_mm, 3);
     outcome.say(match found.left_out_corrected_mm {
         Some(corrected_mm) => format!(
-            "the same in each scan: up to {} mm at 700 mm, which is taken off from now on; scans that were left out are {plain} mm rms off a plane without that, \
-             {} mm with it",
+            "the same error in each scan: up to {} mm at 700 mm, which is subtracted from now on; scans that were \
+             left out are {plain} mm rms off a plane without this correction, {} mm with it",
             fixed(found.field_most_mm, 2),
             fixed(corrected_mm, 3)
         ),
-        None => format!("nothing is the same in each scan: they are {plain} mm rms off a plane, and a correction would make that no better"),
+        None => format!(
+            "no error is the same in each scan: they are {plain} mm rms off a plane, and a correction \
+                         would not improve this"
+        ),
     });
     outcome.say(format!(
         "distances are {} % too long, {} % from scan to scan; the board is bowed by {} mm",

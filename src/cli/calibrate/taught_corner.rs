@@ -24,7 +24,7 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     let wrong = |message: &str| Fault::stage(CalibError::Points(message.to_owned()));
     if args.camera != CameraName::FlangeCamera {
         return Err(wrong(
-            "--recipe looks at a taught corner by the flange camera; the scanner is verified on a board",
+            "--recipe verifies the flange camera by a taught corner; verify the scanner with a board",
         ));
     }
     let Some(flange) = &args.flange else {

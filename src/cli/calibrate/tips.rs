@@ -47,8 +47,8 @@ pub fn by_axes(
             return Err(Fault::file(
                 file,
                 format!(
-                    "p{number}_mm is {off} mm from where p{number}_axes_deg hold the cell's tool; allowed are {allowed} mm. \
-                     Select the cell's own tool on the pendant, and write place and axes of one touch"
+                    "p{number}_mm is {off} mm from the cell's tool at p{number}_axes_deg (limit {allowed} mm). \
+                     Select the cell's own tool on the pendant, and write position and axes of the same touch"
                 ),
             ));
         }

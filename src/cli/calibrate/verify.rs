@@ -40,8 +40,8 @@ struct Looked {
 impl Looked {
     /// If the board is not found in a scan's points, the scan gives no evidence about how panels are located.
     fn without_points(&self) -> Option<Reason> {
-        let message = "the scan has too few points on the board to find it by them, and panels are located by points: light it evenly, clean \
-                       it, or bring it nearer, then take the scan again";
+        let message = "the scan has too few points to find the board by them, and panels are located by points: \
+                       light the board evenly, clean it, or bring it nearer, then scan again";
         (self.has_cloud && self.by_points.is_none()).then(|| Reason::new("no_points", message))
     }
 }
@@ -231,7 +231,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         let file = folder.join("map_tool.svg");
         let limit_mm = files.cell.limits().verify_limit_mm();
         disk::write(&file, report::error_map("touches of known corners", &left.collect::<Vec<_>>(), limit_mm))?;
-        outcome.say(format!("{}: what is left at each corner", file.display()));
+        outcome.say(format!("{}: the remaining error at each corner", file.display()));
     }
     for (touched, error_mm) in points.touched.iter().zip(&errors_mm) {
         let (column, row) = touched.corner;

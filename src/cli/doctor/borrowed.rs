@@ -6,14 +6,14 @@ use crate::geometry::ColorPicture;
 
 /// A camera that the service has, and what came of asking it for a shot; a cell that is at work is not disturbed.
 pub(super) fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
-    let holder = format!("held by the service, which is {state}");
+    let holder = format!("in use by the service, which is {state}");
     match taken {
         Ok(picture) => Check::right(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
         Err(CameraError::AtWork) => Check::right(name, format!("{holder}; not tried, since the cell is at work")),
         Err(error) => Check::wrong(
             name,
             format!("{holder}: {error}"),
-            "look at its power, cable and address; read the service's log",
+            "check its power, cable and address; read the service's log",
         ),
     }
 }

@@ -51,7 +51,7 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
             return (Check::wrong("store", found, "it is made by `panelprep teach`: teach the panel"), None);
         }
         Err(error) => {
-            let advice = "nothing was changed; look at the folder, or bring back its last copy";
+            let advice = "nothing was changed; check the folder, or bring back its last copy";
             return (Check::wrong("store", error.to_string(), advice), None);
         }
     };
@@ -143,7 +143,7 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
     let last = match store.map(|store| store.last_verification(subject)) {
         Some(Ok(last)) => last,
         _ => {
-            return Check::wrong(name, "not verified: there is no store that says so", "teach and verify first");
+            return Check::wrong(name, "not verified: no store contains a verification", "teach and verify first");
         }
     };
     let (now, demands) = (now_unix_s(), Demands::of(files.cell.limits()));
@@ -215,7 +215,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
             Check::wrong(
                 format!("{KUKA}: {name}"),
                 found,
-                "mend it on the controller or in the cell's file; both say the same then",
+                "correct it on the controller or in the cell's file, so that both agree",
             )
         }));
     }
@@ -232,7 +232,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     };
     checks.extend(sum.map(|sum| kept_sum(sum, cell.robot().programs_sum())));
     if checks.iter().all(|check| check.is_right()) {
-        checks.insert(0, Check::right(KUKA, "one with the cell's file and with what this program speaks"));
+        checks.insert(0, Check::right(KUKA, "agree with the cell's file and with the protocol of this program"));
     }
     Programs { checks, sum }
 }
@@ -245,13 +245,14 @@ fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
         Some(kept) => Check::wrong(
             name,
             format!(
-                "sum {sum}, and the cell was accepted with {kept}: programs or cell_config.dat were changed since"
+                "sum {sum}, but the cell was accepted with {kept}: programs or cell_config.dat have changed since \
+                 then"
             ),
             "accept the cell again, then set programs_sum in [robot]; or bring back the files of the acceptance",
         ),
         None => Check::wrong(
             name,
-            format!("sum {sum}, and the cell's file keeps none: other programs would not be noticed"),
+            format!("sum {sum}, but the cell's file states none: other programs would not be noticed"),
             format!("once the cell is accepted with these files, set programs_sum = {sum} in [robot]"),
         ),
     }

@@ -61,7 +61,7 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
         }
         Err(error) => {
             let advice =
-                "look at its power, cable and address; end other camera programs; hold [flange_camera] against it";
+                "check its power, cable and address; end other camera programs; compare [flange_camera] with it";
             (Check::wrong(name, error.to_string(), advice), calibrated())
         }
     }
@@ -90,11 +90,12 @@ fn recorded(
     }
 }
 
-/// Whether the service runs, and whether the robot answers: if the service holds its ports, the service is asked.
+/// Checks whether the service runs and whether the robot answers. If the service holds the robot's ports, the
+/// service is queried.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> Vec<Check> {
     match asking::state_of(&files.socket()) {
         Some(state) => {
-            let robot = format!("held by the service, which is {state}");
+            let robot = format!("in use by the service, which is {state}");
             vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)]
         }
         None => vec![robot(&files.cell, sum), Check::right("service", "does not run")],
@@ -118,17 +119,17 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
                 return Check::wrong(
                     "robot",
                     format!(
-                        "{place}: a MOCK controller answers, which proves nothing of a real one; mode {}",
+                        "{place}: a MOCK controller answers, which proves nothing about a real one; mode {}",
                         state.mode.name()
                     ),
-                    "for a rehearsal this is as expected; for the cell connect the real controller and ask again",
+                    "this is expected in a rehearsal; for the cell, connect the real controller and run this again",
                 );
             }
             match sum.filter(|sum| *sum != state.programs_checksum) {
                 Some(sum) => Check::wrong(
                     "robot",
                     format!(
-                        "{place}: speaks, but runs other programs: checksum {}, the files say {sum}",
+                        "{place}: answers, but runs other programs: checksum {}, the files have {sum}",
                         state.programs_checksum
                     ),
                     "the controller executes other files than those of --kuka: cold-start it, or copy its files anew",
@@ -149,8 +150,9 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
 fn advice(error: &SingleError) -> &'static str {
     match error {
         SingleError::NoController(LinkLoss::Refused { .. }) => {
-            "the controller is there and nothing listens: is the submit interpreter's icon green, do CELL_INIT( ) and CELL_CYCLE( ) stand \
-             in sps.sub, and are the ports those of the EthernetKRL files and within 54600 to 54615? No robot program is needed for this"
+            "the controller is reachable, but nothing listens: is the submit interpreter's icon green, are \
+             CELL_INIT( ) and CELL_CYCLE( ) in sps.sub, and are the ports those of the EthernetKRL files and \
+             within 54600 to 54615? No robot program is needed for this"
         }
         SingleError::NoController(LinkLoss::NoAnswer { .. }) => {
             "no such address answers: controller on, cable of the KLI in, address and netmask of both right (`ping`)?"
@@ -159,15 +161,19 @@ fn advice(error: &SingleError) -> &'static str {
             "end the other client: the service, a second `panelprep`, another PC on this network"
         }
         SingleError::NoController(LinkLoss::Silent { .. }) => {
-            "another client has the channel, or CELL_CYCLE( ) is not called: close other clients; look at the fold USER PLC in sps.sub"
+            "another client has the channel, or CELL_CYCLE( ) is not called: close other clients; check the fold \
+             USER PLC in sps.sub"
         }
         SingleError::NoController(LinkLoss::PortsExchanged { .. }) => {
             "exchange command_port and state_port in [robot] of the cell's file"
         }
         SingleError::Silent => {
-            "it takes connections and says nothing: does cell_submit run (its state channel speaks), or does another \
-             program listen on these ports?"
+            "it accepts connections but does not answer: is cell_submit running (then its state channel sends), or \
+             does another program listen on these ports?"
         }
-        _ => "what answers there is not this cell's controller program: compare its EthernetKRL files by --kuka",
+        _ => {
+            "the program that answers is not this cell's controller program: compare its EthernetKRL files with \
+              --kuka"
+        }
     }
 }

@@ -13,12 +13,12 @@ const CLOCK_SLACK_S: i64 = 60;
 
 /// Room for what a cycle leaves behind.
 pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
-    let found = format!("{free_mb} MB free where the store is, {folder}");
+    let found = format!("{free_mb} MB free on the disk of the store, {folder}");
     match free_mb {
         ..FLOOR_MB => Check::wrong(
             "disk",
             found,
-            format!("make room: no cycle begins below {FLOOR_MB} MB; a film takes 100 to 500"),
+            format!("free some space: no cycle starts below {FLOOR_MB} MB; a film needs 100 to 500"),
         ),
         FLOOR_MB..SCARCE_MB => Check::right("disk", format!("{found}; room for a few cycles only")),
         _ => Check::right("disk", found),
@@ -69,8 +69,8 @@ pub(super) fn receive_buffer(
         "put `net.core.rmem_max = {needed_bytes}` into /etc/sysctl.d/60-panelprep.conf and run `sysctl --system`"
     );
     let whose = match size_px {
-        Some([width, height]) => format!("this camera's, of {width}×{height}, takes {needed_bytes}"),
-        None => format!("a camera's takes {needed_bytes}"),
+        Some([width, height]) => format!("this camera, of {width}×{height}, needs {needed_bytes}"),
+        None => format!("a camera needs {needed_bytes}"),
     };
     match largest_bytes {
         Some(bytes) if bytes >= needed_bytes as u64 => Check::right(name, format!("up to {bytes} bytes; {whose}")),
@@ -79,15 +79,15 @@ pub(super) fn receive_buffer(
         }
         None => Check::wrong(
             name,
-            "the kernel does not say how large they may be (/proc/sys/net/core/rmem_max)",
+            "the kernel does not report their largest size (/proc/sys/net/core/rmem_max)",
             advice,
         ),
     }
 }
 
-/// Is there a graphics processor for the Zivid SDK, and may the service access it? This is judged by the character
-/// devices of `/proc/devices`: their names are those that `config/panelprep-zivid.conf` allows the service.
-/// `has_uvm_node`: /dev/nvidia-uvm exists.
+/// Checks whether there is a graphics processor for the Zivid SDK and whether the service may access it. This is
+/// judged by the character devices of `/proc/devices`: their names are those that `config/panelprep-zivid.conf`
+/// allows the service. `has_uvm_node`: /dev/nvidia-uvm exists.
 pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check {
     let name = "graphics processor";
     let Some(devices) = devices else {
@@ -107,8 +107,7 @@ pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> C
         ),
         (true, false, _) => Check::wrong(name, "NVIDIA, and its computing part nvidia-uvm is not loaded", uvm),
         (false, _, true) => {
-            let found =
-                "no NVIDIA driver; a display driver (drm) is there, by which the SDK computes where it knows it";
+            let found = "no NVIDIA driver; a display driver (drm) is loaded, and the SDK computes with it if it supports it";
             Check::right(name, found)
         }
         (false, _, false) => Check::wrong(
@@ -135,7 +134,7 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
             return Check::wrong(
                 name,
                 found,
-                "find the lamp that flickers; take one on direct current for the film",
+                "find the lamp that flickers; use a lamp on direct current for the film",
             );
         }
     };
@@ -170,7 +169,9 @@ pub(super) fn warmth(warmth: Warmth) -> Check {
             let advice = "let it take shots for ten minutes: `panelprep doctor --warm-up`, or cycles";
             Check::wrong(name, warmth.to_string(), advice)
         }
-        Warmth::NotFollowed { .. } => Check::right(name, format!("{warmth}; `--warm-up` takes shots for so long")),
+        Warmth::NotFollowed { .. } => {
+            Check::right(name, format!("{warmth}; `--warm-up` takes shots for that long"))
+        }
         Warmth::Warm { .. } | Warmth::Unclear { .. } => Check::right(name, warmth.to_string()),
     }
 }

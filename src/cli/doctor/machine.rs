@@ -18,7 +18,7 @@ pub(super) fn program() -> Check {
         Ok(opencv) => Check::right("program", format!("panelprep {version} with OpenCV {opencv}")),
         Err(error) => Check::wrong(
             "program",
-            format!("panelprep {version}, and OpenCV does not tell its version: {error}"),
+            format!("panelprep {version}, but OpenCV does not report its version: {error}"),
             "install Debian's libopencv-dev again",
         ),
     }
@@ -50,7 +50,7 @@ pub(super) fn disk(store: &Path) -> Check {
     let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
     let advice = "name a folder on a disk that this user may write as `store` in the cell's file";
     let Some(folder) = there else {
-        return Check::wrong("disk", format!("no part of {} is there", whole.display()), advice);
+        return Check::wrong("disk", format!("no part of {} exists", whole.display()), advice);
     };
     if rustix::fs::access(&folder, rustix::fs::Access::WRITE_OK).is_err() {
         return Check::wrong("disk", format!("{} must not be written by this user", folder.display()), advice);

@@ -42,10 +42,10 @@ pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
             checks.push(Check::wrong(
                 "cell file",
                 fault.to_string(),
-                "mend what is named; `panelprep check` with this file lists every problem",
+                "correct what is named; `panelprep check` with this file lists every problem",
             ));
-            let rest = ": the cell's file says what there is";
-            checks.push(Check::open("everything else", rest, "mend the cell's file, then ask again"));
+            let rest = ": the cell's file states what exists";
+            checks.push(Check::open("everything else", rest, "correct the cell's file, then run this again"));
         }
     }
     checks

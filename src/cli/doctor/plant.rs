@@ -63,12 +63,12 @@ fn recipe(file: &Path) -> Check {
     });
     match checked {
         Ok(recipe) => {
-            Check::right(NAME, format!("asks for cycles of the panel {}, by {}", recipe.panel(), file.display()))
+            Check::right(NAME, format!("requests cycles of the panel {}, by {}", recipe.panel(), file.display()))
         }
         Err(problem) => Check::wrong(
             NAME,
             problem,
-            "write a recipe of this cell into [line] recipe: each start that the line asks for would be refused",
+            "write a recipe of this cell into [line] recipe: each start that the line requests would be refused",
         ),
     }
 }
@@ -78,9 +78,10 @@ fn reached(name: &'static str, files: Result<(), TrustError>, address: String) -
         return Check::wrong(name, problem.to_string(), "mend the file, or name another one in the cell's file");
     }
     match connected(address.clone(), WITHIN) {
-        Ok(()) => Check::right(name, format!("{address} takes connections")),
+        Ok(()) => Check::right(name, format!("{address} accepts connections")),
         Err(problem) => {
-            let advice = "look at the address in the cell's file, the network, and whether the server runs; the cell works without it";
+            let advice = "check the address in the cell's file, the network, and whether the server runs; the cell \
+                          works without it";
             Check::wrong(name, format!("{address}: {problem}"), advice)
         }
     }
@@ -108,7 +109,7 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let port = listener.local_addr().expect("its number").port();
         let office = format!("[office]\nbroker = \"nats://127.0.0.1:{port}\"\ncell = \"a\"\n");
-        assert_eq!(found(folder, &office), [(true, format!("office: 127.0.0.1:{port} takes connections"))]);
+        assert_eq!(found(folder, &office), [(true, format!("office: 127.0.0.1:{port} accepts connections"))]);
         let sparkplug = "[sparkplug]\nbroker = \"localhost\"\ngroup_id = \"g\"\nedge_node_id = \"e\"\nuser = \"u\"\npassword_file = \"none\"\n";
         let told = found(folder, sparkplug);
         assert!(!told[0].0 && told[0].1.ends_with("none: No such file or directory (os error 2)"), "{told:?}");

@@ -17,10 +17,19 @@ pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
     let tool = cell.tool().compliant()?;
     Some(match &tool.address {
         None => Check::right(NAME, "simulated: it presses on the simulated panel"),
-        Some(_) if served => Check::right(NAME, "held by the service, which says at a reset whether it is ready"),
+        Some(_) if served => Check::right(
+            NAME,
+            "in use by the service, which reports at a reset whether it is \
+                                                 ready",
+        ),
         Some(address) => match AcfLink::start(tool, address) {
             Ok(link) => looked_at(tool, link),
-            Err(error) => Check::wrong(NAME, error.to_string(), "end what takes the computer's threads"),
+            Err(error) => Check::wrong(
+                NAME,
+                error.to_string(),
+                "end the programs that use up the computer's \
+                                                                 threads",
+            ),
         },
     })
 }
@@ -47,9 +56,9 @@ fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Che
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
     let Some(reading) = last.filter(|_| lost.is_none()) else {
-        let why = lost.map_or("it says nothing".to_owned(), |loss| loss.to_string());
-        let advice = "look at its power, cable and address (`ping`), end whoever else is connected to it, and hold [tool] against its \
-                      settings";
+        let why = lost.map_or("it does not answer".to_owned(), |loss| loss.to_string());
+        let advice = "check its power, cable and address (`ping`), end other programs that are connected to it, \
+                      and compare [tool] with its settings";
         return Check::wrong(NAME, format!("{place}: {why}"), advice);
     };
     let says = format!(
@@ -60,9 +69,11 @@ fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Che
     );
     match unready(&reading, tool.stroke_mm) {
         None => Check::right(NAME, says),
-        Some(why) => {
-            Check::wrong(NAME, format!("{says}; {}", why.message), "mend what it says; no cycle begins before")
-        }
+        Some(why) => Check::wrong(
+            NAME,
+            format!("{says}; {}", why.message),
+            "correct what it reports; no cycle starts before",
+        ),
     }
 }
 
@@ -95,7 +106,7 @@ mod tests {
         );
         assert!(
             check(&there, true)
-                .is_some_and(|check| check.is_right() && check.found.contains("held by the service"))
+                .is_some_and(|check| check.is_right() && check.found.contains("in use by the service"))
         );
         server.breaks(Some(ToolFault::Errors(2)));
         let wrong = check(&there, false).expect("looked at");

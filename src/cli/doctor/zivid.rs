@@ -38,7 +38,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     let (found, own) = match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
         Ok(both) => both,
         Err(fault) => {
-            let wrong = Check::wrong("scanner", fault.to_string(), "src/devices/README.md says what it needs");
+            let wrong = Check::wrong("scanner", fault.to_string(), "src/devices/README.md states what it needs");
             return vec![graphics, wrong];
         }
     };
@@ -57,7 +57,9 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     let followed = if warm_up { warmed_up(&mut scanner, WARM_UP) } else { Ok(()) };
     let warmth = match followed {
         Ok(()) => judge::warmth(scanner.warmth()),
-        Err(fault) => Check::wrong("scanner's warmth", fault.to_string(), "mend the scanner, then ask again"),
+        Err(fault) => {
+            Check::wrong("scanner's warmth", fault.to_string(), "repair the scanner, then run this again")
+        }
     };
     vec![graphics, Check::right("scanner", told), light, warmth]
 }

@@ -58,7 +58,7 @@ pub enum CalibrationFault {
         file: String,
     },
     /// The controller's axis angles are no numbers.
-    #[error("the controller reports axis angles that are no numbers: nothing can be said of where the flange is")]
+    #[error("the controller reports axis angles that are not numbers: the flange's pose is not known")]
     NoAxes,
     /// A tool, or a touch, without poses.
     #[error("there are no poses: name their file, or read them from the controller with --live DIR")]

@@ -13,8 +13,8 @@ pub enum ClipFault {
     },
     /// A folder without a clip.
     #[error(
-        "{}: there is no clip.csv; a clip is a folder of numbered pictures with a clip.csv that says when each was taken, as `panelprep \
-         shoot film` writes it", folder.display()
+        "{}: there is no clip.csv; a clip is a folder of numbered pictures with a clip.csv that states when each \
+         was taken, as `panelprep shoot film` writes it", folder.display()
     )]
     NoClip {
         /// The folder.
@@ -22,7 +22,8 @@ pub enum ClipFault {
     },
     /// A clip of a set that has no labels.
     #[error(
-        "{}: it has no labels, neither mask.png in its folder truth nor beside its pictures; mark what broke with `panelprep label --clip {}`",
+        "{}: it has no labels, neither mask.png in its folder truth nor next to its pictures; mark the breaks with \
+         `panelprep label --clip {}`",
         clip.display(), clip.display()
     )]
     NoLabels {
@@ -39,7 +40,8 @@ pub enum ClipFault {
     },
     /// A person labelled another clip, or this one before it was changed.
     #[error(
-        "{}: these labels were made for other pictures than those of {}; look at each break again with `panelprep label --clip {}`",
+        "{}: these labels were made for other pictures than those of {}; check each break again with `panelprep \
+         label --clip {}`",
         labels.display(), clip.display(), clip.display()
     )]
     OtherClip {
@@ -58,7 +60,7 @@ pub enum ClipFault {
         folder: PathBuf,
     },
     /// No picture of a film would be wet, and no test could look at it.
-    #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; allowed is 0 to {seconds}")]
+    #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; the limits are 0 to {seconds}")]
     NeverWet {
         /// The requested time.
         wet_from_s: f64,
@@ -67,7 +69,8 @@ pub enum ClipFault {
     },
     /// It is not stated when the sprayed panel is wet.
     #[error(
-        "--spray-from-s is {spray_from_s} and nothing says from when on the panel is wet; give --wet-from-s, when the spray is off"
+        "--spray-from-s is {spray_from_s}, but it is not stated from when the panel is wet; give --wet-from-s, the \
+         time when the spray is off"
     )]
     WetFromWhen {
         /// The requested time.

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 pub enum DeviceFault {
     /// Controller's files and cell's file that mean other ports.
     #[error(
-        "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, the cell's file says {cells}; make both the same: PORT in the \
-         files, command_port and state_port in [robot]", folder.display()
+        "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, the cell's file states {cells}; make both the \
+         same: PORT in the files, command_port and state_port in [robot]", folder.display()
     )]
     OtherPorts {
         /// The folder of the controller's files.
@@ -31,12 +31,12 @@ pub enum DeviceFault {
     #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
     ArmErrorInRehearsal,
     /// A simulated camera without a simulated world.
-    #[error("a camera is simulated and there is no simulated world that it could look at")]
+    #[error("a camera is simulated, but there is no simulated world for it to look at")]
     NoWorld,
     /// A simulated tool without a simulated world.
     #[error(
-        "[tool] kind = \"simulated\" and there is no simulated world that it could press on: nothing that is simulated may decide how a \
-         real arm moves"
+        "[tool] kind = \"simulated\", but there is no simulated world for it to press on: nothing simulated may \
+         decide how a real arm moves"
     )]
     NoWorldForTool,
     /// A flange camera that this program cannot open.
@@ -56,8 +56,8 @@ pub enum DeviceFault {
     },
     /// Cameras that are not the ones in use.
     #[error(
-        "a camera's settings, or the serial number or size in its calibration, have changed since the service started, and it \
-         takes shots by those of then; restart it"
+        "a camera's settings, or the serial number or size in its calibration, have changed since the service \
+         started, and it still uses the old ones; restart it"
     )]
     CamerasChanged,
     /// A calibration that no simulated scanner fits.

@@ -42,8 +42,8 @@ pub enum RecordFault {
     },
     /// A part that may not be abraded any more.
     #[error(
-        "the part {serial} was abraded in as many passes as [process] max_passes_per_part allows, {most}: {history}; take it \
-         out, and let the inspector decide about it with the pages of these cycles"
+        "the part {serial} has reached the limit of {most} passes ([process] max_passes_per_part): {history}; take \
+         it out, and let the inspector decide about it with the pages of these cycles"
     )]
     PartUsedUp {
         /// Its serial number.
@@ -55,7 +55,8 @@ pub enum RecordFault {
     },
     /// A cycle with an unsigned record.
     #[error(
-        "cycle {cycle} is not signed: it is not over, or its signing failed; `panelprep store verify` tells more"
+        "cycle {cycle} is not signed: it is not finished, or its signing failed; `panelprep store verify` reports \
+         details"
     )]
     NotSigned {
         /// The cycle.
@@ -70,7 +71,7 @@ pub enum RecordFault {
         problem: String,
     },
     /// A name of the part that cannot be kept as it is.
-    #[error("{option} \"{found}\": {problem}; name it as it is to stand on the cycle's page")]
+    #[error("{option} \"{found}\": {problem}; write it as it is to appear on the cycle's page")]
     PartName {
         /// The option.
         option: &'static str,

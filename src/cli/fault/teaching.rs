@@ -6,11 +6,12 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum TeachingFault {
     /// There is nothing to teach by.
-    #[error("there is no scan to teach by: name it, --scan FILE, or take it now, --live DIR")]
+    #[error("there is no scan to teach with: name it with --scan FILE, or take it now with --live DIR")]
     NoScan,
     /// The terminal is closed.
     #[error(
-        "nobody answers at the terminal: what was taken so far is in the folder of --live, and can be named by --scan, --corner and --flange"
+        "nobody answers at the terminal: the files taken so far are in the folder of --live, and can be named with \
+         --scan, --corner and --flange"
     )]
     NobodyAnswers,
     /// Options that do not go together.

@@ -57,7 +57,7 @@ impl Keeping {
             return Ok(Now { said: Statement::default(), saved_at, is_draft, note: None });
         };
         let note = (found.clip_sha256 != self.clip_sha256).then(|| {
-            "the clip has changed since these labels were made: look at each break again, and save".to_owned()
+            "the clip has changed since these labels were made: check each break again, and save".to_owned()
         });
         Ok(Now { said: found.statement(), saved_at, is_draft, note })
     }

@@ -21,8 +21,8 @@ use crate::store::{Store, calibration_hash};
 use std::path::{Path, PathBuf};
 
 /// What a pose without axes lacks.
-pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs the axes: add axes_deg = [A1, …, A6] \
-                           beside base_from_flange, as the pendant shows them at this pose";
+pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs the axes: add axes_deg = \
+                           [A1, …, A6] next to base_from_flange, as the pendant shows them at this pose";
 
 /// A file's name in messages.
 pub(super) fn name(file: &Path) -> String {

@@ -41,7 +41,7 @@ impl Asker<'static> {
 }
 
 impl Asker<'_> {
-    /// The answer as `read` understands it; if `read` refuses an answer, the question is asked again.
+    /// Returns the answer as `read` interprets it; if `read` refuses an answer, the question is asked again.
     fn ask<T>(&mut self, question: &Question<'_>, read: impl Fn(&str) -> Result<T, String>) -> Result<T, Fault> {
         let option = question.option;
         let refused = |found: &str, problem| Fault::BadAnswer { option, found: found.to_owned(), problem };
@@ -100,7 +100,7 @@ impl Asker<'_> {
     pub fn count(&mut self, question: &Question<'_>, range: RangeInclusive<u32>) -> Result<f64, Fault> {
         self.ask(question, |answer| {
             let count = answer.trim().parse::<u32>().ok().filter(|count| range.contains(count));
-            let allowed = || format!("allowed is {} to {}, a whole number", range.start(), range.end());
+            let allowed = || format!("valid: a whole number from {} to {}", range.start(), range.end());
             count.map(f64::from).ok_or_else(allowed)
         })
     }
@@ -150,9 +150,7 @@ fn checked<T>(answer: T, check: impl Fn(&T) -> Refusal) -> Result<T, String> {
 fn words(answer: &str) -> Result<String, String> {
     match answer.trim() {
         "" => Err("an answer is needed".to_owned()),
-        answer if answer.chars().any(char::is_control) => {
-            Err("allowed are characters that can be printed".to_owned())
-        }
+        answer if answer.chars().any(char::is_control) => Err("valid: printable characters".to_owned()),
         answer => Ok(answer.to_owned()),
     }
 }
@@ -160,7 +158,7 @@ fn words(answer: &str) -> Result<String, String> {
 fn one_of<T: Copy>(answer: &str, allowed: &[(&str, T)]) -> Result<T, String> {
     let found = allowed.iter().find(|(word, _)| *word == answer).map(|(_, value)| *value);
     let names: Vec<&str> = allowed.iter().map(|(word, _)| *word).collect();
-    found.ok_or_else(|| format!("allowed is {}", names.join(" or ")))
+    found.ok_or_else(|| format!("valid: {}", names.join(" or ")))
 }
 
 fn numbers<const N: usize>(answer: &str) -> Result<[f64; N], String> {
@@ -168,8 +166,8 @@ fn numbers<const N: usize>(answer: &str) -> Result<[f64; N], String> {
     let numbers: Option<Vec<f64>> =
         parts.map(|part| part.parse().ok().filter(|number: &f64| number.is_finite())).collect();
     let allowed = || match N {
-        1 => "allowed is a number".to_owned(),
-        _ => format!("allowed are {N} numbers, apart by commas or spaces"),
+        1 => "valid: a number".to_owned(),
+        _ => format!("valid: {N} numbers, separated by commas or spaces"),
     };
     numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(allowed)
 }
@@ -203,9 +201,9 @@ mod tests {
         assert_eq!(of(asker("5\n", true), &question(None, Some("4"))).expect("taken"), 4.0);
         for (asker, question, words) in [
             (asker("", false), question(None, Some("4")), "how many rows has no answer: give --rows"),
-            (asker("", false), question(None, Some("4")), "--rows, or --yes to take"),
+            (asker("", false), question(None, Some("4")), "--rows, or --yes to accept"),
             (asker("", true), question(None, None), "how many rows has no answer: give --rows"),
-            (asker("5\n", false), question(Some("x"), None), "--rows \"x\": allowed is a number"),
+            (asker("5\n", false), question(Some("x"), None), "--rows \"x\": valid: a number"),
         ] {
             let told = of(asker, &question).expect_err("refused").to_string();
             assert!(told.contains(words), "{told}");
@@ -218,7 +216,7 @@ mod tests {
         assert_eq!(of("50").expect("allowed"), 50.0);
         for wrong in ["0", "51", "2.5", "many"] {
             let told = of(wrong).expect_err("refused").to_string();
-            assert!(told.contains(&format!("--rows \"{wrong}\": allowed is 1 to 50")), "{told}");
+            assert!(told.contains(&format!("--rows \"{wrong}\": valid: a whole number from 1 to 50")), "{told}");
         }
     }
 
@@ -251,7 +249,7 @@ mod tests {
     fn numbers_are_as_many_as_asked_for() {
         assert_eq!(numbers::<3>("1, -2.5 3"), Ok([1.0, -2.5, 3.0]));
         for wrong in ["1,2", "1,2,3,4", "1,2,NaN", "1,2,x"] {
-            assert_eq!(numbers::<3>(wrong), Err("allowed are 3 numbers, apart by commas or spaces".to_owned()));
+            assert_eq!(numbers::<3>(wrong), Err("valid: 3 numbers, separated by commas or spaces".to_owned()));
         }
     }
 }

@@ -102,7 +102,10 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
         outcome.say(format!("hold the numbers of these tables against your cell before anything moves: {tables}"));
-        outcome.say("measure by tape where the cameras are, and state it in [rough]: without it a camera's mount ends in review");
+        outcome.say(
+            "measure the cameras' positions with a tape, and state them in [rough]: without them a \
+                     camera's mount ends in review",
+        );
         outcome.say(format!("the service reaches only the networks in {NETWORKS}: see the manual, network"));
     }
     outcome.put("file", json!(args.out));
@@ -297,11 +300,11 @@ fn robot(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answ
 
 fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Motion, Fault> {
     let words =
-        "axis angles where the arm is clear of the panel and of both cameras' view, degrees: a1,a2,a3,a4,a5,a6";
+        "axis angles at which the arm is clear of the panel and of both cameras' view, degrees: a1,a2,a3,a4,a5,a6";
     let question = Question::new(words, "--park-deg", args.park_deg.as_deref());
     let park_deg = asker.numbers(&question.proposing(joined(&MOTION.park_deg)), |park_deg: &[f64; 6]| {
         if park_deg.iter().all(|angle| *angle == 0.0) {
-            return Err("all axes at 0 is no place to park: state where the arm stands clear".to_owned());
+            return Err("all axes at 0 is not a park pose: state angles at which the arm is clear".to_owned());
         }
         let motion = Motion { park_deg: *park_deg, ..MOTION };
         Answers { motion: Some(motion), ..answers.clone() }.accepted("poses")
@@ -367,8 +370,8 @@ fn to_check(text: &str) -> String {
 }
 
 /// Written before each of those tables.
-const TO_CHECK: &str =
-    "# TO CHECK before anything moves: what was not answered in this table is the sample's, not your cell's.";
+const TO_CHECK: &str = "# TO CHECK before anything moves: numbers in this table that you did not answer are the sample's, not your \
+     cell's.";
 
 /// The file's text.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
@@ -420,12 +423,12 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
 /// The text before the first table.
 fn head(answers: &Answers) -> String {
     let socket = match answers.store == SERVICE_STORE {
-        true => format!("socket = \"{SERVICE_SOCKET}\" # as panelprep.service has it: its group may ask\n"),
+        true => format!("socket = \"{SERVICE_SOCKET}\" # as in panelprep.service: its group may send requests\n"),
         false => "# socket = \"panelprep.sock\" # where `panelprep ctl` finds `panelprep run`; without it, in the store\n".to_owned(),
     };
     format!(
         "# A robot cell, begun by `panelprep new cell`. Names of files are relative to this file's folder; `panelprep check FILE` lists
-# what is wrong and says what was understood.
+# what is wrong and states what was understood.
 
 store = \"store\" # folder for taught panels, cycles and their pictures; everything is kept for ever
 # Or, at the end of this file, as a table that says how long clips and scans are kept (pages and records stay for ever):

@@ -58,7 +58,7 @@ fn only_zivid() -> Result<String, String> {
     match camera.ready(Patience::default().start()) {
         Err(ZividFault::WrongCamera { found, .. }) => Ok(found),
         Err(fault) => Err(fault.to_string()),
-        Ok(()) => Err("it tells no serial number".to_owned()),
+        Ok(()) => Err("it reports no serial number".to_owned()),
     }
 }
 
@@ -66,7 +66,7 @@ fn only_zivid() -> Result<String, String> {
 pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
     match connected((host.to_owned(), port), PATIENCE) {
-        Ok(()) => format!("{place}: the controller takes connections; `panelprep doctor` looks closer"),
+        Ok(()) => format!("{place}: the controller accepts connections; `panelprep doctor` checks more"),
         Err(problem) => format!("{place}: nothing answers yet: {problem}"),
     }
 }

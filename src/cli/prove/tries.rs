@@ -152,12 +152,12 @@ fn second_client_is_kept_out(cell: &Cell) -> Tried {
     let undisturbed = first.hear().is_some();
     let what = match &heard {
         Ok(true) => "was served",
-        Ok(false) => "was held or closed without a word",
+        Ok(false) => "was kept waiting or closed without an answer",
         Err(_) => "was refused",
     };
     let evidence = format!(
         "the second client {what}, the first {}",
-        if undisturbed { "went on undisturbed" } else { "heard nothing more" }
+        if undisturbed { "continued undisturbed" } else { "received nothing more" }
     );
     found(undisturbed && !matches!(heard, Ok(true)), evidence)
 }
@@ -178,7 +178,7 @@ fn the_epoch_is_not_used_up(cell: &Cell) -> Tried {
             );
         }
     }
-    found(true, format!("asked for 2147483647 by a reset and by an abort: the epoch stayed {before}"))
+    found(true, format!("2147483647 was requested by a reset and by an abort: the epoch stayed {before}"))
 }
 
 fn a_vanishing_client_is_missed_by_nobody(cell: &Cell) -> Tried {
@@ -217,7 +217,7 @@ fn base_comes_back(cell: &Cell, x_mm: f64, most_mm: f64) -> Tried {
     match single.set(Command::SetBase(base)) {
         Ok(()) => {
             let told_mm = single.state().active_base.x_mm;
-            let evidence = format!("base X {x_mm} mm was sent, {told_mm} mm was told back");
+            let evidence = format!("base X {x_mm} mm was sent, {told_mm} mm was reported back");
             found((told_mm - x_mm).abs() <= most_mm, evidence)
         }
         Err(error) => found(false, format!("base X {x_mm} mm: {error}")),

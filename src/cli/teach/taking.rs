@@ -76,7 +76,7 @@ fn draw(args: &Teach, cell: &CellFiles, scan: &Path) -> Result<(), Fault> {
     let local = Local::listen(args.listen).map_err(Fault::stage)?;
     tell_line(&format!("Draw the region and what is masked: open {} in a browser on this computer.", local.url()));
     let saved = drawing::serve(local, sheet).map_err(Fault::stage)?;
-    let words = if saved == 0 { "nothing was saved: the recipe is as it was" } else { "saved" };
+    let words = if saved == 0 { "nothing was saved: the recipe is unchanged" } else { "saved" };
     tell_line(&format!("{}: {words}", args.recipe.display()));
     Ok(())
 }
@@ -102,7 +102,8 @@ fn corners(
         let number = index + 1;
         let (picture, reported) = loop {
             tell_line(&format!(
-                "Bring the camera on the flange to where it sees the {name} corner of the panel, as far away as in a cycle, and press Enter."
+                "Move the camera on the flange until it sees the {name} corner of the panel, as far away as in a \
+                 cycle, and press Enter."
             ));
             if answer()?.is_none() {
                 return Err(TeachingFault::NobodyAnswers.into());

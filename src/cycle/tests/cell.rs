@@ -79,7 +79,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Any cell before its first event: outputs as someone left them.
+    /// Any cell before its first event: outputs as a person left them.
     pub fn new(rules: Rules) -> Self {
         Cell {
             rules,

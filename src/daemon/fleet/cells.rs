@@ -57,7 +57,8 @@ fn body(cells: &[CellNow], now_unix_ms: i64) -> Markup {
                 }
             }
             p.links { a href="/cells.json" { "JSON" } }
-            p.note { "Times are UTC. A cell is stale where it was not heard for " (STALE_MS / 1_000) " s: its state is then the last one that it told." }
+            p.note { "Times are UTC. A cell is stale if it has not reported for " (STALE_MS / 1_000) " s: its state is then the last one that \
+                                                                                                      it reported." }
         }
     }
 }
@@ -77,7 +78,7 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
                 @if stale {
                     br;
                     "⚠ stale"
-                    @if let Some(heard) = cell.heard_unix_ms { " since " (time(heard.div_euclid(1_000))) } @else { ": it never told its state" }
+                    @if let Some(heard) = cell.heard_unix_ms { " since " (time(heard.div_euclid(1_000))) } @else { ": it never reported its state" }
                 }
             }
             td {

@@ -143,9 +143,9 @@ fn files(cycle: &SignedCycle) -> Markup {
     let named = exported_files(cycle).into_iter().filter(|(name, _)| !name.starts_with("picture "));
     html! {
         section.card {
-            h2 { "What it ran with" }
+            h2 { "Files used by the cycle" }
             ul { @for (name, hash) in named { li { a href={ "/file/" (hash) } { (name) } " " code { (hash) } } } }
-            p.note { "SHA-256 of nothing is " code { (content_hash(b"")) } "; each file here has the SHA-256 that the signed record names." }
+            p.note { "The SHA-256 of an empty file is " code { (content_hash(b"")) } "; each file here has the SHA-256 that the signed record names." }
         }
     }
 }

@@ -32,7 +32,7 @@ pub struct FleetAddress {
     pub fingerprint: Option<String>,
 }
 
-/// Serves the page until `ended` comes; `told` receives the address once the page listens.
+/// Serves the page until `ended` comes; the callback receives the address once the page listens.
 ///
 /// # Errors
 /// If the settings name no address, the address is not available, or a certificate cannot be used.

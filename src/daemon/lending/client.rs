@@ -91,7 +91,7 @@ fn words(reasons: &[crate::verdict::Reason]) -> String {
 
 fn body(connection: &mut Connection, bytes: usize) -> Result<Vec<u8>, CameraError> {
     if bytes > MOST_SHOT_BYTES {
-        return Err(failed(format!("a shot of {bytes} bytes; allowed are {MOST_SHOT_BYTES}")));
+        return Err(failed(format!("a shot of {bytes} bytes (limit {MOST_SHOT_BYTES} bytes)")));
     }
     let mut body = Vec::new();
     let read = connection.take(bytes as u64).read_to_end(&mut body).map_err(failed)?;
@@ -117,7 +117,7 @@ fn unexpected(sent: &Sent) -> CameraError {
         Sent::Ended { .. } => "the end of a film",
         Sent::Failed { .. } => "a failure",
     };
-    failed(format!("{what} came, and something else was asked for"))
+    failed(format!("{what} was received, but something else was requested"))
 }
 
 impl Scanner for BorrowedScanner {

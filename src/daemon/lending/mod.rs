@@ -1,19 +1,20 @@
-//! The service's cameras, lent between cycles: `panelprep shoot` and the live calibrations take pictures while the service
-//! has the cameras.
+//! The service's cameras, lent between cycles: `panelprep shoot` and the live calibrations take pictures while the
+//! service has the cameras.
 //!
-//! [`SharedCameras`] are the loop's cameras, and lend themselves to one connection at a time while the cell rests without a cycle
-//! (`serving`), and one picture at a time to the operator's page (`taking`). The loop never waits for a shot that begins after the cell has left its rest: what is lent is asked back before
-//! each shot, and a film ends with its next picture. [`BorrowedScanner`] and [`BorrowedFlangeCamera`] are the other end of the
-//! connection (`client`).
+//! [`SharedCameras`] holds the loop's cameras. It lends them to one connection at a time while the cell rests
+//! without a cycle (`serving`), and for one picture at a time to the operator's page (`taking`). The loop never
+//! waits for a shot that begins after the cell has left its rest: before each shot it is checked whether the cell
+//! still rests, and a film ends with its next picture. [`BorrowedScanner`] and [`BorrowedFlangeCamera`] are the
+//! other end of the connection (`client`).
 //!
 //! ```text
 //! {"ask":"shoot","shot":"scan"}                                  a line to the service
-//! {"sent":"scan","bytes":3987654,"time_s":12.1,"conditions":{…}}   a line from it, then so many bytes of PCD
+//! {"sent":"scan","bytes":3987654,"time_s":12.1,"conditions":{…}}   a line from it, then that number of bytes of PCD
 //! ```
 //!
-//! Of a film the pictures come one after the other until the client closes its writing side, then `{"sent":"ended",…}`.
-//! The robot is not moved, no output is switched, and nothing is written to the store. Where the arm stands meanwhile the answer
-//! to `{"ask":"state"}` says.
+//! The pictures of a film are sent one after the other until the client closes its writing side, then
+//! `{"sent":"ended",…}`. The robot is not moved, no output is switched, and nothing is written to the store. The
+//! answer to `{"ask":"state"}` reports where the arm is meanwhile.
 
 mod client;
 mod last_state;

@@ -84,7 +84,7 @@ fn one(stream: &mut UnixStream, lent: &Lent<'_>, eye: Eye) -> Result<(), Broken>
 fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> Result<(), Broken> {
     if !(pictures_per_second > 0.0 && pictures_per_second <= MOST_PER_SECOND) {
         let message = format!(
-            "{pictures_per_second} pictures a second; allowed is more than 0 and at most {MOST_PER_SECOND}"
+            "{pictures_per_second} pictures per second; more than 0 and at most {MOST_PER_SECOND} are possible"
         );
         return Err(Reason::new("bad_request", message).into());
     }
@@ -124,7 +124,8 @@ fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
     match stream.read(&mut [0; 64]) {
         Ok(0) => Ok(true),
         Ok(_) => {
-            Err(Reason::new("bad_request", "the end of a film is told by closing, and by nothing else").into())
+            Err(Reason::new("bad_request", "a film is ended only by closing the connection; nothing may be sent")
+                .into())
         }
         Err(error)
             if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) =>

@@ -68,7 +68,7 @@ impl SharedCameras {
         if std::mem::take(&mut inside.films) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "who asked for the film is told that the cell is at work"
+                reason = "the client of the film receives the answer that the cell is at work"
             )]
             let _ = inside.cameras.scanner.end_clip();
         }
@@ -80,7 +80,11 @@ impl SharedCameras {
         let since = Instant::now();
         while self.0.is_lent.swap(true, Ordering::Acquire) {
             if since.elapsed() > NEXT_PATIENCE {
-                return Err(Reason::new("busy", "somebody else takes pictures now; ask again when that has ended"));
+                return Err(Reason::new(
+                    "busy",
+                    "another client is taking pictures now; try again when it has \
+                                                finished",
+                ));
             }
             thread::sleep(Duration::from_millis(2));
         }
@@ -121,7 +125,7 @@ impl Lent<'_> {
         if self.0.0.rests.load(Ordering::Relaxed) {
             return Ok(inside);
         }
-        Err(Reason::new(AT_WORK, "the cell is at work; ask again when the cycle has ended"))
+        Err(Reason::new(AT_WORK, "the cell is at work; try again when the cycle has ended"))
     }
 }
 

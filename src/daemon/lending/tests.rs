@@ -202,7 +202,7 @@ fn a_film_lasts_until_the_client_has_enough() {
     assert_eq!(scanner.end_clip().expect("ended"), 4);
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1);
     refused(scanner.next_of_clip(), "takes no clip");
-    refused(scanner.begin_clip(0.0), "allowed is more than 0 and at most 100");
+    refused(scanner.begin_clip(0.0), "more than 0 and at most 100 are possible");
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }
 
@@ -225,12 +225,12 @@ fn a_cycle_takes_its_cameras_back() {
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
     scanner.next_of_clip().expect("a picture");
-    refused(bench.scanner().capture_3d(), "somebody else takes pictures now");
+    refused(bench.scanner().capture_3d(), "another client is taking pictures now");
     bench.cameras.are_needed();
     let end = (0..1_000).find_map(|_| scanner.next_of_clip().err()).expect("the film ends");
     assert!(end.to_string().contains("the cell is at work"), "{end}");
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1, "before the cycle's own first shot");
-    refused(bench.scanner().capture_3d(), "ask again when the cycle has ended");
+    refused(bench.scanner().capture_3d(), "try again when the cycle has ended");
 
     let held = State { at: At::Idle, ..State::NEW };
     let mut running = held;

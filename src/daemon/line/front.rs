@@ -139,16 +139,13 @@ impl LineParts {
             Err(problem) => Some(problem),
         };
         if let Some(why) = &refused {
-            tracing::warn!("the line asks for a {word}, which is refused: {why}");
+            tracing::warn!("the line requests a {word}, which is refused: {why}");
         }
         let is_taken = refused.is_none();
         let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
         let entry = AuditEntry { refused, ..AuditEntry::done(None, role, from, word) };
         let people = self.people.clone();
-        #[expect(
-            clippy::let_underscore_must_use,
-            reason = "a line that cannot be kept stands in the service's log"
-        )]
+        #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]
         let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
         is_taken
     }

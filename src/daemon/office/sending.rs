@@ -22,7 +22,7 @@ const AT_ONCE: usize = 200;
 const MOST_BYTES: usize = 32 << 20;
 /// Files of which it is remembered that this stream has them: most records name the same recipe and calibrations.
 const MOST_FILES: usize = 50_000;
-/// Interval at which the office is asked.
+/// Interval at which the office is queried.
 const ASK_EVERY: Duration = Duration::from_secs(5);
 /// Interval at which offers of recipes are requested.
 const OFFERS_EVERY: Duration = Duration::from_secs(30);
@@ -259,7 +259,8 @@ impl Sender {
     async fn send_again(&mut self, epoch: &str) -> Result<(), String> {
         let archived = Position { epoch: epoch.to_owned(), number: self.progress.archived(epoch) };
         tracing::warn!(
-            "the office still has no more than {} of epoch {epoch}: some of what follows is sent again",
+            "the office still has only the records up to {} of epoch {epoch}: some of the following records are \
+             sent again",
             archived.number
         );
         self.progress.begin_again();

@@ -58,7 +58,7 @@ impl Teller {
 fn standing(front: &FrontParts) -> Vec<Told> {
     front.look();
     let lasting = front.people.read(|store| front.alarms.lasting(store)).unwrap_or_else(|error| {
-        tracing::warn!("the office is told no alarms: {error}");
+        tracing::warn!("the alarms cannot be reported to the office: {error}");
         Vec::new()
     });
     let is_told = |alarm: &Alarm| alarm.priority > Priority::Note;

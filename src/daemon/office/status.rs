@@ -5,7 +5,7 @@ use crate::office::RecipeOffer;
 use crate::verdict::Reason;
 use std::sync::{Arc, Mutex, PoisonError};
 
-const WORDS: (&str, &str) = ("records are not in the office", "the archive does not take them");
+const WORDS: (&str, &str) = ("records are not in the office", "the archive does not accept them");
 
 /// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
@@ -78,7 +78,9 @@ mod tests {
         let late = |status: &OfficeStatus| status.reasons(60, 70 * minute);
         assert_eq!(late(&status)[0].code, "office_behind");
         assert!(
-            late(&status)[0].message.ends_with("waits for 60 min, allowed are 60: the archive does not take them")
+            late(&status)[0]
+                .message
+                .ends_with("has waited for 60 min (limit 60 min): the archive does not accept them")
         );
         assert!(status.goes(Some("no route")) && !status.goes(Some("no route")), "told once");
         assert!(late(&status)[0].message.ends_with(": no route"));

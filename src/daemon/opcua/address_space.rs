@@ -111,7 +111,7 @@ fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     };
     let taken: Vec<Argument> =
         method.arguments.iter().map(|one| argument(one.name, kind(one.kind), one.meaning)).collect();
-    let told = argument("Message", DataTypeId::String, "What was done, where the state does not say it.");
+    let told = argument("Message", DataTypeId::String, "What was done, if the state does not show it.");
     let mut builder = MethodBuilder::new(&id, QualifiedName::new(namespace, method.name), method.name)
         .description(english(method.meaning))
         .executable(true)

@@ -87,7 +87,7 @@ impl Calls {
             refused("silent", StatusCode::BadTimeout, "the service did not answer in time; look at its state")
         });
         if let Outcome::Refused(_, reason) = &outcome {
-            let user = caller.and_then(Caller::name).unwrap_or("somebody who is not logged in").to_owned();
+            let user = caller.and_then(Caller::name).unwrap_or("a user who is not logged in").to_owned();
             let refusal =
                 LastRefusal { method: method.name, user, at_unix_ms: now_unix_ms(), reason: reason.clone() };
             *self.refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(refusal);
@@ -208,8 +208,7 @@ impl Calls {
     /// Keeps that a person has seen an alarm of this name.
     pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> Outcome {
         let no_such = || {
-            let message =
-                "there is no such alarm, or somebody has acknowledged it already; Alarms/Ids has those that last";
+            let message = "there is no such alarm, or it is already acknowledged; Alarms/Ids lists those that last";
             refused("not_now", StatusCode::BadInvalidArgument, message)
         };
         let (Some(alarm), Caller::Person { name, printed_name, role }) = (alarm_id(alarm), caller) else {

@@ -1,9 +1,9 @@
-//! The folder of the certificates: the server's own one and its key, those of the clients that are trusted, and those that were
-//! turned away.
+//! The folder of the certificates: the server's own one and its key, those of the clients that are trusted, and
+//! those that were turned away.
 //!
 //! ```text
-//! own/cert.der            the server's own, made where it is missing; clients are told to trust it
-//! private/private.pem     its key, for nobody else
+//! own/cert.der            the server's own, made if it is missing; clients must be configured to trust it
+//! private/private.pem     its key, for no other program
 //! trusted/*.der           clients that are let in: a person moves them here
 //! rejected/*.der          clients that were turned away; the newest stay
 //! ```
@@ -114,7 +114,7 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
     let read = crate::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
     let Some(certificate) = certificate else {
-        return Some(format!("{}: it is no certificate, and nobody is trusted by it", file.display()));
+        return Some(format!("{}: it is not a certificate, so it makes no client trusted", file.display()));
     };
     let name = trusted.join(CertificateStore::cert_file_name(&certificate));
     if file == name {
@@ -254,7 +254,8 @@ mod tests {
         told.sort();
         let [line, notes] = &told[..] else { panic!("{told:?}") };
         assert!(
-            line.contains("line.crt is trusted, and called ") && notes.contains("notes.txt: it is no certificate")
+            line.contains("line.crt is trusted, and called ")
+                && notes.contains("notes.txt: it is not a certificate")
         );
         let certificate = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
         let named = trusted.join(CertificateStore::cert_file_name(&certificate));

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// Interval at which the loop is asked.
+/// Interval at which the loop is polled.
 const EVERY: Duration = Duration::from_millis(200);
 /// Interval at which the store is read.
 const STORE: Duration = Duration::from_secs(1);

@@ -1,4 +1,5 @@
-//! The OPC UA server: a front for a line of machines on the service's requests and states. It decides nothing of the cell.
+//! The OPC UA server: a front for a line of machines on the service's requests and states. It makes no decisions
+//! for the cell.
 //!
 //! ```text
 //! client ─ door (limits, addresses) ─ async-opcua (channels, certificates, sessions) ─ access (accounts, roles)
@@ -8,9 +9,10 @@
 //! the store ─ once a second ─ depth ─────┘
 //! ```
 //!
-//! It runs on a thread and a runtime of its own, which stands apart from the cell's supervision: a panic in what reads a network ends
-//! a connection, or this server, which begins anew, and never the cell. Whatever clients do, the loop waits for none of it. Names and
-//! passwords, roles, pauses and audit trail are those of the operator's page. Stop and abort need no role.
+//! It runs on a thread and a runtime of its own, separate from the cell's supervision. A panic in code that reads
+//! from the network ends a connection, or this server, which then starts again; it never ends the cell. Whatever
+//! clients do, the loop never waits for them. Names and passwords, roles, pauses and audit trail are those of the
+//! operator's page. Stop and abort need no role.
 
 mod access;
 mod address_space;

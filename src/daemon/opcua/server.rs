@@ -68,7 +68,7 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
     let alarms = &parts.front.alarms;
     loop {
         let problem = tokio::select! {
-            served = serve_once(parts, address) => served.err().unwrap_or_else(|| "it ended without a cause".to_owned()),
+            served = serve_once(parts, address) => served.err().unwrap_or_else(|| "it ended without a reported cause".to_owned()),
             _ = &mut *ended => return,
         };
         if alarms.trouble(NAME, Some(&problem)) {

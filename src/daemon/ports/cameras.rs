@@ -63,7 +63,7 @@ pub struct CameraFault {
 impl CameraFault {
     /// An answer to another command than the one that was given; no port gives one.
     fn mismatch<T>() -> Result<T, Self> {
-        Err(CameraFault { camera: "a camera", why: "it answered something else than was asked".to_owned() })
+        Err(CameraFault { camera: "a camera", why: "its answer does not match the request".to_owned() })
     }
 }
 

@@ -144,7 +144,7 @@ pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 impl RecordError {
     /// An answer to another command than the one that was given; no port gives one.
     fn mismatch<T>() -> Result<T, Self> {
-        Err(RecordError("it answered something else than was asked".into()))
+        Err(RecordError("its answer does not match the request".into()))
     }
 }
 

@@ -61,7 +61,7 @@ pub enum RequestAnswer {
     Next(Result<Option<Request>, ThreadFault>),
     /// To `LetsIn`: the same piece of work, if its result enters now.
     LetsIn(Option<Id>),
-    /// To `Tell`.
+    /// The answer to `Tell`.
     Told,
 }
 

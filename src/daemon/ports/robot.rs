@@ -168,7 +168,7 @@ impl LinkedRobot {
                 if let Some(follower) = &self.follower {
                     if !Follower::may_follow(state) {
                         let problem =
-                            "the cameras are simulated, and this is not a mock controller; nothing is sent to it";
+                            "the cameras are simulated, but this is not a mock controller; nothing is sent to it";
                         let (channel, problem) = (Channel::State, problem.to_owned());
                         return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
                     }

@@ -127,7 +127,7 @@ async fn told(response: Response<hyper::body::Incoming>) -> (StatusCode, String)
     let status = response.status();
     if status.is_redirection() {
         let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok()).unwrap_or("nowhere");
-        let words = format!("it sends us to {place}; write the address that takes records into [push] to");
+        let words = format!("it redirects us to {place}; write the address that accepts records into [push] to");
         return (status, words.chars().filter(|c| !c.is_control()).collect());
     }
     let bytes = to_bytes(Body::new(response.into_body()), MOST_BYTES).await.unwrap_or_default();

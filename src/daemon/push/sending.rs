@@ -187,7 +187,10 @@ impl Sender {
                 match store.blob(&hash) {
                     Ok(bytes) => return Ok(Some(File { name, kind: BYTES, bytes: bytes.into() })),
                     Err(error) => {
-                        tracing::warn!("the quality system does not get {what} of cycle {}: {error}", row.cycle);
+                        tracing::warn!(
+                            "the quality system does not receive {what} of cycle {}: {error}",
+                            row.cycle
+                        );
                         self.put.insert(name);
                     }
                 }

@@ -32,7 +32,8 @@ mod tests {
         status.waiting().is_behind(2, Some(60_000));
         assert_eq!(status.reasons(60, 60 * 60_000), []);
         let late = |status: &PushStatus| status.reasons(60, 61 * 60_000).pop().map(|reason| reason.message);
-        let words = "2 signed records are not in the quality system; the oldest waits for 60 min, allowed are 60";
+        let words =
+            "2 signed records are not in the quality system; the oldest has waited for 60 min (limit 60 min)";
         assert_eq!(late(&status), Some(format!("{words}: they are on their way")));
         assert!(status.waiting().goes(Some("no route")));
         assert!(!status.waiting().goes(Some("no route")), "told once");

@@ -92,7 +92,7 @@ impl<'a> Player<'a> {
         let left =
             playback.peek(true).filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
         if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, short(&left.said))) {
-            let (what, now) = ("what the cameras were asked".to_owned(), "nothing".to_owned());
+            let (what, now) = ("request to the cameras".to_owned(), "nothing".to_owned());
             playback.differences.push(Difference { at_s: at_ns as f64 / 1e9, what, recorded, now });
             playback.parted = true;
         }
@@ -221,7 +221,7 @@ impl Playback<'_> {
         });
         let (at_ns, recorded) = next.unwrap_or_else(|| (self.at_ns, "the end".to_owned()));
         let (at_s, now) = (at_ns as f64 / 1e9, now.to_owned());
-        self.differences.push(Difference { at_s, what: "what comes next".to_owned(), recorded, now });
+        self.differences.push(Difference { at_s, what: "next entry".to_owned(), recorded, now });
         self.parted = true;
     }
 

@@ -181,7 +181,7 @@ impl Recording {
         if recorder.ends() {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "a panic in there was reported where it happened, and leaves a recording that is not whole"
+                reason = "a panic of the thread was reported when it happened, and leaves an incomplete recording"
             )]
             let _ = thread.join();
         }
@@ -200,7 +200,7 @@ impl Drop for Ends {
         let mut inside = self.shared.lock();
         inside.ended = true;
         if self.panics {
-            inside.stop("the thread that writes it has ended; the log says why".to_owned());
+            inside.stop("the thread that writes it has ended; see the log".to_owned());
         }
         drop(inside);
         self.shared.changed.notify_all();
@@ -268,7 +268,7 @@ impl Recorder {
             let (guard, waited) = waited.unwrap_or_else(PoisonError::into_inner);
             inside = guard;
             if waited.timed_out() {
-                inside.stop(format!("its disk took nothing for {} s", bounds.hangs_at_the_end.as_secs_f64()));
+                inside.stop(format!("its disk accepted nothing for {} s", bounds.hangs_at_the_end.as_secs_f64()));
                 return false;
             }
         }
@@ -281,7 +281,7 @@ impl Recorder {
         let Inside { entries, lost, stopped, .. } = &*inside;
         let gap = || {
             let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
-            format!("it has a gap, not kept were {}", lost.collect::<Vec<_>>().join(", "))
+            format!("it has a gap; not recorded: {}", lost.collect::<Vec<_>>().join(", "))
         };
         let (file, trouble) = (file.to_owned(), stopped.clone().or_else(|| (!lost.is_empty()).then(gap)));
         match trouble {

@@ -269,7 +269,7 @@ fn room(file: &Path) -> Room {
 /// Returns the free space on the disk on which this file is, or will be, MB.
 ///
 /// # Errors
-/// If the disk cannot be asked.
+/// If the disk cannot be queried.
 pub fn free_mb(file: &Path) -> io::Result<u64> {
     let there = std::path::absolute(file)?;
     store::free_mb(there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")))

@@ -119,7 +119,7 @@ fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
     };
     assert_eq!((written.is, written.entries + count), (Stands::NotWhole, 200));
     assert!(
-        written.message.contains(&format!("a.mcap cannot be replayed: it has a gap, not kept were {count} of"))
+        written.message.contains(&format!("a.mcap cannot be replayed: it has a gap; not recorded: {count} of"))
     );
 }
 
@@ -165,7 +165,7 @@ fn a_disk_that_hangs_at_the_end_is_left() {
     put_pictures(&recording.recorder(), 3);
     let written = recording.finish();
     assert!(
-        written.is == Stands::NotWhole && written.message.ends_with("its disk took nothing for 0.05 s"),
+        written.is == Stands::NotWhole && written.message.ends_with("its disk accepted nothing for 0.05 s"),
         "{written:?}"
     );
     drop(go);
@@ -310,7 +310,7 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
     assert!(!played.to_the_end, "{played:?}");
     assert_eq!(
         played.differences[0].to_string(),
-        "0.000 s, what the cameras were asked: recorded \"picture\", now nothing"
+        "0.000 s, request to the cameras: recorded \"picture\", now nothing"
     );
     // By the wall clock the loop may leave in the middle of a look.
     assert!(player(vec![look()]).played().differences.is_empty());

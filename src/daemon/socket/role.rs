@@ -41,7 +41,8 @@ impl Rule {
         }
         let may: Vec<&str> = Role::allowed(needed).map(Role::word).collect();
         let message = format!(
-            "\"{}\" is not allowed here: the socket's users have the role {}, as socket_role in the cell's file says; allowed is {}",
+            "\"{}\" is not allowed here: the socket's users have the role {}, as socket_role in the cell's file \
+             states; allowed for: {}",
             what.words(),
             role.word(),
             may.join(", ")

@@ -37,10 +37,7 @@ impl Asking {
         // The role with which the cell's file lets hosts make requests; it is not known which host made this one.
         let role = refused.is_none().then_some(Role::Operator);
         let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
-        #[expect(
-            clippy::let_underscore_must_use,
-            reason = "a line that cannot be kept stands in the service's log"
-        )]
+        #[expect(clippy::let_underscore_must_use, reason = "a line that cannot be stored is in the service's log")]
         let _ = tokio::task::spawn_blocking(move || self.people.audit(&entry)).await;
     }
 }

@@ -67,7 +67,10 @@ async fn run((node, front): (&SparkplugNode, &FrontParts), leave: &mut oneshot::
         let begun = Instant::now();
         let ended = match Broker::read(node) {
             Ok(broker) => connected((&session, &broker), &mut edge, leave).await,
-            Err(problem) => Ended::Lost(format!("{problem}; [sparkplug] in the cell's file names what it uses")),
+            Err(problem) => Ended::Lost(format!(
+                "{problem}; check the files that [sparkplug] in the cell's file \
+                                                 names"
+            )),
         };
         match ended {
             Ended::Leaves => return,

@@ -1,5 +1,5 @@
-//! The cell's state for the broker: the loop is asked twice a second, and the store if something has changed or ten
-//! seconds have passed.
+//! The cell's state for the broker: the loop is polled twice a second, and the store if something has changed or
+//! ten seconds have passed.
 
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
-/// Interval at which the loop is asked.
+/// Interval at which the loop is polled.
 const EVERY: Duration = Duration::from_millis(500);
 /// Longest time between two readings of the store: the record of a cycle's end may come a little after its state,
 /// and ages increase.
@@ -69,7 +69,7 @@ fn kept_view(parts: &FrontParts) -> KeptView {
     match parts.people.read(|store| read(store, &parts.alarms)) {
         Ok(view) => view,
         Err(error) => {
-            tracing::warn!("MQTT Sparkplug tells nothing of the store: {error}");
+            tracing::warn!("MQTT Sparkplug cannot report data of the store: {error}");
             KeptView::default()
         }
     }

@@ -179,7 +179,7 @@ impl Session<'_> {
                 Act::Publish(message) => {
                     let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
                     if sent.is_err() {
-                        return Some(Ended::Lost("the broker takes no messages".to_owned()));
+                        return Some(Ended::Lost("the broker accepts no messages".to_owned()));
                     }
                 }
                 // Nothing of the connection waits for the loop or the disk; limits keep these tasks few.

@@ -11,7 +11,7 @@ use axum::extract::State;
 use maud::{Markup, html};
 use std::sync::Arc;
 
-/// Examines everything now, for one person at a time: it asks cameras, robot and disk.
+/// Examines everything now, for one person at a time: it queries cameras, robot and disk.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let Ok(_turn) = web.examining.acquire().await else { return Err(ended()) };
     let source = web.front.setup.clone();

@@ -17,7 +17,7 @@ pub enum PageError {
         source: std::io::Error,
     },
     /// A file.
-    #[error("the operator's page: {0}; [page] in the cell's file names what it uses")]
+    #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
     File(#[from] PageFileError),
     /// The system gives no thread.
     #[error("the operator's page has no thread: {0}")]

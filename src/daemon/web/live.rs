@@ -16,12 +16,12 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// Interval at which the loop is asked.
+/// Interval at which the loop is polled.
 const EVERY: Duration = Duration::from_millis(200);
 /// Without a change, longest time until a page is informed that all is well.
 const SIGN: Duration = Duration::from_secs(1);
 
-/// Asks the loop repeatedly, and reports changes, until no receiver is left.
+/// Polls the loop and reports changes, until no receiver is left.
 pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::Sender<Arc<Live>>) {
     let mut told = tokio::time::Instant::now();
     loop {

@@ -1,4 +1,5 @@
-//! The operator's page: a second front on the service's requests and states, in a browser. It decides nothing of the cell.
+//! The operator's page: a second front on the service's requests and states, in a browser. It makes no decisions
+//! for the cell.
 //!
 //! ```text
 //! browser ─ TLS ─ server ─ guard (session, origin, role) ─ routes (the one table) ─ views
@@ -6,12 +7,12 @@
 //! the loop ─ state, five times a second ─ live ─ events ───┘
 //! ```
 //!
-//! It runs on a thread and a runtime of its own, and reads the store by a connection of its own. Whatever browsers do, the loop,
-//! the robot's link and the cameras wait for none of it. Stop and abort need no log-in, are kept in the record like every request,
-//! and are no emergency stop. Nothing is fetched from elsewhere.
+//! It runs on a thread and a runtime of its own, and reads the store by a connection of its own. Whatever browsers
+//! do, the loop, the robot's link and the cameras never wait for them. Stop and abort need no log-in, are kept in
+//! the record like every request, and are no emergency stop. Nothing is fetched from elsewhere.
 //!
-//! `words` (languages) · `sessions` · `tls` · `state` (what handlers share) · `assets` · `layout` (the frame of each page) ·
-//! and a file for each page.
+//! `words` (languages) · `sessions` · `tls` · `state` (what handlers share) · `assets` · `layout` (the frame of
+//! each page) · and a file for each page.
 
 mod access;
 mod alarms;

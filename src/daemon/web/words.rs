@@ -87,7 +87,7 @@ impl Words {
                 return Err(WordsError { line, problem: format!("the key {key} has no word in one language") });
             }
             if table.insert(key.clone(), row).is_some() {
-                return Err(WordsError { line, problem: format!("the key {key} stands there twice") });
+                return Err(WordsError { line, problem: format!("the key {key} appears twice") });
             }
         }
         Ok(Words { languages, table })
@@ -190,7 +190,7 @@ mod tests {
     #[test]
     fn a_table_that_is_not_whole_is_refused() {
         let problem = |text: &str| Words::parsed(text).expect_err("refused").to_string();
-        assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a stands there twice");
+        assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a appears twice");
         assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no word in one language");
         assert!(problem("key,en\na,b,c\n").contains("line: 2"));
     }

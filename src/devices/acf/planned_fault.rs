@@ -18,7 +18,7 @@ pub struct PlannedToolFault {
 
 /// Why a text names no fault.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("found \"{found}\", allowed is {}", PlannedToolFault::HELP)]
+#[error("found \"{found}\"; valid: {}", PlannedToolFault::HELP)]
 pub struct PlannedToolFaultError {
     found: String,
 }

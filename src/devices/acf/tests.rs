@@ -55,7 +55,7 @@ fn each_fault_of_the_link_is_told_and_mended() {
         (ToolFault::LinkCut, "closed"),
         (ToolFault::Silent, "has not answered for 1"),
         (ToolFault::Late(140), "has not answered for 1"),
-        (ToolFault::Garbage, "is no reply"),
+        (ToolFault::Garbage, "is not a reply"),
         (ToolFault::OtherId, "id 1041 answered"),
     ] {
         server.breaks(None);

@@ -52,7 +52,7 @@ pub enum CameraError {
         played: usize,
     },
     /// A shot of another size than the calibrated one.
-    #[error("a shot of the {which} is {}×{}, its calibration says {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
+    #[error("a shot of the {which} is {}×{}, its calibration is for {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Which.
         which: Which,
@@ -70,13 +70,13 @@ pub enum CameraError {
         reason: String,
     },
     /// A picture of a clip that was not begun, or that has ended.
-    #[error("the {which} takes no clip of which this could be a picture")]
+    #[error("the {which} takes no clip now, so it has no picture of one")]
     NoClip {
         /// Which.
         which: Which,
     },
     /// A 3D shot with the arm before the camera.
-    #[error("a 3D shot is taken with the arm standing parked; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
+    #[error("a 3D shot needs the arm at rest in its park pose; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
     ArmInView {
         /// How far the axis that is farthest off is from the park pose, degrees.
         axis_off_deg: f64,
@@ -84,7 +84,7 @@ pub enum CameraError {
         moving: bool,
     },
     /// A picture from the flange while it moves.
-    #[error("a picture of the flange camera is taken with the arm standing, and it moves")]
+    #[error("a picture of the flange camera needs the arm at rest, but it moves")]
     ArmMoves,
     /// The service has the cameras, and gives no picture.
     #[error("the service, which has the cameras: {problem}")]
@@ -93,7 +93,7 @@ pub enum CameraError {
         problem: String,
     },
     /// The service has the cameras, and the cell is at work.
-    #[error("the service has the cameras, and the cell is at work; ask again when the cycle has ended")]
+    #[error("the service has the cameras, and the cell is at work; try again when the cycle has ended")]
     AtWork,
     /// The Zivid, in the words of the fault model.
     #[error(transparent)]

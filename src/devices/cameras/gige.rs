@@ -165,7 +165,7 @@ impl FlangeCamera for LoopbackFlangeCamera {
 /// to do.
 fn socket_buffer_short_of(bytes: usize) -> Option<String> {
     let given = gige::rmem_max().filter(|given| *given < bytes)?;
-    Some(format!("net.core.rmem_max is {given}, needed are {bytes}: sysctl -w net.core.rmem_max={bytes}"))
+    Some(format!("net.core.rmem_max is {given}, at least {bytes} are needed: sysctl -w net.core.rmem_max={bytes}"))
 }
 
 fn opened(settings: Settings) -> Result<GigeCamera, CameraError> {

@@ -16,7 +16,7 @@ pub enum Arm {
 
 impl Arm {
     fn moment(&self, which: Which) -> Result<Moment, CameraError> {
-        let reason = || "nothing was heard yet of the controller whose arm it looks at".to_owned();
+        let reason = || "nothing was received yet from the controller of the arm that it views".to_owned();
         match self {
             Arm::Mock(robot) => Ok(robot.with(|controller| Moment::of(controller))),
             Arm::Followed(robot) => robot.moment().ok_or_else(|| CameraError::NotThere { which, reason: reason() }),
@@ -77,7 +77,7 @@ pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, Simula
     )
 }
 
-// The arm is asked first and released: a mock controller calls the world while it is locked.
+// The arm is queried first and its lock released: a mock controller calls the world while it is locked.
 
 impl SimulatedScanner {
     fn picture(&self) -> Result<Picture, CameraError> {

@@ -69,7 +69,7 @@ fn what_does_not_fit_is_told() {
     let folder = folder(&[("a.pcd", pcd(1)), ("b.pcd", b"pcd".to_vec())]);
     let mut turned = RecordedScanner::open(folder.path(), camera(2, 3)).expect("there");
     let told = turned.capture_3d().expect_err("turned").to_string();
-    assert_eq!(told, "a shot of the scanner is 3×2, its calibration says 2×3");
+    assert_eq!(told, "a shot of the scanner is 3×2, its calibration is for 2×3");
     let bad = turned.capture_3d().expect_err("no cloud");
     assert!(matches!(bad, CameraError::File { cause: FileError::Cloud(_), .. }), "{bad}");
 }

@@ -27,7 +27,7 @@ impl Delivery {
         match self {
             Delivery::Complete => "complete",
             Delivery::MissingPackets => "packets are missing",
-            Delivery::TimedOut => "the rest of it did not come in time",
+            Delivery::TimedOut => "the rest of it did not arrive in time",
             Delivery::SizeMismatch => "it is larger than announced",
             Delivery::Broken => "its packets make no picture",
         }

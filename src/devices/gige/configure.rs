@@ -39,7 +39,7 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
                 }
                 [only] => only.id.clone(),
                 [] => return Err(not_found(told)),
-                _ => return Err(not_found(format!("{told}: name one by its serial"))),
+                _ => return Err(not_found(format!("{told}: select one by its serial"))),
             }
         }
     };
@@ -68,7 +68,7 @@ pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<
     camera.gv_set_packet_size(i32::from(bytes)).map_err(refused(node, bytes.to_string()))?;
     let taken = camera.gv_get_packet_size().map_err(refused(node, bytes.to_string()))?;
     if taken != u32::from(bytes) {
-        let why = format!("it made {taken} of it");
+        let why = format!("it set {taken} instead");
         return Err(GigeError::NotTaken { node, value: bytes.to_string(), why });
     }
     let (_, _, width, height) = camera.region().map_err(gone)?;
@@ -99,7 +99,7 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
                 not_taken(format!("{error}; it has {entries}"))
             })?;
             let taken = camera.string(node).map_err(refused)?;
-            if taken == *entry { Ok(()) } else { Err(not_taken(format!("it made {taken} of it"))) }
+            if taken == *entry { Ok(()) } else { Err(not_taken(format!("it set {taken} instead"))) }
         }
         Step::Limit(node, number) => {
             let (_, most) = camera.float_bounds(node).map_err(refused)?;
@@ -114,7 +114,7 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             let taken = camera.float(node).map_err(refused)?;
             // A sensor exposes whole rows, an amplifier has steps.
             let near = (taken - number).abs() <= 0.02 * number.abs() + 0.1;
-            if near { Ok(()) } else { Err(not_taken(format!("it made {taken} of it"))) }
+            if near { Ok(()) } else { Err(not_taken(format!("it set {taken} instead"))) }
         }
     }
 }
@@ -122,5 +122,5 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
 /// The frame rate that limits the exposure, in words, if the camera reports one.
 fn at_its_rate(camera: &aravis::Camera, node: &str) -> String {
     let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
-    rate.map_or(String::new(), |rate| format!(" at its {rate:.3} pictures a second, the fewest that it takes"))
+    rate.map_or(String::new(), |rate| format!(" at its {rate:.3} pictures per second, its lowest rate"))
 }

@@ -33,7 +33,7 @@ pub enum GigeError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// A value that the camera does not accept.
-    #[error("the camera does not take {node} = {value}: {why}")]
+    #[error("the camera does not accept {node} = {value}: {why}")]
     NotTaken {
         /// The node.
         node: &'static str,
@@ -54,7 +54,7 @@ pub enum GigeError {
         expected: String,
     },
     /// It is another size than the calibrated camera.
-    #[error("the camera's picture is {}×{}, its calibration says {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
+    #[error("the camera's picture is {}×{}, its calibration is for {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Width and height, px.
         found_px: [usize; 2],
@@ -81,8 +81,8 @@ pub enum GigeError {
     },
     /// The camera sends another format than configured, and reports the format that it sends.
     #[error(
-        "the camera took pixel format {} and sends {found}: {last}; name in [flange_camera] pixel_format one that it sends as it \
-         is named, or give it other firmware", expected.name()
+        "the camera accepted pixel format {} but sends {found}: {last}; set [flange_camera] pixel_format to one \
+         that it sends as it is named, or install other firmware", expected.name()
     )]
     OtherFormat {
         /// What it sends.

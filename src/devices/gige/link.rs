@@ -261,7 +261,7 @@ impl Link {
                 self.publish();
                 if let Some(since) = self.away_since.take() {
                     let away_s = since.elapsed().as_secs_f64();
-                    tracing::info!("{} is there again after {away_s:.1} s", self.settings.which);
+                    tracing::info!("{} is available again after {away_s:.1} s", self.settings.which);
                 }
             }
             Err(why) => {

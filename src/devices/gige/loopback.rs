@@ -71,7 +71,7 @@ pub enum NoLoopback {
     )]
     Taken,
     /// The fake camera does not accept its size.
-    #[error("the simulated GigE Vision camera is {sensor_px} px wide and high at most, asked are {}×{}", size_px[0], size_px[1])]
+    #[error("the simulated GigE Vision camera is at most {sensor_px} px wide and high, requested are {}×{}", size_px[0], size_px[1])]
     TooLarge {
         /// Width and height of its sensor, px.
         sensor_px: usize,

@@ -5,13 +5,15 @@
 //!                                                                                     or `loopback` in this process
 //! ```
 //!
-//! What decides is pure and has no Aravis in it: `settings` (what a camera is set to), `acceptance` (which frames are taken),
-//! `still` (how often one is tried), `bayer` (one colour a pixel to three). A picture that is handed on is whole, of the
-//! calibrated size, newer than the one before, and shows the exposure that was asked for; any doubt is an error.
+//! The code that decides is pure and does not use Aravis: `settings` (the settings of a camera), `acceptance`
+//! (which frames are accepted), `still` (how often a still is tried), `bayer` (from one colour per pixel to three).
+//! A picture that is passed on is complete, of the calibrated size, newer than the one before, and has the
+//! requested exposure; any doubt is an error.
 //!
-//! Without the cargo feature `gige` only the pure part is there. Nothing of it has run on a real camera. Each call to a
-//! camera meets Aravis in the tests, whose camera has the features of a LUCID Triton by `test_camera.xml`; what it cannot
-//! show: whether a Triton means the same by them, a packet that was sent again, a clock that PTP sets, a flange cable.
+//! Without the cargo feature `gige` only the pure part is compiled. No part has run on a real camera. The tests
+//! make each call to a camera through Aravis, whose simulated camera has the features of a LUCID Triton by
+//! `test_camera.xml`. They cannot show whether a Triton interprets these features in the same way, a packet that
+//! was sent again, a clock that PTP sets, or a flange cable.
 
 mod acceptance;
 mod bayer;

@@ -128,7 +128,7 @@ pub enum PlanError {
 /// between two pictures.
 const EXPOSED_SHARE: f64 = 0.9;
 
-/// Returns the settings for a camera that has the nodes `has` knows, in this order.
+/// Returns the settings, in this order, for a camera that has the nodes for which `has` returns true.
 ///
 /// A camera's longest exposure is the time of one picture at its frame rate, also in triggered mode. Therefore the
 /// rate is limited to the value that the exposure allows before the exposure is set. It is limited again

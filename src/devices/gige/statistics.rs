@@ -59,10 +59,10 @@ impl std::fmt::Display for Statistics {
         let Statistics { packets, resent_packets, missing_packets, underruns, losses, connections, .. } = self;
         write!(
             f,
-            "{accepted} frames taken, {refused} refused, {lost} lost, {timeouts} timeouts, {retries} retries, {unarmed} triggered \
-             unready, {clock_steps} steps back of its clock; \
-             {packets} packets, {resent_packets} asked for again, {missing_packets} missing, {underruns} without a buffer; \
-             connected {connections} times, lost {losses} times"
+            "{accepted} frames accepted, {refused} refused, {lost} lost, {timeouts} timeouts, {retries} retries, \
+             {unarmed} triggered before ready, {clock_steps} backward steps of its clock; {packets} packets, \
+             {resent_packets} requested again, {missing_packets} missing, {underruns} without a buffer; connected \
+             {connections} times, lost {losses} times"
         )
     }
 }

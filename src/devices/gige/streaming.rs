@@ -136,7 +136,8 @@ impl Streaming {
                 self.unarmed += 1;
                 if self.unarmed >= MOST_UNARMED {
                     tracing::warn!(
-                        "the camera never says that it is ready for its trigger ({ARMED}); it is triggered without"
+                        "the camera never reports that it is ready for its trigger ({ARMED}); it is triggered \
+                         without this report"
                     );
                     self.tells_armed = false;
                 }
@@ -190,7 +191,7 @@ impl Drop for Streaming {
         if !self.lost.load(Ordering::Relaxed) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "best effort: a camera that nobody controls stops by itself"
+                reason = "best effort: a camera without a controlling client stops by itself"
             )]
             let _ = self.camera.stop_acquisition();
         }

@@ -47,7 +47,7 @@ pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
         return None;
     }
     let by_itself = if address.is_link_local() {
-        " (an address that a camera gives itself where no DHCP server answers)"
+        " (an address that a camera gives itself if no DHCP server answers)"
     } else {
         ""
     };
@@ -92,7 +92,7 @@ mod tests {
             "{far}"
         );
         let own = out_of_reach("169.254.3.4", &subnets).expect("none of ours");
-        assert!(own.contains("gives itself where no DHCP server answers"), "{own}");
+        assert!(own.contains("gives itself if no DHCP server answers"), "{own}");
         assert!(out_of_reach("10.0.0.2", &[]).is_some_and(|told| told.contains("of which there are none")));
     }
 

@@ -48,7 +48,7 @@ pub enum Unreachable {
         allowed_mm: [f64; 2],
     },
     /// Every solution for this pose needs an axis beyond its limits.
-    #[error("axis {axis} would stand at {}°; {} to {}° is allowed", plain(*angle_deg), allowed_deg[0], allowed_deg[1])]
+    #[error("axis {axis} would be at {}°; the limits are {} to {}°", plain(*angle_deg), allowed_deg[0], allowed_deg[1])]
     AxisLimit {
         /// 1 to 6.
         axis: usize,

@@ -89,7 +89,7 @@ impl StopCause {
             StopCause::LinkLost => "a channel lost its client while something was queued",
             StopCause::Underrun => "the next point was missing in contact",
             StopCause::Refused(_) => "a command was refused",
-            StopCause::Blocked => "the arm cannot go on along its path",
+            StopCause::Blocked => "the arm cannot continue along its path",
             StopCause::EStop => "emergency stop",
             StopCause::Guard => "the guard was opened",
             StopCause::Drives => "the drives were switched off",

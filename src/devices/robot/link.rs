@@ -81,7 +81,7 @@ impl StopLine {
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "a link that has ended has hung up, which stops the controller"
+            reason = "a link that has ended has closed its connections, which stops the controller"
         )]
         let _ = orders.send(LinkRequest::Stop);
     }
@@ -205,7 +205,7 @@ impl RobotLink {
                     self.granted = Some(told);
                     #[expect(
                         clippy::let_underscore_must_use,
-                        reason = "refused only where the thread has ended, which closes the queue"
+                        reason = "refused only if the thread has ended, which closes the queue"
                     )]
                     let _ = self.orders.send(LinkRequest::Grant { told });
                 }

@@ -306,7 +306,7 @@ impl Link {
         };
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "where it cannot leave, the controller's own watchdog stops the robot"
+            reason = "if it cannot be sent, the controller's own watchdog stops the robot"
         )]
         let _ = tokio::time::timeout(FAREWELL, leave).await;
     }

@@ -32,9 +32,7 @@ pub enum WorldError {
     #[error("[poses] park is missing; a 3D shot is taken only from there")]
     NoPark,
     /// No signals of a line.
-    #[error(
-        "a simulated line brings no parts to a cell whose file has not all of its signals; the manual's page line.md has them"
-    )]
+    #[error("a simulated line needs all of its signals in the cell's file; the manual's page line.md lists them")]
     NoLine,
 }
 

@@ -49,8 +49,11 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
         });
     }
     if taken.settings != asked.settings {
-        let message = format!("a shot by settings {} came, asked were {}", taken.settings, asked.settings);
-        return Err(ZividFault::Settings { what: "the settings of what came", message });
+        let message = format!(
+            "a shot by settings {} was received, settings {} were requested",
+            taken.settings, asked.settings
+        );
+        return Err(ZividFault::Settings { what: "the settings of the received shot", message });
     }
     let in_order = asked.from_ns <= taken.begun_ns
         && taken.begun_ns <= taken.exposed_ns

@@ -53,7 +53,7 @@ impl Queue {
         }
         if now_ns.saturating_sub(self.asked_ns) > NOBODY_ASKS.as_nanos() as u64 {
             let message =
-                format!("nobody asked for its pictures for {} s, so the clip has ended", NOBODY_ASKS.as_secs());
+                format!("its pictures were not requested for {} s, so the clip has ended", NOBODY_ASKS.as_secs());
             let ended = Refusal { trouble: Trouble::OutOfOrder, message };
             (self.failed, self.is_over) = (Some(ended), true);
             self.waiting.clear();
@@ -217,6 +217,6 @@ mod tests {
         assert!(!queue.is_over);
         queue.take(Ok(photo(2)), 15_000_000_001);
         assert!(queue.is_over && queue.waiting.is_empty());
-        assert!(queue.failed.is_some_and(|why| why.message.contains("nobody asked for its pictures for 10 s")));
+        assert!(queue.failed.is_some_and(|why| why.message.contains("its pictures were not requested for 10 s")));
     }
 }

@@ -63,7 +63,7 @@ pub enum ZividFault {
         waited: Duration,
     },
     /// The camera gave no shot, time after time.
-    #[error("C3 the 3D camera gave nothing for {during} in {tries} tries: {message}")]
+    #[error("C3 the 3D camera delivered nothing for {during} in {tries} tries: {message}")]
     NoShot {
         /// The request.
         during: &'static str,
@@ -74,8 +74,8 @@ pub enum ZividFault {
     },
     /// The camera paused to cool.
     #[error(
-        "C3 the 3D camera is hot and paused for {} ms during {during}, allowed are {}{}; let it cool, lower Brightness in its \
-         settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
+        "C3 the 3D camera is hot and paused for {} ms during {during} (limit {} ms){}; let it cool, lower \
+         Brightness in its settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
     )]
     Throttled {
         /// The request.
@@ -88,7 +88,7 @@ pub enum ZividFault {
         lens_c: Option<f64>,
     },
     /// What came is not whole, or not what was sent.
-    #[error("C4 {during} came damaged and was thrown away: {cause}; the worker was ended; {next}")]
+    #[error("C4 {during} arrived damaged and was thrown away: {cause}; the worker was ended; {next}")]
     Damaged {
         /// The request.
         during: &'static str,
@@ -102,8 +102,8 @@ pub enum ZividFault {
     NotFinite(usize),
     /// Another size than the calibrated one.
     #[error(
-        "C5 {what}: {}×{} px, the camera's calibration says {}×{}; take full resolution in the settings, or calibrate with \
-         these", found_px[0], found_px[1], expected_px[0], expected_px[1]
+        "C5 {what}: {}×{} px, the camera's calibration is for {}×{}; set full resolution in the settings, or \
+         calibrate with these", found_px[0], found_px[1], expected_px[0], expected_px[1]
     )]
     WrongSize {
         /// What has it.
@@ -141,8 +141,8 @@ pub enum ZividFault {
     },
     /// No points.
     #[error(
-        "C6 no 3D data: {} % of the shot's points are there, at least {needed_percent} % are needed; is the panel in the \
-         camera's range, its lens shut or wet, the exposure right?", apart(*found_percent, *needed_percent, 2)[0]
+        "C6 no 3D data: {} % of the shot's points are there, at least {needed_percent} % are needed; is the panel \
+         in the camera's range, is the lens shut or wet, is the exposure right?", apart(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
         /// Found.
@@ -151,7 +151,7 @@ pub enum ZividFault {
         needed_percent: f64,
     },
     /// The same again, or an old one.
-    #[error("C9 the 3D camera stands still: {0}")]
+    #[error("C9 the 3D camera is frozen: {0}")]
     Frozen(String),
     /// The worker ended.
     #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]
@@ -164,7 +164,7 @@ pub enum ZividFault {
         next: Next,
     },
     /// The worker is being started.
-    #[error("C11 the 3D camera's worker starts, since {} s; its first shot may take {} s more", since.as_secs(), most.as_secs())]
+    #[error("C11 the 3D camera's worker has been starting for {} s; its first shot may take {} s more", since.as_secs(), most.as_secs())]
     Starting {
         /// For how long now.
         since: Duration,
@@ -173,8 +173,8 @@ pub enum ZividFault {
     },
     /// The worker stays down.
     #[error(
-        "C11 the 3D camera's worker stays down: it ended {ended} times within {} min, {allowed} restarts are allowed. Last: \
-         {last}. Mend the cause, then reset; not before {} s from now", within.as_secs() / 60, wait.as_secs()
+        "C11 the 3D camera's worker stays down: it ended {ended} times within {} min (limit {allowed} restarts). \
+         Last: {last}. Fix the cause, then reset; not before {} s from now", within.as_secs() / 60, wait.as_secs()
     )]
     Down {
         /// How often it ended.

@@ -57,7 +57,7 @@ pub enum WireError {
         part: Part,
     },
     /// It does not begin as a frame does.
-    #[error("found {found:02x?} where a frame begins, allowed is {MAGIC:02x?}")]
+    #[error("a frame begins with {found:02x?}, expected {MAGIC:02x?}")]
     NotAFrame {
         /// The first bytes.
         found: [u8; 4],
@@ -79,7 +79,7 @@ pub enum WireError {
         computed: u32,
     },
     /// Something else was due.
-    #[error("found a frame of kind {found}, allowed is kind {}, {}", allowed.number(), allowed.word())]
+    #[error("found a frame of kind {found}, expected kind {}, {}", allowed.number(), allowed.word())]
     Kind {
         /// Found.
         found: u16,
@@ -95,7 +95,7 @@ pub enum WireError {
         allowed: u32,
     },
     /// Longer than any frame is.
-    #[error("the {part} of a frame has {found} bytes, allowed are {allowed}")]
+    #[error("the {part} of a frame has {found} bytes (limit {allowed} bytes)")]
     TooLong {
         /// Of what.
         part: Part,

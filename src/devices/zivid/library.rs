@@ -25,7 +25,8 @@ const MESSAGE_BYTES: usize = 1024;
 pub enum LibraryError {
     /// It cannot be opened, or lacks a function.
     #[error(
-        "{}: {cause}; build it where the Zivid SDK is installed with `make zivid`, or name it with [scanner] library",
+        "{}: {cause}; build it with `make zivid` on a computer that has the Zivid SDK, or name it with [scanner] \
+         library",
         file.display()
     )]
     Open {

@@ -4,19 +4,20 @@
 //! the daemon                                        the worker: the same program in another role
 //! scanner ── host ── link ══ Unix socket, frames ══ worker ── library ── libpanelprep_zivid.so ── Zivid SDK
 //! ```
-//! The SDK is C++ on a graphics processor; what it does to its process it shall not do to the one that holds the
-//! robot's link. The daemon loads nothing of it: one program serves cells with and without.
+//! The SDK is C++ on a graphics processor; its failures must not affect the process that holds the robot's link.
+//! The daemon loads no part of the SDK: one program serves cells with and without it.
 //!
-//! - [`wire`], `frame`: frames that are whole and unchanged, or refused · [`message`]: what is said in them
-//! - [`budget`]: how often a worker is started again · [`accept`]: is what came what was asked for? · [`fault`]: in words
-//! - [`warmth`]: is the camera as warm as it stays?
+//! - [`wire`], `frame`: frames that are whole and unchanged, or refused · [`message`]: their messages
+//! - [`budget`]: how often a worker is started again · [`accept`]: whether the received data is what was requested
+//!   · [`fault`]: faults in words
+//! - [`warmth`]: whether the camera has reached its stable temperature
 //! - [`host`], [`link`], [`process`]: the daemon's side · [`ZividScanner`]: the camera as the cell has it
-//! - [`worker`], `camera`, `clip`, [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK, declarations to build
-//!   it without one, and a camera that they play
+//! - [`worker`], `camera`, `clip`, [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the
+//!   SDK, declarations to build it without one, and a camera that they play
 //!
-//! A shot of 1944×1200 points is 44 MB. It goes through the socket by plain large writes: two copies that overlap. Sealed
-//! memory that is handed over by its descriptor was measured beside it and takes three times as long without
-//! mapping it (which is `unsafe`).
+//! A shot of 1944×1200 points is 44 MB. It goes through the socket by plain large writes: two copies that overlap.
+//! Sealed memory that is passed by its descriptor was measured for comparison. It needs three times as long if it
+//! is not mapped, and mapping is `unsafe`.
 
 pub mod accept;
 pub mod budget;

@@ -141,7 +141,7 @@ impl ZividScanner {
         let is_given_up = Arc::new(AtomicBool::new(false));
         let (answer, answered) = mpsc::channel();
         let order = QueuedRequest { ask, is_given_up: is_given_up.clone(), answer };
-        let gone = || ZividFault::NoWorker("the thread that keeps it has ended".to_owned());
+        let gone = || ZividFault::NoWorker("the thread that runs it has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
         let most =

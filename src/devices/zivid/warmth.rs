@@ -72,8 +72,8 @@ impl std::fmt::Display for Warmth {
                 let [found, limit] = apart(rise_c_per_min.abs(), LIMIT_C_PER_MIN, 2);
                 write!(
                     f,
-                    "it still {verb}, by {found} °C a minute; a warm one changes by {limit} at most. Let it take shots for \
-                     ten minutes before you trust a millimetre's tenth"
+                    "it still {verb}, by {found} °C a minute (limit {limit} °C a minute). Let it take shots for \
+                     ten minutes before you rely on tenths of a millimetre"
                 )
             }
             Warmth::Unclear { rise_c_per_min, error_c_per_min } => write!(
@@ -174,9 +174,7 @@ mod tests {
         assert!(matches!(early, Warmth::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
         assert!(early.to_string().starts_with("it still warms up, by "), "{early}");
         let film = warmth(&told(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
-        assert!(
-            film.to_string().starts_with("it still cools down, by 0.30 °C a minute; a warm one changes by 0.1 at")
-        );
+        assert!(film.to_string().starts_with("it still cools down, by 0.30 °C a minute (limit 0.1 °C a minute)"));
     }
 
     #[test]

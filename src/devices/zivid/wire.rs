@@ -8,10 +8,11 @@
 //! payload            planes of numbers, one after the other
 //! checksum
 //! ```
-//! Little endian. A length is believed only after its checksum, a head before a payload is stored by it. A sum that goes on
-//! from part to part ties the parts of a frame together. CRC-32 finds every change of up to 32 bits in a row; what it
-//! is for is a peer that is broken, not one that lies. What is cut, changed or foreign is an error, after which
-//! nothing more of that stream is read: there is no place to begin again.
+//! Little endian. A length is used only after its checksum was verified, and a head before a payload is stored by
+//! it. The checksum continues from part to part, which ties the parts of a frame together. CRC-32 finds every
+//! change of up to 32 bits in a row; it protects against a peer that is broken, not against one that sends false
+//! data on purpose. A frame that is cut, changed or foreign is an error, after which nothing more of that stream is
+//! read: the stream has no mark at which reading could start again.
 
 pub use super::frame::{Kind, Part, VERSION, WireError};
 
@@ -217,7 +218,7 @@ mod tests {
         assert_eq!(told(&newer, 9), "the frames are of version 3, this program's of version 2");
         let mut request = Vec::new();
         write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
-        assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is kind 3, a reply");
+        assert_eq!(told(&request, 0), "found a frame of kind 2, expected kind 3, a reply");
     }
 
     /// A peer that claims a long payload gets no memory for it.

@@ -181,8 +181,11 @@ impl Worker {
         if known.usage == usage {
             return Ok(known.slot);
         }
-        let message =
-            format!("the settings {hash} are for {}, and {} were asked for", known.usage.word(), usage.word());
+        let message = format!(
+            "the settings {hash} are for {}, but settings for {} were requested",
+            known.usage.word(),
+            usage.word()
+        );
         Err(Refusal { trouble: Trouble::OutOfOrder, message })
     }
 

@@ -135,14 +135,14 @@ fn node(node: &Node, told: &mut BTreeSet<String>, found: &mut Findings) {
         None => found.unknown(
             node.text_line,
             node.key(),
-            format!("the text \"{}\" means nothing here; a comment is written <!-- … -->", node.text),
+            format!("the text \"{}\" has no meaning here; a comment is written <!-- … -->", node.text),
         ),
     }
     let mut seen = BTreeSet::new();
     for child in &node.children {
         let once = KNOWN.iter().any(|known| known.path == child.path && known.once);
         if once && !seen.insert(&child.path) {
-            found.wrong(child.line, child.key(), "stands twice; which one the controller takes is not known");
+            found.wrong(child.line, child.key(), "appears twice; it is not known which one the controller uses");
         }
         self::node(child, told, found);
     }
@@ -153,7 +153,7 @@ fn attributes(node: &Node, known: &Known, told: &mut BTreeSet<String>, found: &m
     for attribute in &node.attributes {
         let key = format!("{}/@{}", node.key(), attribute.name);
         if !seen.insert(attribute.name.to_ascii_uppercase()) {
-            found.wrong(attribute.line, &key, "stands twice in one element");
+            found.wrong(attribute.line, &key, "appears twice in one element");
             continue;
         }
         let right = known.attributes.iter().find(|(name, _)| name.eq_ignore_ascii_case(&attribute.name));
@@ -166,7 +166,7 @@ fn attributes(node: &Node, known: &Known, told: &mut BTreeSet<String>, found: &m
             found.unknown(
                 attribute.line,
                 key,
-                format!("no manual names this attribute{meant}; the controller passes over it"),
+                format!("no manual describes this attribute{meant}; the controller ignores it"),
             );
         }
     }
@@ -189,7 +189,7 @@ fn unknown(node: &Node, found: &mut Findings) {
     found.unknown(
         node.line,
         node.key(),
-        format!("no manual names this element here{meant}; the controller passes over it"),
+        format!("no manual describes this element here{meant}; the controller ignores it"),
     );
 }
 
@@ -200,14 +200,16 @@ fn meant(written: &str, known: &[&str]) -> String {
     match nearest {
         Some(name) if closeness(name) > 0.8 => format!("; did you mean {name}?"),
         Some(_) => format!("; known here: {}", known.join(", ")),
-        None => "; nothing is known here".to_owned(),
+        None => "; no name is known here".to_owned(),
     }
 }
 
 fn spelling(line: usize, key: &str, written: &str, right: &str, told: &mut BTreeSet<String>, found: &mut Findings) {
     if written != right && told.insert(written.to_owned()) {
-        let message =
-            format!("written {written}, the manual writes {right}; whether the controller minds is not known");
+        let message = format!(
+            "written {written}, the manual writes {right}; it is not known whether the controller accepts \
+                     this"
+        );
         found.warn(line, key, message);
     }
 }
@@ -234,6 +236,6 @@ fn value(line: usize, key: &str, value: &str, rule: &Rule, found: &mut Findings)
     if !right {
         let is_axis = matches!(rule, Rule::Words(_)) && value.eq_ignore_ascii_case("AXIS");
         let hint = if is_axis { "; axes travel as six REAL attributes or in a FRAME" } else { "" };
-        found.wrong(line, key, format!("is \"{value}\"; allowed is {}{hint}", allowed(rule)));
+        found.wrong(line, key, format!("is \"{value}\"; valid: {}{hint}", allowed(rule)));
     }
 }

@@ -219,7 +219,7 @@ fn signals(node: &Node, tag: Option<&str>) -> Vec<Signal> {
 
 fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
     let Some(tag) = node.attribute("Tag").filter(|tag| !tag.value.is_empty()) else {
-        found.wrong(node.line, node.key(), "has no Tag; an element without a path carries nothing");
+        found.wrong(node.line, node.key(), "has no Tag; an element without a path carries no data");
         return None;
     };
     if !is_path(&tag.value) {

@@ -62,24 +62,24 @@ fn what_the_controller_would_refuse_is_named_with_its_line() {
     let cases = [
         (
             file("<BUFFERING Limit=\"513\"/>", ""),
-            "line 3: CONFIGURATION/INTERNAL/BUFFERING/@Limit: is \"513\"; allowed is a whole number 1 to 512",
+            "line 3: CONFIGURATION/INTERNAL/BUFFERING/@Limit: is \"513\"; valid: a whole number 1 to 512",
         ),
         (
             file("<PORT>abc</PORT>", ""),
-            "line 3: CONFIGURATION/INTERNAL/PORT: is \"abc\"; allowed is a whole number 1 to 65534",
+            "line 3: CONFIGURATION/INTERNAL/PORT: is \"abc\"; valid: a whole number 1 to 65534",
         ),
         (
             file("<ENVIRONMENT>Robot</ENVIRONMENT>", ""),
-            "line 3: CONFIGURATION/INTERNAL/ENVIRONMENT: is \"Robot\"; allowed is one of Program, Submit, System",
+            "line 3: CONFIGURATION/INTERNAL/ENVIRONMENT: is \"Robot\"; valid: one of Program, Submit, System",
         ),
         (
             file("", "<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
-            "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; allowed is one of STRING, REAL, INT, BOOL, FRAME; axes \
+            "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; valid: one of STRING, REAL, INT, BOOL, FRAME; axes \
              travel as six REAL attributes or in a FRAME",
         ),
         (
             file("", "<ELEMENT Type=\"INT\"/>"),
-            "line 4: RECEIVE/XML/ELEMENT: has no Tag; an element without a path carries nothing",
+            "line 4: RECEIVE/XML/ELEMENT: has no Tag; an element without a path carries no data",
         ),
         (
             file("", "<ELEMENT Tag=\"/A\"/>"),
@@ -87,7 +87,7 @@ fn what_the_controller_would_refuse_is_named_with_its_line() {
         ),
         (
             file("", "<ELEMENT Tag=\"A\" tag=\"B\"/>"),
-            "line 4: RECEIVE/XML/ELEMENT[A]/@tag: stands twice in one element",
+            "line 4: RECEIVE/XML/ELEMENT[A]/@tag: appears twice in one element",
         ),
         (
             "\n<EthernetKRL2></EthernetKRL2>".to_owned(),

@@ -76,7 +76,7 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
             Event::Start(tag) | Event::Empty(tag) if open.is_empty() && root.is_some() => {
                 return Err(not_xml(
                     line,
-                    &format!("{} stands behind the end of the file's only element", tag.name().0),
+                    &format!("{} is after the end of the file's only element", tag.name().0),
                 ));
             }
             Event::Start(tag) => {
@@ -134,7 +134,11 @@ fn add_text(text: &str, at: usize, content: &str, open: &mut [Node]) -> Result<(
     let line = line_of(text, at + blanks);
     let Some(node) = open.last_mut() else {
         let stray = trimmed.trim_start_matches('\u{feff}');
-        return if stray.is_empty() { Ok(()) } else { Err(not_xml(line, &format!("\"{stray}\" stands outside"))) };
+        return if stray.is_empty() {
+            Ok(())
+        } else {
+            Err(not_xml(line, &format!("\"{stray}\" is outside of the elements")))
+        };
     };
     if node.text.is_empty() {
         node.text_line = line;

@@ -48,7 +48,7 @@ pub enum QueueError {
     #[error("there is no connection to the controller")]
     NotConnected,
     /// A new epoch would begin on a moving robot.
-    #[error("the robot does not stand yet; abort, and wait for its standstill")]
+    #[error("the robot still moves; abort, and wait for its standstill")]
     NotStanding,
     /// No epoch is open.
     #[error("no epoch is open; after a start, a stop or a fault one must be opened first")]

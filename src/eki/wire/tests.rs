@@ -143,21 +143,21 @@ fn hostile_acknowledgements_get_exact_verdicts() {
         (with("Rx=\"20\"", "Rx=\"0x14\""), "Ack/@Rx is \"0x14\", which is no whole number".into()),
         (with("Rx=\"20\"", "Rx=\"TRUE\""), "Ack/@Rx is \"TRUE\", which is no whole number".into()),
         (with("Rx=\"20\"", "Rx=\"-\""), "Ack/@Rx is \"-\", which is no whole number".into()),
-        (with("Rx=\"20\"", "Rx=\"-1\""), format!("Ack/@Rx is -1, allowed is {range}")),
-        (with("Rx=\"20\"", "Rx=\"2147483648\""), format!("Ack/@Rx is 2147483648, allowed is {range}")),
+        (with("Rx=\"20\"", "Rx=\"-1\""), format!("Ack/@Rx is -1; the limits are {range}")),
+        (with("Rx=\"20\"", "Rx=\"2147483648\""), format!("Ack/@Rx is 2147483648; the limits are {range}")),
         (
             with("Rx=\"20\"", "Rx=\"99999999999999999999\""),
-            format!("Ack/@Rx is 100000000000000000000, allowed is {range}"),
+            format!("Ack/@Rx is 100000000000000000000; the limits are {range}"),
         ),
-        (with("Err=\"0\"", "Err=\"13\""), "Ack/@Err is 13, allowed is 0 to 12".into()),
+        (with("Err=\"0\"", "Err=\"13\""), "Ack/@Err is 13; the limits are 0 to 12".into()),
         (with("<Ack ", "<St ").replace("</Ack>", "</St>"), "the document is <St>, expected <Ack>".into()),
         (with("</Ack>", "<A></A></Ack>"), "the element Ack/A is not in the channel's file".into()),
-        (with("</Ack>", "x</Ack>"), "text inside <Ack>, where only elements may stand".into()),
-        (with("</Ack>", "&lt;</Ack>"), "an entity inside <Ack>, where only elements may stand".into()),
-        (with("</Ack>", "<!-- --></Ack>"), "a comment inside <Ack>, where only elements may stand".into()),
-        (with("</Ack>", "<![CDATA[]]></Ack>"), "CDATA inside <Ack>, where only elements may stand".into()),
-        (with("</Ack>", "<?x y?></Ack>"), "an instruction inside <Ack>, where only elements may stand".into()),
-        (format!("<!DOCTYPE a>{ACK_TEXT}"), "a document type inside <>, where only elements may stand".into()),
+        (with("</Ack>", "x</Ack>"), "text inside <Ack>, which may contain only elements".into()),
+        (with("</Ack>", "&lt;</Ack>"), "an entity inside <Ack>, which may contain only elements".into()),
+        (with("</Ack>", "<!-- --></Ack>"), "a comment inside <Ack>, which may contain only elements".into()),
+        (with("</Ack>", "<![CDATA[]]></Ack>"), "CDATA inside <Ack>, which may contain only elements".into()),
+        (with("</Ack>", "<?x y?></Ack>"), "an instruction inside <Ack>, which may contain only elements".into()),
+        (format!("<!DOCTYPE a>{ACK_TEXT}"), "a document type inside <>, which may contain only elements".into()),
         (format!("{ACK_TEXT}{ACK_TEXT}"), "a second root <Ack> behind the first".into()),
         (String::new(), "Ack/@Rx is missing".into()),
     ];
@@ -174,7 +174,7 @@ fn hostile_states_get_exact_verdicts() {
         STATE_TEXT.replacen(old, new, 1)
     };
     let number = |found: &str| format!("St/J/@A1 is \"{found}\", which is no number such as -12.345678");
-    let range = "allowed is -3600 to 3600";
+    let range = "the limits are -3600 to 3600";
     let a1 = |value: &str| with("A1=\"4.999516\"", &format!("A1=\"{value}\""));
     let joints_start = STATE_TEXT.find("<J ").expect("joints");
     let joints_end = STATE_TEXT.find("<Tcp").expect("tip");
@@ -194,22 +194,25 @@ fn hostile_states_get_exact_verdicts() {
         (a1("4.0.0"), number("4.0.0")),
         (a1("4.0 "), number("4.0 ")),
         (a1(""), "St/J/@A1 is empty: it was not set on the controller".to_owned()),
-        (a1("3600.5"), format!("St/J/@A1 is 3600.5, {range}")),
-        (a1("-3600.5"), format!("St/J/@A1 is -3600.5, {range}")),
-        (with("Z=\"300.125000\"", "Z=\"100001.0\""), "St/Tcp/@Z is 100001, allowed is -100000 to 100000".into()),
-        (with("Mode=\"4\"", "Mode=\"5\""), "St/@Mode is 5, allowed is 1 to 4".into()),
-        (with("Mode=\"4\"", "Mode=\"0\""), "St/@Mode is 0, allowed is 1 to 4".into()),
-        (with("Flags=\"119\"", "Flags=\"256\""), "St/@Flags is 256, allowed is 0 to 255".into()),
+        (a1("3600.5"), format!("St/J/@A1 is 3600.5; {range}")),
+        (a1("-3600.5"), format!("St/J/@A1 is -3600.5; {range}")),
+        (
+            with("Z=\"300.125000\"", "Z=\"100001.0\""),
+            "St/Tcp/@Z is 100001; the limits are -100000 to 100000".into(),
+        ),
+        (with("Mode=\"4\"", "Mode=\"5\""), "St/@Mode is 5; the limits are 1 to 4".into()),
+        (with("Mode=\"4\"", "Mode=\"0\""), "St/@Mode is 0; the limits are 1 to 4".into()),
+        (with("Flags=\"119\"", "Flags=\"256\""), "St/@Flags is 256; the limits are 0 to 255".into()),
         (
             with("Boot=\"77\"", "Boot=\"-2147483649\""),
-            "St/@Boot is -2147483649, allowed is -2147483648 to 2147483647".into(),
+            "St/@Boot is -2147483649; the limits are -2147483648 to 2147483647".into(),
         ),
         (with(joints, ""), "St/J/@A1 is missing".into()),
-        (with(joints, &format!("{joints}{joints}")), "the element St/J stands twice".into()),
+        (with(joints, &format!("{joints}{joints}")), "the element St/J appears twice".into()),
         (with("<J ", "<J B1=\"0\" "), "St/J/@B1 is not in the channel's file".into()),
         (with("<J ", "<J X=\"0\" "), "St/J/@X is not in the channel's file".into()),
         (with("</J>", "<J></J></J>"), "the element St/J/J is not in the channel's file".into()),
-        (with("</Tool>", "</Tool>stop"), "text inside <St>, where only elements may stand".into()),
+        (with("</Tool>", "</Tool>stop"), "text inside <St>, which may contain only elements".into()),
         (ACK_TEXT.to_owned(), "the document is <Ack>, expected <St>".into()),
     ];
     for (document, verdict) in cases {
@@ -237,19 +240,22 @@ fn numbers_that_cannot_be_sent_are_refused_with_their_field() {
         })
     };
     let cases = [
-        (lin(at(f64::NAN), 0.0), "move_lin: X (mm) is NaN, allowed is -100000 to 100000"),
-        (lin(at(f64::NEG_INFINITY), 0.0), "move_lin: X (mm) is -inf, allowed is -100000 to 100000"),
-        (lin(at(0.0), -1.0), "move_lin: blend (mm) is -1, allowed is 0 to 1000"),
-        (Command::SetBase(at(1e6)), "set_base: X (mm) is 1000000, allowed is -100000 to 100000"),
+        (lin(at(f64::NAN), 0.0), "move_lin: X (mm) is NaN; the limits are -100000 to 100000"),
+        (lin(at(f64::NEG_INFINITY), 0.0), "move_lin: X (mm) is -inf; the limits are -100000 to 100000"),
+        (lin(at(0.0), -1.0), "move_lin: blend (mm) is -1; the limits are 0 to 1000"),
+        (Command::SetBase(at(1e6)), "set_base: X (mm) is 1000000; the limits are -100000 to 100000"),
         (
             Command::MoveJ(MoveJ { joints: Joints::default(), axis_speed_percent: 0.0 }),
-            "move_j: axis speed (%) is 0, allowed is 1 to 100",
+            "move_j: axis speed (%) is 0; the limits are 1 to 100",
         ),
-        (speed(0.0, 50), "set_acc_speed: speed (m/s) is 0, allowed is 0.001 to 3"),
-        (speed(0.1, 101), "set_acc_speed: axis speed (%) is 101, allowed is 1 to 100"),
-        (Command::SetDigout(Signal { number: 4097, on: true }), "set_digout: output is 4097, allowed is 1 to 4096"),
-        (Command::CallSubroutine { index: 1001 }, "call_subroutine: index is 1001, allowed is 0 to 1000"),
-        (Command::SetDigin(Signal { number: 0, on: true }), "set_digin: input is 0, allowed is 1 to 4096"),
+        (speed(0.0, 50), "set_acc_speed: speed (m/s) is 0; the limits are 0.001 to 3"),
+        (speed(0.1, 101), "set_acc_speed: axis speed (%) is 101; the limits are 1 to 100"),
+        (
+            Command::SetDigout(Signal { number: 4097, on: true }),
+            "set_digout: output is 4097; the limits are 1 to 4096",
+        ),
+        (Command::CallSubroutine { index: 1001 }, "call_subroutine: index is 1001; the limits are 0 to 1000"),
+        (Command::SetDigin(Signal { number: 0, on: true }), "set_digin: input is 0; the limits are 1 to 4096"),
     ];
     for (command, verdict) in cases {
         let error = wire().encode_command(CommandId(1), Epoch(1), &command, 0).expect_err(verdict);

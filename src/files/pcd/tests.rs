@@ -113,13 +113,13 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replace("F U", "F X"), "header line 4, 'TYPE F F F X': Invalid type character \"X\""),
         (good().replace("F F F", "D F F"), "Invalid type character \"D\""),
         (good().replace("SIZE 4", "SIZE 3"), "size 3 is not supported"),
-        (good().replace("SIZE 4", "SIZE 8"), "field x: found x TYPE F, SIZE 8, COUNT 1, allowed is TYPE F, SIZE 4"),
+        (good().replace("SIZE 4", "SIZE 8"), "field x: found x TYPE F, SIZE 8, COUNT 1; valid: TYPE F, SIZE 4"),
         (good().replace("x y z", "x y w"), "field z: found none"),
-        (good().replace("z rgb", "z intensity"), "field rgb: found none, allowed is one of rgb and rgba"),
+        (good().replace("z rgb", "z intensity"), "field rgb: found none; valid: one of rgb and rgba"),
         (good().replace("F F F U", "F F F I"), "field rgb: found rgb TYPE I, SIZE 4, COUNT 1"),
-        (good().replacen("1 2 3", "1 2,5 3", 1), "line 9: y is '2,5', allowed is a number or nan"),
-        (good().replacen("1 2 3 66051\n", "1 2 3\n", 1), "line 9: found 3 numbers, allowed are 4"),
-        (good().replacen("66051", "-1", 1), "line 9: rgb is '-1', allowed is a whole number"),
+        (good().replacen("1 2 3", "1 2,5 3", 1), "line 9: y is '2,5'; valid: a number or nan"),
+        (good().replacen("1 2 3 66051\n", "1 2 3\n", 1), "line 9: found 3 numbers, expected 4"),
+        (good().replacen("66051", "-1", 1), "line 9: rgb is '-1'; valid: a whole number"),
         (good().replace("F U", "F F"), "line 9: rgb is '66051', which is no packed float"),
         (good().replace("F U", "F F").replace("66051", "nan"), "line 9: rgb is 'nan', which is no packed float"),
         (good().replacen("1 2 3 66051\n", "", 1), "4 points were expected, found 3"),
@@ -153,8 +153,8 @@ fn absurd_sizes_are_refused_at_once() {
         good()
             .replace("WIDTH 2\nHEIGHT 2\nPOINTS 4", &format!("WIDTH {size}\nHEIGHT {size}\nPOINTS {}", size * size))
     };
-    assert!(refusal(big(1 << 20).as_bytes()).contains("allowed are 64 bytes a point and 268435456 bytes"));
-    assert!(refusal(big(u64::from(u32::MAX)).as_bytes()).contains("allowed are"));
+    assert!(refusal(big(1 << 20).as_bytes()).contains("(limits 64 bytes a point, 268435456 bytes"));
+    assert!(refusal(big(u64::from(u32::MAX)).as_bytes()).contains("(limits 64 bytes"));
     assert!(refusal(big(4_000).as_bytes()).contains("16000000 points were expected, found 4"));
     let wide = good().replace("WIDTH", "COUNT 1 1 1 18446744073709551615\nWIDTH");
     assert!(refusal(wide.as_bytes()).contains("points of 18446744073709551615 bytes"));
@@ -171,7 +171,7 @@ fn damaged_compressed_data_are_refused() {
     bytes[198] = 0xff; // the first packed byte: a reference to before the beginning
     assert!(refusal(&bytes).contains("from byte 190 on cannot be unpacked"), "{}", refusal(&bytes));
     bytes[194] ^= 1;
-    assert!(refusal(&bytes).contains("it says 19201 bytes, the points need 19200"));
+    assert!(refusal(&bytes).contains("it states 19201 bytes, the points need 19200"));
 }
 
 proptest! {
@@ -227,8 +227,8 @@ fn sizes_are_judged_before_points_are_unpacked() {
     };
     let words = |bytes: &[u8]| super::read_pcd(bytes, &camera(1_944, 1_200)).expect_err("refused").to_string();
     let larger = words(&file(4, 4_000, 4_000));
-    assert_eq!(larger, "the cloud is 4000×4000, the camera's calibration says 1944×1200");
+    assert_eq!(larger, "the cloud is 4000×4000, the camera's calibration is for 1944×1200");
     let wider = words(&file(100, 1_944, 1_200));
-    assert!(wider.contains("2332800 points of 400 bytes; allowed are 64 bytes a point"), "{wider}");
+    assert!(wider.contains("2332800 points of 400 bytes (limits 64 bytes a point"), "{wider}");
     assert!(words(&file(4, 1_944, 1_200)).contains("cannot be unpacked"));
 }

@@ -60,13 +60,13 @@ fn what_is_not_a_picture_says_what_it_is() {
     let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
     assert!(refusal(b"").contains("it is empty"));
     assert!(refusal(b"VERSION .7\n").contains("it begins with 'VERSION '"));
-    assert!(refusal(b"GIF89a,,,").contains("it looks like gif; allowed are PNG, JPEG and TIFF"));
+    assert!(refusal(b"GIF89a,,,").contains("it looks like gif; valid: PNG, JPEG and TIFF"));
 }
 
 #[test]
 fn deep_and_transparent_pixels_are_refused_and_opaque_alpha_is_dropped() {
     let deep = as_file(DynamicImage::new_rgb16(3, 2), ImageFormat::Png);
-    assert!(read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; allowed are 8 bits"));
+    assert!(read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; valid: 8 bits"));
     let rgba = |alpha| {
         let pixels = image::RgbaImage::from_pixel(3, 2, image::Rgba([10, 20, 30, alpha]));
         read_color(&as_file(pixels.into(), ImageFormat::Png))
@@ -168,7 +168,7 @@ fn a_size_is_judged_before_pixels_are_unpacked() {
     let words = |result: Result<(), PictureError>| result.expect_err("refused").to_string();
     let file = large(20_000, 20_000);
     let of_camera = words(read_measured(&file, &camera(1_944, 1_200)).map(drop));
-    assert_eq!(of_camera, "the picture is 20000×20000, the camera's calibration says 1944×1200");
+    assert_eq!(of_camera, "the picture is 20000×20000, the camera's calibration is for 1944×1200");
     assert_eq!(words(read_color_of(&file, &camera(1_944, 1_200)).map(drop)), of_camera);
     let of_any = "the picture is 20000×20000, 400000000 pixels; at most 33554432 are unpacked";
     assert_eq!(words(read_color(&file).map(drop)), of_any);

@@ -86,13 +86,13 @@ impl Header {
     }
 
     fn take(&mut self, words: &[&str]) -> Result<(), &'static str> {
-        let count = |word: &str| word.parse().map_err(|_| "allowed is a whole number");
+        let count = |word: &str| word.parse().map_err(|_| "valid: a whole number");
         match *words {
             ["ply"] if self.lines == 1 => {}
             _ if self.lines == 1 => return Err("a PLY file begins with the line ply"),
             ["format", "ascii", "1.0"] if self.lines == 2 => self.is_text = true,
             ["format", "binary_little_endian", "1.0"] if self.lines == 2 => {}
-            _ if self.lines == 2 => return Err("allowed is format ascii 1.0 or format binary_little_endian 1.0"),
+            _ if self.lines == 2 => return Err("valid: format ascii 1.0 or format binary_little_endian 1.0"),
             ["comment", "width", width] => self.width = Some(count(width)?),
             ["comment", "height", height] => self.height = Some(count(height)?),
             ["comment" | "obj_info", ..] => {}
@@ -109,11 +109,11 @@ impl Header {
             ["property", kind, name] if self.elements == 1 => {
                 let number = Number::named(kind).ok_or("allowed types are char … double and int8 … float64")?;
                 if self.properties.iter().any(|(known, _)| known == name) {
-                    return Err("this property is there already");
+                    return Err("this property already exists");
                 }
                 self.properties.push((name.to_owned(), number));
             }
-            _ => return Err("allowed are comment, element, property and end_header"),
+            _ => return Err("valid: comment, element, property and end_header"),
         }
         Ok(())
     }

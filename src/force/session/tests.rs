@@ -55,12 +55,12 @@ fn each_fault_ends_it_by_its_name() {
     };
     let says = |bytes: &'static [u8]| move |session: &mut Session| session.received(bytes, Time::at_ms(9));
     assert_eq!(ends(&|session| drop(session.tick(Time::at_ms(103)))), "it has not answered for 100 ms");
-    assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("id 1041 answered, and id 1040 was asked"));
+    assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("id 1041 answered, but the request was for id 1040"));
     assert_eq!(
         ends(&says(b"hellok")),
-        "what it said is no reply: 1 fields, a reply has five: id, force, position, contact, error"
+        "its answer is not a reply: 1 fields, a reply has five: id, force, position, contact, error"
     );
-    assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "it spoke without having been asked");
+    assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "it sent data without a request");
     assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
     let mut session = session();
     session.connected(Time::at_ms(0));

@@ -30,32 +30,33 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
     match flaw {
         Flaw::Darker => {
             format!(
-                "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"
+                "the light is up to {worst} % less than the dry picture's (limit {limit} %); keep the lamp steady"
             )
         }
         Flaw::Brighter => format!(
-            "the light is up to {worst} % more than the dry picture's (allowed {limit} %, beyond which it could be a film that \
-             broke all over); keep the lamp steady and other light away"
+            "the light is up to {worst} % more than the dry picture's (limit {limit} %, beyond which it could be a \
+             film that broke all over); keep the lamp steady and other light away"
         ),
         Flaw::Flicker => format!(
-            "the light goes up and down by {worst} % from picture to picture while what lies around the panel became much \
-             darker or brighter, so that nobody knows which of lamp and water made it so; set the exposure to a multiple of 10 ms where the \
-             mains have 50 Hz and of 8.33 ms at 60 Hz, or use a lamp that does not flicker"
+            "the light goes up and down by {worst} % from picture to picture while the surroundings of the panel \
+             became much darker or brighter; it is not known whether lamp or water caused this; set the exposure \
+             to a multiple of 10 ms if the mains have 50 Hz and of 8.33 ms at 60 Hz, or use a lamp that does not \
+             flicker"
         ),
         Flaw::Bright => format!("up to {worst} % of the region is overexposed (limit {limit} %)"),
         Flaw::Moved => {
-            format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
+            format!("the panel lies up to {worst} px from its place in the first picture (limit {limit} px)")
         }
         Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
         Flaw::Outline => format!(
-            "as little as {worst} % of the panel's outline can be seen (needed {limit} %), so that nobody knows whether it moved; \
-             give it contrast to what lies beside it, in any colour"
+            "as little as {worst} % of the panel's outline can be seen (at least {limit} % are needed), so it is \
+             not known whether it moved; give it contrast to its surroundings, in any colour"
         ),
         Flaw::OutlineDisagrees => {
-            "what can be seen of the panel's outline does not agree on where it lies, so that nobody \
-                                   knows whether it moved; give it contrast to what lies beside it, in any colour"
+            "the visible parts of the panel's outline do not agree on its place, so it is not known whether it \
+             moved; give it contrast to its surroundings, in any colour"
                 .to_owned()
         }
-        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
+        Flaw::Frozen => "they are bit for bit the picture before; the camera is frozen".to_owned(),
     }
 }

@@ -3,7 +3,7 @@
 //! Water that wets the surroundings changes their brightness slowly, in one direction, or once; a lamp that beats
 //! with the mains changes it up and down. With the light g of a channel in picture k and its change Δₖ = ln gₖ − ln
 //! gₖ₋₁, a swing is
-//!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  where Δₖ Δₖ₋₁ < 0,                                                                       (1)
+//!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  if Δₖ Δₖ₋₁ < 0,                                                                          (1)
 //! and a lamp flickers if a quarter of the pictures has a swing of [`MIN_SWING`] or more.
 
 /// A lamp that flickers changes by this much from picture to picture and back, and at least this many times.

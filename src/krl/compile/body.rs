@@ -55,7 +55,7 @@ impl Compiler<'_> {
             Action::Return(value) => self.return_value(value.as_ref()),
             Action::Label(_) => {}
             Action::Goto(_) => self.not_executed("GOTO"),
-            Action::NotRead => self.not_executed("what was not read"),
+            Action::NotRead => self.not_executed("a statement that was not read"),
             _ => self.of_the_robot(&statement.action),
         }
     }
@@ -209,7 +209,7 @@ impl Compiler<'_> {
         self.emit(Op::Store);
         if !matches!(kind, Type::Int | Type::Char | Type::Enumeration(_) | Type::Unknown) {
             let name = self.types.name(kind);
-            self.problem("SWITCH", format!("SWITCH asks for an INT, CHAR or a word; this is {name}"));
+            self.problem("SWITCH", format!("SWITCH needs an INT, CHAR or ENUM value; this is {name}"));
         }
         let mut ends = Vec::new();
         for case in cases {

@@ -72,7 +72,7 @@ impl Compiler<'_> {
             return self.typed_value(given, wanted.kind, &wanted.name);
         }
         let Expression::Variable(place) = given else {
-            let message = format!("{routine} takes this argument as a variable (:OUT); a value is given");
+            let message = format!("{routine} needs a variable for this argument (:OUT); a value is given");
             self.warn(&wanted.name, message);
             self.not_executed(routine);
             self.value(given, wanted.kind);
@@ -83,7 +83,7 @@ impl Compiler<'_> {
             // Whether the routine writes it is not looked at.
             self.warn(
                 &place.name,
-                format!("{routine} takes this argument as a variable; this one is never written"),
+                format!("{routine} needs a variable for this argument; this one cannot be written"),
             );
             self.not_executed(routine);
         }

@@ -233,7 +233,7 @@ impl Compiler<'_> {
             let Declared::Variables { constant: true, items, .. } = &declaration.kind else { continue };
             self.line = declaration.line;
             for item in items.iter().filter(|item| item.value.is_none() && !valued.contains(item.name.as_str())) {
-                self.warn(&item.name, "a CONST without a value: it takes one in its declaration or below");
+                self.warn(&item.name, "a CONST without a value: give it one in its declaration or below");
             }
         }
     }
@@ -371,7 +371,7 @@ impl Compiler<'_> {
         }
         if self.types.struc(kind).is_none() {
             let type_name = self.types.name(kind);
-            return self.problem(name, format!("components are given where {type_name} is wanted"));
+            return self.problem(name, format!("components are given, but {type_name} is expected"));
         }
         for (place, value) in parts {
             let Some(component) = self.component_of(name, kind, &place.name) else { continue };

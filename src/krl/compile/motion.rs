@@ -93,7 +93,7 @@ impl Compiler<'_> {
         for (name, line) in labels {
             if let Some(other) = first.get(name) {
                 self.line = line;
-                self.problem(name, format!("this label is there twice: line {other}"));
+                self.problem(name, format!("this label already exists: line {other}"));
             }
             first.entry(name).or_insert(line);
         }

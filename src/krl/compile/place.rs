@@ -56,7 +56,10 @@ impl Compiler<'_> {
         let hidden = self.of_module.iter().find(|((_, known), _)| known == name).map(|(_, shared)| shared.file);
         let message = if let Some(file) = hidden {
             let other = &self.files[file].name;
-            format!("only the program beside {other} sees this; declared GLOBAL in a list that is PUBLIC all do")
+            format!(
+                "only the program that belongs to {other} sees this; declare it GLOBAL in a PUBLIC list to \
+                     make it visible to all programs"
+            )
         } else if VARIABLES_OF_ETHERNET_KRL_6.contains(&name) {
             "belongs to EthernetKRL 6 (iiQKA.OS2); KSS 8 does not have it".to_owned()
         } else if name.starts_with('$') {

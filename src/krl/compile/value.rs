@@ -28,7 +28,7 @@ impl Compiler<'_> {
             Expression::Unary(operator, inner) => self.unary(*operator, inner),
             Expression::Binary(operator, left, right) => self.binary(*operator, left, right),
             Expression::Channel => self.unknown("a channel"),
-            Expression::NotRead => self.unknown("what was not read"),
+            Expression::NotRead => self.unknown("an expression that was not read"),
         }
     }
 
@@ -139,7 +139,7 @@ impl Compiler<'_> {
         let Some(size) = self.types.struc(kind).map(|struc| struc.size.max(struc.components.len())) else {
             if kind != Type::Unknown {
                 let name = self.types.name(kind);
-                self.problem("{", format!("components are given where {name} is wanted"));
+                self.problem("{", format!("components are given, but {name} is expected"));
             }
             parts.iter().for_each(|(_, value)| {
                 self.value(value, Type::Unknown);

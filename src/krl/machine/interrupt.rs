@@ -196,7 +196,7 @@ impl Interpreter {
 
     pub(super) fn end_interrupt(&mut self) -> Result<Flow, Wrong> {
         if self.braked == Some(true) {
-            return Err("the program would go on with the motion that was braked, which is not modelled".into());
+            return Err("the program would continue the motion that was braked, which is not modelled".into());
         }
         let frame = self.frames.pop().ok_or("no interrupt runs")?;
         self.stack.truncate(frame.height);
@@ -217,13 +217,13 @@ impl Interpreter {
     /// Leaves everything above the level that declared the interrupt, and continues there.
     pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
         let innermost = self.frames.iter().rposition(|frame| frame.broke_in.is_some());
-        let innermost = innermost.ok_or("RESUME stands in an interrupt program only")?;
+        let innermost = innermost.ok_or("RESUME is valid only in an interrupt program")?;
         let declared_in = self.frames[innermost].broke_in.as_ref().map_or(0, |broke_in| broke_in.declared_in);
         if self.meaning.resume_needs_advance_0 && host.advance() != 0 {
             return Err("RESUME with $ADVANCE other than 0".into());
         }
         let below = self.frames.get(declared_in + 1).filter(|frame| frame.broke_in.is_none()).cloned();
-        let below = below.ok_or("RESUME: the program stands at the level that declared the interrupt")?;
+        let below = below.ok_or("RESUME: the program is at the level that declared the interrupt")?;
         let broken = self.frames[declared_in + 1..].iter().filter(|frame| frame.broke_in.is_some()).count();
         self.frames.truncate(declared_in + 1);
         self.saved.truncate(self.saved.len().saturating_sub(broken));

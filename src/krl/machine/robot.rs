@@ -78,7 +78,7 @@ impl Interpreter {
             Op::EndInterrupt => return self.end_interrupt(),
             Op::Brake { fast } => {
                 if !self.in_interrupt() {
-                    return Err("BRAKE stands in an interrupt program only".into());
+                    return Err("BRAKE is valid only in an interrupt program".into());
                 }
                 if self.braked.is_none() {
                     self.braked = Some(!host.arm_stands());

@@ -16,8 +16,8 @@ pub enum CornerError {
     },
     /// What is as bright as the panel is small.
     #[error(
-        "the largest thing as bright as the panel covers {} % of the picture, needed are {} %; is the panel in view, is \
-         panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
+        "the largest object as bright as the panel covers {} % of the picture, at least {} % are needed; is the \
+         panel in view, is panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
         /// Its share of the picture, percent.
@@ -37,8 +37,8 @@ pub enum CornerError {
     },
     /// One of the edges that meet in the corner is too short or too faint.
     #[error(
-        "an edge beside the corner shows {found} sharp places, needed are {needed}; is it in view over rounding_mm and \
-         edge_mm, free of reflections, and clearly darker than what is behind?"
+        "an edge beside the corner shows {found} sharp places, at least {needed} are needed; is it in view over \
+         rounding_mm and edge_mm, free of reflections, and clearly darker than the background?"
     )]
     EdgeTooShort {
         /// Places found.
@@ -48,7 +48,7 @@ pub enum CornerError {
     },
     /// The two edges run nearly the same way.
     #[error(
-        "the two edges meet at {}°, needed are {}°; is that a corner of the panel?", apart(*angle_deg, *min_deg, 1)[0],
+        "the two edges meet at {}°, at least {}° are needed; is that a corner of the panel?", apart(*angle_deg, *min_deg, 1)[0],
         apart(*angle_deg, *min_deg, 1)[1]
     )]
     EdgesParallel {

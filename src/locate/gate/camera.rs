@@ -34,8 +34,8 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
     let same = same.rejects("camera_moved", || {
         let [same, needed] = percent_apart(camera.map_or(f64::NAN, |it| it.same), MIN_FIXTURE_SAME, 0);
         format!(
-            "only {same} % of the fixture stands where it stood at teaching, needed are {needed} %; was the camera or the \
-             fixture moved? Calibrate and teach again"
+            "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; was the \
+             camera or the fixture moved? Calibrate and teach again"
         )
     });
     let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
@@ -44,8 +44,8 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
             let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
             let [least, allowed] = apart(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
             format!(
-                "by the fixture the camera has moved since teaching, which puts the panel {} ± {} mm off, that is at least \
-                 {least} mm, allowed are {allowed} mm; calibrate it again",
+                "the fixture shows that the camera has moved since teaching, which puts the panel {} ± {} mm off, \
+                 at least {least} mm (limit {allowed} mm); calibrate it again",
                 fixed(moved_mm, 2),
                 fixed(uncertainty_mm, 2)
             )
@@ -71,11 +71,12 @@ pub(super) fn watch(fit: &Fit) -> Vec<Check> {
     vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
             let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
-            format!("by the fixture a camera is noticed where it moves the panel by {noticed} mm or more")
+            format!("the fixture shows a moved camera only if that moves the panel by {noticed} mm or more")
         });
         format!(
-            "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
-             teaching; is something before the fixture? If the camera was calibrated again since, teach again"
+            "it is not known whether the camera has moved: {seen} (limit {MAX_CAMERA_NOTICED_MM} mm, which it kept \
+             at teaching); is something in front of the fixture? If the camera was calibrated again since, teach \
+             again"
         )
     })]
 }
@@ -86,8 +87,8 @@ pub(super) fn at_teaching(fit: &Fit) -> Check {
     Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
         .at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program)
         .broken(!is_watched(uncertainty_mm), Severity::Review, "camera_unwatched", || {
-            "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
-             stand still outside of the search box, with clear edges in two directions"
+            "the fixture shows too little to notice a camera that moved; put fixed objects into view beside the \
+             panel, outside of the search box, with clear edges in two directions"
                 .to_owned()
         })
 }

@@ -24,8 +24,9 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
     let ambiguous = |rival: &CompetingPose| {
         let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
         format!(
-            "a placement turned by {}° explains the scan about as well: {} mm of outline and surface speak for the first alone \
-             and {} mm for the other, which counts as {margin} times as much, needed are {needed} times; a person must say which",
+            "a placement turned by {}° explains the scan about as well: {} mm of outline and surface support the \
+             first alone and {} mm the other, a ratio of {margin}, at least {needed} is needed; a person must \
+             decide which",
             fixed(rival.turned.0, 0),
             fixed(rival.for_first_mm, 0),
             fixed(rival.for_rival_mm, 0)
@@ -37,7 +38,7 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
             .reviews("uncertain", || {
                 let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
                 format!(
-                    "the pose is known to {known} mm at the worst place (95 %), allowed are {allowed} mm; {}",
+                    "the pose is known to {known} mm at the worst place (95 %), limit {allowed} mm; {}",
                     why_uncertain(fit)
                 )
             }),
@@ -46,9 +47,7 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
             .at_most(MAX_DISAGREEMENT_MM, SetBy::Program)
             .reviews("starts_disagree", || {
                 let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
-                format!(
-                    "fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again"
-                )
+                format!("fits from independent starts end {agreement} mm apart (limit {allowed} mm); scan again")
             }),
         Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::margin))
             .at_least(MIN_MARGIN, SetBy::Program)
@@ -61,9 +60,9 @@ fn why_uncertain(fit: &Fit) -> String {
     let mm = |value| fixed(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
         format!(
-            "the panel's centre stands {} mm from its taught place, over which the scale of the 3D camera's distances counts; at the \
-             taught place it would be {} mm: put the panel nearer to it, measure the camera with `panelprep calibrate scanner`, or \
-             correct the pose by two corners",
+            "the panel's centre is {} mm from its taught place, so the scale error of the 3D camera counts; at the \
+             taught place the uncertainty would be {} mm: put the panel nearer to it, measure the camera with \
+             `panelprep calibrate scanner`, or correct the pose with two corners",
             fixed(fit.shift_mm, 0),
             mm(fit.uncertainty_at_taught_place_mm)
         )
@@ -86,7 +85,7 @@ pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("shift_limit", || {
                 let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
                 format!(
-                    "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
+                    "the panel's centre is {shift} mm from its nominal place (limit {allowed} mm); move it nearer"
                 )
             }),
         Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
@@ -94,13 +93,13 @@ pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("turn_limit", || {
                 let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
                 let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
-                format!("the panel is turned by {sign}{turn}° in its plane, allowed are ±{allowed}°; turn it back")
+                format!("the panel is turned by {sign}{turn}° in its plane (limit ±{allowed}°); turn it back")
             }),
         Check::new("tilt of the panel's normal", "°", fit.tilt.0)
             .at_most(limits.max_tilt_deg(), SetBy::recipe("locate.max_tilt_deg"))
             .rejects("tilt_limit", || {
                 let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
-                format!("the panel's normal is tilted by {tilt}°, allowed are {allowed}°; set it upright")
+                format!("the panel's normal is tilted by {tilt}° (limit {allowed}°); set it upright")
             }),
     ]
 }

@@ -23,8 +23,8 @@ pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
         let words = || {
             let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
             format!(
-                "{} stands {asked} mm ({} px) from where the 3D scan puts it, allowed are {allowed} mm; has the panel moved \
-                 since the scan, is the flange pose the picture's?",
+                "{} is {asked} mm ({} px) from its place in the 3D scan (limit {allowed} mm); has the panel moved \
+                 since the scan, or is the flange pose not that of the picture?",
                 name(corner),
                 fixed(corner.error_px, 1)
             )
@@ -45,8 +45,8 @@ pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
             .broken(exceeds(left_mm, MAX_LEFT_MM), Severity::Review, "corners_disagree", || {
                 let [left, allowed] = apart(left_mm, MAX_LEFT_MM, 2);
                 format!(
-                    "{} still stands {left} mm from where it is seen with the best correction of all corners, allowed are \
-                     {allowed} mm; is each picture of its own corner, are the flange poses theirs?",
+                    "{} is still {left} mm from its place in the picture after the best correction of all corners \
+                     (limit {allowed} mm); check that each picture shows its own corner and has its own flange pose",
                     name(corner)
                 )
             });
@@ -70,8 +70,8 @@ pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
         let words = || {
             let [off, allowed] = apart(off_mm, allowed_mm, 2);
             format!(
-                "{} stands {off} mm from where the localization puts it, allowed are {allowed} mm, [corner] verify_mm; has \
-                 the panel moved?",
+                "{} is {off} mm from its localized place (limit {allowed} mm, [corner] verify_mm); has the panel \
+                 moved?",
                 name(corner)
             )
         };
@@ -106,8 +106,9 @@ pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     Some(check.broken(exceeds(asked_mm, allowed_mm), Severity::Review, "corner_disagrees", || {
         let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
         format!(
-            "{} stands {asked} mm from where the 3D scan puts it; scan, corner and calibrations together claim {} mm (95 %), \
-             and allowed is twice as much, {allowed} mm: one of them is wrong, verify the calibrations",
+            "{} is {asked} mm from its place in the 3D scan; the claimed errors of scan, corner and calibrations \
+             give {} mm (95 %), and the limit is twice as much, {allowed} mm: one of them is wrong, verify the \
+             calibrations",
             name(corner),
             fixed(claimed_mm, 2)
         )

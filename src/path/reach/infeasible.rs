@@ -31,7 +31,7 @@ pub enum Infeasibility {
     },
     /// An axis beyond its limits less the margin.
     #[error(
-        "axis {axis} would stand at {}°, allowed is {} to {}°", beyond(*angle_deg, *allowed_deg), plain(allowed_deg[0]),
+        "axis {axis} would be at {}°, the limits are {} to {}°", beyond(*angle_deg, *allowed_deg), plain(allowed_deg[0]),
         plain(allowed_deg[1])
     )]
     AxisLimit {
@@ -88,7 +88,7 @@ pub enum Infeasibility {
     },
     /// A part of the arm in a box.
     #[error(
-        "the {part} would be {} mm from \"{name}\", needed are {}", apart(*distance_mm, *needed_mm, 0)[0],
+        "the {part} would be {} mm from \"{name}\", at least {} mm are needed", apart(*distance_mm, *needed_mm, 0)[0],
         apart(*distance_mm, *needed_mm, 0)[1]
     )]
     KeepOut {

@@ -171,11 +171,11 @@ BAS(#INITMOV, 0)
 $IPO_MODE = #BASE
 $ORI_TYPE = #VAR
 $TOOL = {X 0.000, Y 0.000, Z 120.000, A 0.0000, B 0.0000, C 0.0000} ; the sanding tool, its Z out of the pad; its load data is not set here
-$BASE = {X 600.500, Y 0.000, Z 0.000, A -1.2500, B 0.0000, C 0.0000} ; where the panel stands
+$BASE = {X 600.500, Y 0.000, Z 0.000, A -1.2500, B 0.0000, C 0.0000} ; the pose of the panel
 BAS(#VEL_PTP, 20)
 BAS(#ACC_PTP, 20)
 $ACC.CP = 1.000 ; m/s2
-; In the air above the first place. Nobody has looked at the way there.
+; In the air above the first place. The way to it has not been checked.
 PTP {A1 1.5000, A2 -90.0000, A3 0.0000, A4 0.0000, A5 0.0000, A6 0.0000}
 ; grid r1c1
 $VEL.CP = 0.0600 ; m/s

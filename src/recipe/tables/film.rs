@@ -46,7 +46,7 @@ pub(in crate::recipe) fn take_process(section: &Section<'_, '_>) -> Option<Proce
     let process = Process::take(section)?;
     let (part, grid) = (process.passes_of_a_part(), process.max_passes_per_grid());
     if part < grid {
-        let allowed = format!("found {part}, allowed is max_passes_per_grid, {grid}, or more");
+        let allowed = format!("found {part}, valid: max_passes_per_grid, {grid}, or more");
         section.problem("max_passes_per_part", allowed);
         return None;
     }
@@ -168,12 +168,12 @@ pub(in crate::recipe) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspe
         return None;
     }
     if inspect.median_px() % 2 == 0 {
-        section.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
+        section.problem("median_px", format!("found {}, valid: an odd number", inspect.median_px()));
         return None;
     }
     for (key, [hue, ..]) in [("hsv_min", inspect.hsv_min()), ("hsv_max", inspect.hsv_max())] {
         if hue > 179 {
-            section.problem(key, format!("found hue {hue}, allowed is 0 to 179: half of its degrees"));
+            section.problem(key, format!("found hue {hue}, the limits are 0 to 179: half of its degrees"));
             return None;
         }
     }

@@ -43,8 +43,7 @@ pub(in crate::recipe) fn take_panel(top: &Section<'_, '_>) -> Option<Panel> {
     if !outline.is_empty() {
         if !(3..=MAX_CORNERS).contains(&outline.len()) {
             let found = outline.len();
-            section
-                .problem("outline_px", format!("found {found} corners, allowed are 3 to {MAX_CORNERS}, or none"));
+            section.problem("outline_px", format!("found {found} corners, valid: 3 to {MAX_CORNERS}, or none"));
             return None;
         }
         if let Some(problem) = wrong(outline) {

@@ -127,7 +127,7 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
         section.problem(
             "step_over_mm",
             format!(
-                "found {}, allowed is at most disc_diameter_mm, {}: wider rows leave stripes",
+                "found {} (limit {}, disc_diameter_mm): wider rows leave stripes",
                 path.step_over_mm(),
                 path.disc_diameter_mm()
             ),
@@ -136,12 +136,13 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
     }
     match path.pad_stroke_mm() {
         Some(stroke_mm) if path.press_in_mm() > stroke_mm => {
-            let message = format!("found {}, allowed is at most pad_stroke_mm, {stroke_mm}", path.press_in_mm());
+            let message = format!("found {} (limit {stroke_mm}, pad_stroke_mm)", path.press_in_mm());
             section.problem("press_in_mm", message);
             return None;
         }
         None if path.press_in_mm() > 0.0 => {
-            section.problem("pad_stroke_mm", "is missing; a press_in_mm needs the stroke of the pad that takes it");
+            section
+                .problem("pad_stroke_mm", "is missing; a press_in_mm needs the stroke of the pad that absorbs it");
             return None;
         }
         _ => {}
@@ -150,8 +151,7 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
         return None;
     }
     if path.landing_height_mm() > path.approach_mm() {
-        let message =
-            format!("found {}, allowed is at most approach_mm, {}", path.landing_height_mm(), path.approach_mm());
+        let message = format!("found {} (limit {}, approach_mm)", path.landing_height_mm(), path.approach_mm());
         section.problem("landing_height_mm", message);
         return None;
     }
@@ -160,7 +160,7 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
     if length > 0.0 && length < 0.1 {
         section.problem(
             "reference_axis",
-            format!("found a direction of length {length}, allowed is 0.1 to 1.8, or [0, 0, 0]"),
+            format!("found a direction of length {length}, valid: 0.1 to 1.8, or [0, 0, 0]"),
         );
         return None;
     }
@@ -184,7 +184,7 @@ fn is_force_right(section: &Section<'_, '_>, path: &Path) -> bool {
     };
     match path.landing_force_n().filter(|landing_n| *landing_n > force_n) {
         Some(landing_n) => {
-            section.problem("landing_force_n", format!("found {landing_n}, allowed is at most force_n, {force_n}"));
+            section.problem("landing_force_n", format!("found {landing_n} (limit {force_n}, force_n)"));
             false
         }
         None => true,

@@ -46,7 +46,7 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
     let removal = Removal::take(section)?;
     if removal.target_um() >= removal.max_um() {
         let message =
-            format!("found {}, allowed is more than target_um, {}", removal.max_um(), removal.target_um());
+            format!("found {}, it must be more than target_um, {}", removal.max_um(), removal.target_um());
         section.problem("max_um", message);
         return None;
     }
@@ -55,7 +55,7 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
         (Some(pressed_n), Some(_)) => {
             section.problem(
                 "force_n",
-                format!("has no effect: the tool presses with path.force_n, {pressed_n}; take it out"),
+                format!("has no effect: the tool presses with path.force_n, {pressed_n}; remove it"),
             );
             return None;
         }
@@ -70,7 +70,7 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
     }
     if removal.min_feed_mm_s() > path.feed_mm_s() {
         let (found, most) = (removal.min_feed_mm_s(), path.feed_mm_s());
-        section.problem("min_feed_mm_s", format!("found {found}, allowed is at most path.feed_mm_s, {most}"));
+        section.problem("min_feed_mm_s", format!("found {found} (limit {most}, path.feed_mm_s)"));
         return None;
     }
     Some(Some(removal))

@@ -15,10 +15,10 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
         let how = match how {
             How::Whole => "",
             How::InPart => " in part",
-            How::Touched => ": touched, how much of it is not known",
+            How::Touched => ": touched, it is not known how much",
             How::Perhaps => ": perhaps, it is not known whether the tool touched it",
         };
-        let grid = grid.clone().unwrap_or_else(|| "any grid: which ones was not kept".to_owned());
+        let grid = grid.clone().unwrap_or_else(|| "any grid: it was not recorded which ones".to_owned());
         passes.entry(grid).or_default().push(format!("pass {pass}{how}"));
     }
     let left = record.motions.iter().filter(|one| one.motion.path == Path::Contact && !one.end_is_known());
@@ -27,9 +27,10 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
     let mut text = match (passes.is_empty(), is_unsure) {
         (true, _) => "Nothing: the tool touched no grid.".to_owned(),
         (false, false) => "Each grid with the passes that touched it.".to_owned(),
-        (false, true) => "Each grid with the passes that touched it, or may have: the robot did not tell how far it came. \
-                          What it may have touched counts as abraded for max_passes_per_grid, in later cycles of this \
-                          panel too, until one of them ends with pass or fail, or because nothing more is allowed."
+        (false, true) => "Each grid with the passes that touched it, or may have touched it: the robot did not \
+                          report how far it came. What it may have touched counts as abraded for \
+                          max_passes_per_grid, in later cycles of this panel too. This ends with a cycle that ends \
+                          with pass or fail, or because nothing more is allowed."
             .to_owned(),
     };
     if worn_mm2 > 0.0 {
@@ -53,13 +54,13 @@ pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
         figures: Vec::new(),
     };
     let before = section(
-        "What was asked before this cycle",
+        "Requests before this cycle",
         "Each request since the cycle before, which belongs to none.",
         &record.asked_before,
     );
     let during = section(
-        "What was asked in this cycle",
-        "Each request with its time, what came of it, and who asked.",
+        "Requests in this cycle",
+        "Each request with its time, its result, and who sent it.",
         &record.asked,
     );
     [before, during].into_iter().filter(|section| !section.rows.is_empty()).collect()
@@ -71,12 +72,12 @@ fn request(asked: &RequestRecord) -> Row {
     let (what, meant) = wanted(&asked.wanted);
     let came = match asked.answer {
         Some(Answer::Done) => format!("{what}: done{meant}{because}"),
-        Some(Answer::Refused) => format!("REFUSED: {what}. Nothing of it was done{because}"),
-        Some(Answer::Failed) => format!("NOT DONE: {what}. The cell could not{because}"),
-        None => format!("{what}: what came of it was not recorded"),
+        Some(Answer::Refused) => format!("REFUSED: {what}. Nothing was done{because}"),
+        Some(Answer::Failed) => format!("NOT DONE: {what}. The cell could not do it{because}"),
+        None => format!("{what}: its result was not recorded"),
     };
     let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
-    Row::new(&utc(asked.unix_ms.div_euclid(1_000)), format!("{came}. Asked by: {who}"), "")
+    Row::new(&utc(asked.unix_ms.div_euclid(1_000)), format!("{came}. Requested by: {who}"), "")
 }
 
 /// Returns a request in words, and its meaning if it was done.
@@ -96,12 +97,20 @@ fn wanted(wanted: &Wanted) -> (String, String) {
                 ("air-run".to_owned(), format!(", with at most {max_moves} moves of the corner loop"))
             }
             Request::Hold => plain("hold", ""),
-            Request::Unhold { dried: false } => plain("unhold", ", it went on"),
-            Request::Unhold { dried: true } => plain("unhold --dried", ", a person said that the panel was dried"),
-            Request::Accept => plain("accept", ", the result that waited for review was taken as good"),
+            Request::Unhold { dried: false } => plain("unhold", ", it continued"),
+            Request::Unhold { dried: true } => plain(
+                "unhold --dried",
+                ", a person confirmed that the panel was \
+                                                                        dried",
+            ),
+            Request::Accept => plain("accept", ", the result that waited for review was accepted"),
             Request::Stop => plain("stop", ""),
             Request::Abort => plain("abort", ""),
-            Request::Clear => plain("clear", ", a person said that the cause is gone and the pad is off the panel"),
+            Request::Clear => plain(
+                "clear",
+                ", a person confirmed that the cause is gone and the pad is off the \
+                                              panel",
+            ),
         },
     }
 }
@@ -126,8 +135,8 @@ pub(super) fn motions(record: &CycleRecord) -> Section {
     Section {
         heading: "Motions".to_owned(),
         text:
-            "Each with its end, where the robot told it. A path over the panel begins where the approach ended, at the first \
-               waypoint of its plan, so that it has one less than the plan."
+            "Each with its end, if the robot reported it. A path over the panel begins at the end of the approach, \
+             which is the first waypoint of its plan. Therefore it has one waypoint less than the plan."
                 .to_owned(),
         rows: rows.collect(),
         figures: Vec::new(),
@@ -143,7 +152,7 @@ fn end(motion: &MotionRecord) -> String {
         }
         (Some(outcome), _) => outcome.word().to_owned(),
         (None, Some(Bounds { at_most: 0, .. })) => {
-            "its end was not told; none of it was permitted to be sent".to_owned()
+            "its end was not reported; no part of it was permitted to be sent".to_owned()
         }
         (None, Some(Bounds { at_least, at_most })) => {
             format!(

@@ -99,7 +99,10 @@ fn duration(record: &CycleRecord) -> String {
             format!("Simulated cell. Simulated time: {simulated_s} s. Wall time: {wall}.")
         }
         [Some(Clock::Simulated { .. }), _] => {
-            format!("Simulated cell. Simulated time: not known, the program ended before. Wall time: {wall}.")
+            format!(
+                "Simulated cell. Simulated time: not known, the program ended before the cycle. Wall time: \
+                     {wall}."
+            )
         }
         [None, _] => format!("Wall time: {wall}. Whether the cell was a simulated one was not recorded."),
     }
@@ -111,7 +114,7 @@ fn section(
     times: Times,
 ) -> Section {
     let heading = match finding.kind {
-        Kind::Locate => "Where the panel stands",
+        Kind::Locate => "The panel's place",
         Kind::Refine => "The corner",
         Kind::Reach => "What the arm reaches",
         Kind::Inspect => "The film",
@@ -213,7 +216,7 @@ fn used(record: &CycleRecord) -> Section {
     rows.push(Row::new("lines in the journal", record.events.to_string(), ""));
     Section {
         heading: "What was used".to_owned(),
-        text: "The files by the SHA-256 of their bytes, which the store keeps.".to_owned(),
+        text: "Each file with the SHA-256 of its content. The store keeps the files.".to_owned(),
         rows,
         figures: Vec::new(),
     }
@@ -242,8 +245,8 @@ fn conditions(record: &CycleRecord, times: Times) -> Section {
     rows.extend(films);
     Section {
         heading: "Water, lamp and films".to_owned(),
-        text: "Water and lamp are not measured by the cell: the inspector fills them in, or signs what the recipe states \
-               (ASTM F22). Whoever signs does so on the first page."
+        text: "Water and lamp are not measured by the cell: the inspector fills them in, or signs what the recipe \
+               states (ASTM F22). The signature is on the first page."
             .to_owned(),
         rows,
         figures: Vec::new(),

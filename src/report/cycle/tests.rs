@@ -81,10 +81,10 @@ fn the_page_shows_every_number_limit_and_hash() {
         "<td>picture scan</td><td>f00d</td>",
         "<td>r1c1</td><td>pass 1; pass 2</td>",
         "<td>r2c4</td><td>pass 2 in part</td>",
-        "<td>2023-11-14 22:13:50 UTC</td><td>REFUSED: accept. Nothing of it was done: it is not held. Asked by: ada (user 1000), through",
-        "<td>accept: done, the result that waited for review was taken as good. Asked by: ada",
-        "<td>hold: what came of it was not recorded. Asked by: not recorded</td>",
-        "<h2>What was asked before this cycle</h2>",
+        "<td>2023-11-14 22:13:50 UTC</td><td>REFUSED: accept. Nothing was done: it is not held. Requested by: ada (user 1000), through",
+        "<td>accept: done, the result that waited for review was accepted. Requested by: ada",
+        "<td>hold: its result was not recorded. Requested by: not recorded</td>",
+        "<h2>Requests before this cycle</h2>",
         "<td>new-disc: done, a new disc was mounted",
         "data:image/jpeg;base64,AQID",
         "<td>grids</td><td>the picture bb is missing</td>",
@@ -150,7 +150,7 @@ fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
         record.motions[0].outcome = outcome;
         let html = cycle_page(&record, &BTreeMap::new()).html();
         for part in [
-            "<td>r1c1</td><td>pass 1: touched, how much of it is not known</td>",
+            "<td>r1c1</td><td>pass 1: touched, it is not known how much</td>",
             "<td>r1c2</td><td>pass 1: perhaps, it is not known whether the tool touched it</td>",
             "its end is not known: at least 3 and at most 16 of 101 waypoints were executed",
             "counts as abraded for max_passes_per_grid",
@@ -163,7 +163,10 @@ fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
     let mut unkept = cut_short();
     unkept.motions[0].contact = None;
     let html = cycle_page(&unkept, &BTreeMap::new()).html();
-    assert!(html.contains("any grid: which ones was not kept") && !html.contains("touched no grid"), "{html}");
+    assert!(
+        html.contains("any grid: it was not recorded which ones") && !html.contains("touched no grid"),
+        "{html}"
+    );
 }
 
 #[test]

@@ -121,10 +121,10 @@ fn disposition(record: &CycleRecord) -> String {
     let words = match judgement.verdict {
         Verdict::Pass => "the film held on every tested grid",
         Verdict::Fail => "the film broke, and no further abrasion was allowed",
-        Verdict::Invalid => "the test says nothing; repeat it",
+        Verdict::Invalid => "the test gives no result; repeat it",
         Verdict::Review => "a person has to decide",
         Verdict::Reject => "the panel was not treated further",
-        Verdict::Aborted => "the cycle was ended before its result",
+        Verdict::Aborted => "the cycle ended before it had a result",
         Verdict::Accept => "accepted",
     };
     let reasons: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();

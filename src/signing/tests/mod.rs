@@ -195,7 +195,7 @@ fn keys_come_back_from_their_files() {
     assert_eq!(PublicKey::read_all(&both).expect("two"), [key().public(), other.clone()]);
     assert_eq!(PublicKey::of_hex(&other.hex()).expect("hex"), other);
     let refused = PublicKey::read_all(&pem).expect_err("a private one").to_string();
-    assert!(refused.contains("no block PUBLIC KEY") && refused.contains("allowed is the PEM file"), "{refused}");
+    assert!(refused.contains("no block PUBLIC KEY") && refused.contains("valid: the PEM file"), "{refused}");
     assert!(CellKey::read("x").expect_err("no key").to_string().contains("openssl genpkey -algorithm ed25519"));
 }
 

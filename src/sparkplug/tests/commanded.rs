@@ -75,12 +75,12 @@ fn other_messages_are_refused() {
         (vec![], "no metric"),
         (b"stop".to_vec(), "no Sparkplug B payload"),
         (vec![0xff; 40], "no Sparkplug B payload"),
-        (of(vec![Metric::default(); 33]), "has 33 metrics; allowed are up to 32"),
+        (of(vec![Metric::default(); 33]), "has 33 metrics (limit 32)"),
         (of(vec![Metric::default()]), "without name and alias"),
-        (of(vec![null]), "allowed is the Boolean true"),
-        (written(Some(stop), None, Some(Wire::Boolean(false))), "allowed is the Boolean true"),
-        (written(Some(stop), None, Some(Wire::Int(1))), "allowed is the Boolean true"),
-        (written(Some(stop), None, None), "allowed is the Boolean true"),
+        (of(vec![null]), "valid: the Boolean true"),
+        (written(Some(stop), None, Some(Wire::Boolean(false))), "valid: the Boolean true"),
+        (written(Some(stop), None, Some(Wire::Int(1))), "valid: the Boolean true"),
+        (written(Some(stop), None, None), "valid: the Boolean true"),
         (written(Some(stop), Some(1_001), Some(Wire::Boolean(true))), "found the metric"),
         (written(None, Some(2), Some(Wire::Boolean(true))), "\"State/number\", which is only read"),
         (written(None, Some(999), Some(Wire::Boolean(true))), "with the alias 999"),
@@ -101,7 +101,7 @@ fn a_broker_that_lies_is_not_believed() {
     let payload = yes(NodeCommand::Stop.name());
     let topic = "spBv1.0/G/NCMD/cell";
     let acts = born(true).step(Event::Received { topic, payload: &payload, is_retained: true }, at(1));
-    assert!(refusal(&acts).contains("nobody knows how old it is"));
+    assert!(refusal(&acts).contains("its age is unknown"));
     for topic in
         ["spBv1.0/G/NCMD/other", "spBv1.0/G/DCMD/cell/x", "spBv1.0/G/NBIRTH/cell", "", "spBv1.0/STATE/scada"]
     {

@@ -24,16 +24,20 @@ impl RemovedBefore {
     /// The total of earlier cycles, if there were any.
     pub(super) fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
-        let unknown = Check::new("earlier cycles of this part of which nobody knows how deep", "", self.unknown as f64)
-            .at_most(0.0, SetBy::Program)
-            .reviews("earlier_unknown", || {
-                format!(
-                    "{} earlier cycles abraded this part, and nobody knows how deep: measure what is left, {} µm may be removed \
-                     in all",
-                    self.unknown,
-                    asked.max_um()
-                )
-            });
+        let unknown = Check::new(
+            "earlier cycles of this part of which nobody knows how deep",
+            "",
+            self.unknown as f64,
+        )
+        .at_most(0.0, SetBy::Program)
+        .reviews("earlier_unknown", || {
+            format!(
+                "{} earlier cycles abraded this part to an unknown depth: measure what is left, {} µm may be \
+                     removed in total",
+                self.unknown,
+                asked.max_um()
+            )
+        });
         let is_told = *self != RemovedBefore::default();
         [before, unknown].into_iter().filter(|_| is_told).collect()
     }
@@ -63,15 +67,16 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
             || {
                 let [found, allowed] = apart(bound_um.unwrap_or(f64::NAN), max_um, 1);
                 format!(
-                    "over all passes the deepest place may come to {found} µm (95 %), allowed is max_um, {allowed}; a lower \
-                     target_um or force_n, a higher feed_mm_s, or coupons that tell k better"
+                    "over all passes up to {found} µm may be removed at the deepest place (95 %; limit {allowed}, \
+                     max_um); choose a lower target_um or force_n or a higher feed_mm_s, or measure more coupons \
+                     for a better k"
                 )
             },
         ),
         Check::new("passes that the target takes", "", passes).at_most(1.0, SetBy::Program).reviews("more_passes", || {
             format!(
-                "one pass removes {} µm in the mean, the target is {} µm and takes {} passes; with a lower {} or a higher force_n \
-                 one is enough",
+                "one pass removes {} µm on average, the target is {} µm and needs {} passes; with a lower {} or a \
+                 higher force_n one is enough",
                 fixed(of(|found| found.mean_um).unwrap_or(f64::NAN), 1),
                 fixed(target_um, 1),
                 fixed(passes.unwrap_or(f64::NAN), 0),
@@ -86,7 +91,8 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
             || {
                 let [found, allowed] = apart(within.unwrap_or(f64::NAN), asked.even_percent(), 1);
                 format!(
-                    "95 % of the treated area is expected within {found} % of the target, allowed is even_percent, {allowed}; {}",
+                    "95 % of the treated area is expected within {found} % of the target (limit {allowed} %, \
+                     even_percent); {}",
                     more_even(asked, bounded)
                 )
             },
@@ -108,8 +114,8 @@ pub(super) fn force(force_n: f64, model: &Model) -> Check {
         let force = fixed(force_n, 1);
         match holds {
             Some([least_n, most_n]) => format!(
-                "the force of {force} N is outside of {} to {} N, for which the coupons hold; press coupons with this force, or with forces \
-                 {FORCE_RANGE} times apart on both sides of it",
+                "the force of {force} N is outside of {} to {} N, for which the coupons are valid; press coupons \
+                 with this force, or with forces {FORCE_RANGE} times apart on both sides of it",
                 fixed(least_n, 1),
                 fixed(most_n, 1)
             ),

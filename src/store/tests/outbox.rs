@@ -77,7 +77,7 @@ fn a_row_that_somebody_deletes_is_found_and_a_new_epoch_begins() {
     drop(connection);
     let mut store = Store::create(&path).expect("opened");
     assert!(
-        store.changed().iter().any(|words| words.contains("entry of what the office is to have 2 is missing")),
+        store.changed().iter().any(|words| words.contains("entry of the office's outbox 2 is missing")),
         "{:?}",
         store.changed()
     );

@@ -123,11 +123,8 @@ fn a_changed_statement_signature_or_row_is_named() {
     let rows = Store::open(&path).expect("opens").signatures().expect("read");
     let planted = [
         ("UPDATE signatures SET signature = zeroblob(64) WHERE id = 2", "signature 2 was changed"),
-        ("UPDATE signatures SET unix_ms = 0 WHERE id = 3", "signature 3 does not say what its signed record says"),
-        (
-            "UPDATE signatures SET kind = 'cycle' WHERE id = 4",
-            "signature 4 does not say what its signed record says",
-        ),
+        ("UPDATE signatures SET unix_ms = 0 WHERE id = 3", "signature 3 does not match its signed record"),
+        ("UPDATE signatures SET kind = 'cycle' WHERE id = 4", "signature 4 does not match its signed record"),
         ("DELETE FROM signatures WHERE id = 2", "record number 2 is missing"),
         ("DELETE FROM signatures WHERE id = 1", "signatures 1 to 1 are missing"),
         ("DELETE FROM signatures WHERE id = 4", "deleted: signature 4 is missing"),
@@ -240,13 +237,13 @@ fn the_key_is_made_once_for_its_owner_alone() {
     assert_eq!(public_keys(store).expect("both"), [second.public(), first.public()]);
     fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).expect("set");
     let refused = cell_key(store, &KeyPlace::InStore).expect_err("others read it").to_string();
-    assert!(refused.contains("(mode 644); allowed is 600"), "{refused}");
+    assert!(refused.contains("(mode 644, valid: 600)"), "{refused}");
     let provided = KeyPlace::Provided(file.clone());
     assert_eq!(cell_key(store, &provided).expect("read").public(), first.public());
     let none = KeyPlace::Provided(store.join("none"));
     assert!(cell_key(store, &none).is_err() && !store.join("none").exists(), "it is not made");
     fs::write(&file, "x").expect("spoilt");
-    assert!(cell_key(store, &provided).expect_err("no key").to_string().contains("no private ed25519 key"));
+    assert!(cell_key(store, &provided).expect_err("no key").to_string().contains("not a private ed25519 key"));
 }
 
 /// By hand: passes 1 and 2 in the first cycle, pass 1 in the third; the second was another part.

@@ -1,5 +1,5 @@
 //! A scenario's course, from the service's start to the end of an honest cycle after the lie. It waits for the
-//! moment, lets the lie be told, and has the person press what the scenario states.
+//! moment, lets the lie be sent, and has the person press what the scenario states.
 
 use super::liar::Liar;
 use super::lie::{Kind, Moment, Scenario};

@@ -1,5 +1,5 @@
-//! The judges: requirements on the arm and its outputs, by the controller's own reports, whatever the service was
-//! told.
+//! The judges: requirements on the arm and its outputs, by the controller's own reports, whatever the service
+//! received.
 //!
 //! 1. An ended epoch moves nothing: while the controller reports that it has stopped, the arm stands still, except
 //!    for braking and the retract.

@@ -1,4 +1,4 @@
-//! Tells the lie: decides what becomes of each message between the service and the controller.
+//! Sends the lie: decides what happens to each message between the service and the controller.
 
 use super::draw::Draw;
 use super::lie::{Change, Kind, Lie, Way};
@@ -56,7 +56,7 @@ impl Liar {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins to tell the lie.
+    /// Begins to send the lie.
     pub fn begin(&self, lie: &Lie) {
         let mut inside = self.lock();
         if lie.kind == Kind::OldBytes {
@@ -91,7 +91,7 @@ impl Liar {
         self.lock().count
     }
 
-    /// Returns whether the whole lie has been told.
+    /// Returns whether the whole lie has been sent.
     pub fn is_over(&self) -> bool {
         self.lock().told.as_ref().is_none_or(|told| told.left == 0 || told.is_late())
     }
@@ -226,7 +226,7 @@ impl Inside {
             _ => changed(&text, lie.field, lie.change).unwrap_or_else(|| text.clone()),
         };
         if changed == text {
-            // The message is unchanged, so no lie was told.
+            // The message is unchanged, so no lie was sent.
             self.count -= 1;
             told.left = told.left.saturating_add(1);
         }

@@ -1,5 +1,6 @@
-//! Defines a scenario: which lie is told, when, on which way, and whether a person presses something meanwhile.
-//! Everything is drawn from the bench's seed and the scenario's number, so that one scenario can be run again.
+//! Defines a scenario: which lie is sent, when, in which direction, and whether a person presses something
+//! meanwhile. Everything is drawn from the bench's seed and the scenario's number, so that one scenario can be run
+//! again.
 
 use super::draw::Draw;
 use std::fmt;
@@ -67,7 +68,7 @@ kinds! {
     RequestField "a request's field",
 }
 
-/// The moment at which the lie is told.
+/// The moment at which the lie is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Moment {
     Contact,
@@ -110,7 +111,7 @@ pub struct Lie {
     pub way: Way,
     /// Both channels, if that makes a difference.
     pub both: bool,
-    /// The longest time for which it is told, and the number of times.
+    /// The longest time for which it is sent, and the number of times.
     pub lasts_ms: u64,
     pub times: u64,
     /// A delay, or a pause.
@@ -241,7 +242,7 @@ impl Lie {
             Kind::Stall | Kind::BlackHole => draw.of(&[150, 300, 390, 500, 1_000, 2_500]),
             Kind::Refuse => draw.of(&[300, 1_500, 4_000]),
             Kind::Frozen | Kind::Clock => draw.of(&[250, 600, 1_500, 4_000]),
-            // Until it has been told this number of times.
+            // Until it has been sent this number of times.
             _ if times < u64::MAX => 5_000,
             _ => draw.of(&[1_000, 2_000, 3_000]),
         };

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 pub const LOOKS: Duration = Duration::from_millis(60);
 /// A cycle that continues after the lie has ended within this.
 const TO_REST: Duration = Duration::from_secs(110);
-/// After the lie and the cycle in which it was told, a person has started the next cycle within this.
+/// After the lie and the cycle in which it was sent, a person has started the next cycle within this.
 const BACK: Duration = Duration::from_secs(45);
 /// An honest cycle.
 const CYCLE: Duration = Duration::from_secs(110);

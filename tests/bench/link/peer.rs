@@ -1,5 +1,5 @@
-//! The other end of a link, as small as possible: it answers every request at once, and loses acknowledgements when
-//! told to.
+//! The other end of a link, as small as possible: it answers every request at once, and loses acknowledgements on
+//! command.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};

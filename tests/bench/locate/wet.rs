@@ -86,7 +86,7 @@ fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
     cell.corner_views().into_iter().enumerate().map(teach).collect()
 }
 
-/// The result of both corners for a place while the panel stands at another place.
+/// The result of both corners for a place while the panel is at another place.
 fn look(
     cell: &Cell,
     recipe: &Recipe,

@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-/// An answer that takes longer than this counts as missing.
+/// An answer that is slower than this counts as missing.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// One line to the socket, and its answer.

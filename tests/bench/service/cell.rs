@@ -233,7 +233,7 @@ impl<'p> Running<'p> {
         matches!(self.service.0.try_wait(), Ok(None))
     }
 
-    /// Returns how the service ended, with its last log lines, if it was not told to end.
+    /// Returns how the service ended, with its last log lines, if it was not ordered to end.
     pub fn ended_by_itself(&mut self) -> Option<String> {
         let status = self.service.0.try_wait().expect("its status")?;
         let log = self.prepared.log();

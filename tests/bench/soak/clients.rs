@@ -39,7 +39,7 @@ pub struct Counts {
     orders_by_word: Mutex<BTreeMap<String, u64>>,
 }
 
-/// Tells all clients to leave when it is dropped.
+/// Orders all clients to leave when it is dropped.
 pub struct Ends<'c>(&'c Counts);
 
 impl Drop for Ends<'_> {
@@ -230,7 +230,7 @@ fn come_and_go(cell: &Prepared, counts: &Counts) {
     counts.rest(Duration::from_secs(1));
 }
 
-/// The client is told in words that it was too slow, and is disconnected.
+/// The client receives a message that it was too slow, and is disconnected.
 fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
     let hears = || {
         let mut stream = UnixStream::connect(cell.socket())?;

@@ -52,7 +52,7 @@ fn walks_show_the_faults_of_before() {
     }
 }
 
-/// Comes and goes between two cycles; then someone tries for 10 s.
+/// Comes and goes between two cycles; then a client tries to connect for 10 s.
 fn comes_back(programs: Programs) -> bool {
     let mut controller = started(programs);
     for channel in [Channel::Command, Channel::State] {

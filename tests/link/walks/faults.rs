@@ -62,7 +62,7 @@ impl Walk {
             20 => Fault::Mode { to: Mode::T1, for_ms },
             21 => Fault::Deselect { for_ms },
             22 => Fault::Reboot { for_ms },
-            // Someone works with another program, with the drives going off and on.
+            // A person works with another program, with the drives going off and on.
             23 => {
                 self.home_at_ms = Some(until_ms + 3_000);
                 return self.cell.controller.select_foreign_program();

@@ -150,7 +150,7 @@ impl Inside {
     }
 }
 
-/// Returns whether the arm's place, as the client is told, may be false: by a lie, or by an inverted bit of a
+/// Returns whether the arm's place, as the client receives it, may be false: by a lie, or by an inverted bit of a
 /// state.
 fn may_displace_the_arm(fault: &Fault) -> bool {
     match fault {

@@ -150,7 +150,7 @@ pub struct HandEye {
 
 fn place(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    let allowed = || "allowed are three numbers in mm, 560,0,360".to_owned();
+    let allowed = || "valid: three numbers in mm, such as 560,0,360".to_owned();
     <[f64; 3]>::try_from(numbers.map_err(|_| allowed())?).map_err(|_| allowed())
 }
 

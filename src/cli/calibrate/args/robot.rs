@@ -93,5 +93,5 @@ fn stiffness(text: &str) -> Result<f64, String> {
 
 fn number(text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
-    number.ok_or_else(|| format!("allowed is a number from {} to {}", allowed.start(), allowed.end()))
+    number.ok_or_else(|| format!("valid: a number from {} to {}", allowed.start(), allowed.end()))
 }

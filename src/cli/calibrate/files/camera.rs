@@ -179,7 +179,7 @@ mod tests {
             "400.5 -2 600 90 0.25 -180",
             "{X 1, X 2, Y 3, Z 4, A 5, B 6, C 7}",
         ] {
-            assert!(problems(read(text)).contains("allowed is"), "{text}");
+            assert!(problems(read(text)).contains("valid:"), "{text}");
         }
     }
 

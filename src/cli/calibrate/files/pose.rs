@@ -21,8 +21,8 @@ struct WrittenPose(KukaPose);
 const ORTHONORMAL: f64 = 1e-3;
 
 fn allowed() -> String {
-    "allowed is a table {x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}, a pose as the controller writes it, \
-     \"{X 400.5, Y 0, Z 600, A 90, B 0, C 180}\", or a matrix of four rows of four numbers with the translation in mm"
+    "valid: a table {x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}, a pose as the controller writes it, \"{X 400.5, Y 0, \
+     Z 600, A 90, B 0, C 180}\", or a matrix of four rows of four numbers with the translation in mm"
         .to_owned()
 }
 
@@ -70,7 +70,7 @@ impl Setting for WrittenPose {
             let limits = if place < 3 { PLACE_MM } else { ANGLE_DEG };
             if numbers[place].is_some() || !limits.contains(&number) {
                 return Err(format!(
-                    "{name} {number}: allowed is each of X, Y, Z, A, B, C once, within {} to {}",
+                    "{name} {number}; valid: each of X, Y, Z, A, B, C once, from {} to {}",
                     limits.start(),
                     limits.end()
                 ));

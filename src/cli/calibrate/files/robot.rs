@@ -101,8 +101,8 @@ pub fn arm_touches(
                 (None, Some([column, row]), None) => StatedTouch::Corner(column, row),
                 (None, Some([column, row]), Some(image)) => StatedTouch::CornerIn(column, row, image),
                 _ => {
-                    let allowed = "a touch states spot = N, or corner = [COLUMN, ROW] of a board that stands still, with image = \
-                                   \"FILE\" where it is the fixed camera that sees it";
+                    let allowed = "a touch states spot = N, or corner = [COLUMN, ROW] of a board at rest, with \
+                                   image = \"FILE\" if the fixed camera sees it";
                     section.problem("spot", allowed);
                     return None;
                 }

@@ -77,7 +77,7 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
             (false, true, true) => Some(AxisTouch::Behind(behind)),
             (true, false, false) => Some(AxisTouch::Plate { places: plate, flat }),
             _ => {
-                top.problem("axis", "allowed is [[axis]] alone, or [[plate]] and [[flat]] together");
+                top.problem("axis", "valid: [[axis]] alone, or [[plate]] and [[flat]] together");
                 return None;
             }
         };

@@ -75,8 +75,8 @@ pub fn run(
     let single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
     let mut single = single.carrying(cell.mounted_on_the_flange()?);
     tell(&format!(
-        "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses about where it stands. Look that \
-         the way is free, and keep a hand on the enabling switch or the emergency stop.",
+        "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \
+         pose. Make sure that the way is free, and keep a hand on the enabling switch or the emergency stop.",
         session.most(MOST)
     ));
     if session.ask()? == Choice::Done {

@@ -64,10 +64,7 @@ impl<'a> Session<'a> {
         }
         if !session.pictures.is_empty() {
             let (taken, found) = (session.pictures.len(), session.found);
-            tell(&format!(
-                "{}: {taken} pictures are there already, {found} of them show the board",
-                folder.display()
-            ));
+            tell(&format!("{}: {taken} pictures already exist, {found} of them show the board", folder.display()));
         }
         Ok(session)
     }

@@ -43,7 +43,7 @@ fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
         if let Some(flange) = poses.known_or_asked(before, None)? {
             return Ok(Said::Here(flange));
         }
-        tell("Press Enter again once the arm stands; write done where these are enough.");
+        tell("Press Enter again when the arm is at rest; write done when these are enough.");
     }
 }
 
@@ -61,7 +61,8 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
     if !text.is_empty() {
         let (tips, marks) = (text.matches("[[poses]]").count(), text.matches("[[axis]]").count());
         tell(&format!(
-            "{}: {tips} poses of the tip and {marks} of the axis are there already and count; name another folder for another tool",
+            "{}: {tips} poses of the tip and {marks} of the axis already exist and are used; name another folder \
+             for another tool",
             file.display()
         ));
     }
@@ -70,7 +71,8 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
         let number = text.matches(&format!("[[{table}]]")).count() + 1;
         tell(&match table {
             "poses" => format!(
-                "Press Enter for pose {number} of the tip; write axis to go on with the tool's axis, or done to end."
+                "Press Enter for pose {number} of the tip; write axis to continue with the tool's axis, or done to \
+                 end."
             ),
             _ => format!(
                 "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of it; write done to end."

@@ -143,7 +143,7 @@ async fn each_method_reaches_the_loop_as_the_table_says() {
                 arguments[1] = Variant::from(door.sha256());
             }
             let outcome = cell.call(method.name, &arguments, role).await;
-            let who = role.map_or("somebody who was not logged in".to_owned(), |role| role.word().to_owned());
+            let who = role.map_or("a client that was not logged in".to_owned(), |role| role.word().to_owned());
             let word = match method.command {
                 Command::Start => "start by door.toml",
                 Command::Unhold => "unhold --dried",

@@ -115,7 +115,7 @@ impl CameraCommand {
             }
             (_, None) => return Err(missing()),
             (_, Some(_)) => {
-                let why = "the recording has something else where another picture was due".to_owned();
+                let why = "another picture was expected, but the recording has something else".to_owned();
                 return Err(CameraFault { camera: "a camera", why });
             }
         })

@@ -113,7 +113,7 @@ impl Cell {
         self
     }
 
-    /// The flange is there before the cycle, with the axes as near to these as that allows.
+    /// The flange is at this pose before the cycle, with the axes as near to these as the pose allows.
     pub fn whose_flange_stands_at(
         self,
         (base_from_flange, near): (
@@ -206,7 +206,7 @@ impl Cell {
         setup(&cell, &recipe, &taught, calibrations)
     }
 
-    /// Serves until `asks` leaves; `cameras` may wrap the cell's own.
+    /// Serves until `asks` requests to leave; `cameras` may wrap the cell's own ones.
     pub fn serve<E: CameraPort + Send + 'static>(
         &self,
         cameras: impl FnOnce(FakeCameras) -> E,

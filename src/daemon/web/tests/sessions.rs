@@ -84,7 +84,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert_eq!(
         asked,
         [
-            "stop by somebody who was not logged in, on the operator's page",
+            "stop by a person who was not logged in, on the operator's page",
             &format!("unhold --dried by {by}"),
             &format!("hold by {by}"),
             &format!("abort by {by}"),

@@ -141,14 +141,17 @@ fn a_wrong_camera_is_refused_in_words() {
         "{swapped}"
     );
     let larger = says(settings([512, 384], FORMAT));
-    assert_eq!(larger, "the camera's picture is 256×192, its calibration says 512×384");
+    assert_eq!(larger, "the camera's picture is 256×192, its calibration is for 512×384");
     let gain = says(Settings { gain_db: Some(60.0), ..settings(SIZE, FORMAT) });
-    assert!(gain.contains("does not take Gain = 60: it allows 0 to 48"), "{gain}");
+    assert!(gain.contains("does not accept Gain = 60: it allows 0 to 48"), "{gain}");
     let set = says(Settings { user_set: "UserSet7".to_owned(), ..settings(SIZE, FORMAT) });
-    assert!(set.contains("does not take UserSetSelector = UserSet7") && set.contains("Default, UserSet1"), "{set}");
+    assert!(
+        set.contains("does not accept UserSetSelector = UserSet7") && set.contains("Default, UserSet1"),
+        "{set}"
+    );
     // 12 s is longer than one picture at the lowest frame rate that the camera accepts, 0.1 pictures per second.
     let exposure = says(Settings { exposure_us: Some(12e6), ..settings(SIZE, FORMAT) });
-    assert!(exposure.contains("does not take AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
+    assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
     // Another program has it: here the same one, twice.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("the camera", || first.standing() == Standing::Connected);
@@ -198,7 +201,7 @@ fn a_format_that_the_camera_changed_is_named() {
     };
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     let told = camera.check().expect_err("another format").to_string();
-    assert!(told.starts_with("the camera took pixel format BayerRG8 and sends BayerRG12: frame "), "{told}");
+    assert!(told.starts_with("the camera accepted pixel format BayerRG8 but sends BayerRG12: frame "), "{told}");
     assert!(told.contains("pixel_format") && !told.contains("firewall"), "{told}");
 }
 

@@ -21,7 +21,7 @@ pub enum FaultSpecError {
         name: String,
     },
     /// A value that is missing or means nothing.
-    #[error("\"{item}\": the value is {found}, allowed is {allowed}")]
+    #[error("\"{item}\": the value is {found}; valid: {allowed}")]
     Value {
         /// The whole item.
         item: String,
@@ -105,10 +105,10 @@ Items separated by commas. A fault is NAME[=VALUE][/DURATION]@WHEN; WHEN is a ti
 the arrival of the Nth command; without a duration it lasts.
   cut[=command|state|both]@WHEN   close the connections      garbage[=command|state|both]@WHEN   send no XML
   unplug[/D]@WHEN  cable out      mute[/D]@WHEN  say nothing       no-acks[/D]@WHEN  acknowledge nothing
-  stall[/D]@WHEN   submit stands  skip-state@WHEN  leave a number out
+  stall[/D]@WHEN   submit stops   skip-state@WHEN  leave a number out
   lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
   refuse=1..12@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
-  override=1..100[/D]@WHEN   the override that a person sets (slow is not told; the programs give a refused motion up with Err 8, whatever the Err)
+  override=1..100[/D]@WHEN   the override that a person sets (slow is not reported; the programs give up a refused motion with Err 8, whatever the Err)
   measured=1..200[/D]@WHEN   the tool's pose is reported this many mm off along Z
   e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
 Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N faults at random in that time

@@ -1,17 +1,18 @@
-//! Supervises a worker: starts it, opens the camera, warms it up, watches it, sends it requests, and restarts it while its budget lasts.
+//! Supervises a worker: starts it, opens the camera, warms it up, watches it, sends it requests, and restarts it
+//! while its budget lasts.
 //!
 //! ```text
 //! start ─ hello ─ connect ─ settings ─ warm-up ─ ready ─┬─ asked … ─┐
 //!   ↑                ↑________________ camera gone ______│           │
 //!   └─── restart, within the budget ──── worker lost ────┴───────────┘
 //! ```
-//! It runs on a thread of its own and answers through a channel, so that no caller waits longer than its deadline. A
-//! worker is lost if it ends, stalls, or sends what cannot be read; then it is killed, since nothing that it sends later
-//! could be trusted. The same worker searches again and again for an absent camera, which is reported once. Each
-//! fault is recorded in words; none is corrected silently. A camera that receives no requests is asked for its temperature now and
-//! then, from which [`warmth`](super::warmth) is judged.
+//! It runs on a thread of its own and answers through a channel, so that no caller waits longer than its deadline.
+//! A worker is lost if it ends, stalls, or sends what cannot be read; then it is killed, since nothing that it
+//! sends later could be trusted. The same worker searches again and again for an absent camera, which is reported
+//! once. Each fault is recorded in words; none is corrected silently. A camera that receives no requests is asked
+//! for its temperature now and then, from which [`warmth`](super::warmth) is judged.
 //!
-//! - `shared`: what it is set up with, how it stands, what may be asked · `opening` · `asking` · `losing` · `outcome`
+//! - `shared`: its setup, its state, the possible requests · `opening` · `asking` · `losing` · `outcome`
 
 mod asking;
 mod losing;

@@ -217,9 +217,9 @@ impl CameraRequest {
             CameraRequest::BeginClip(_) => "the begin of a clip",
             CameraRequest::NextPicture => "a picture of a clip",
             CameraRequest::EndClip => "the end of a clip",
-            CameraRequest::Intrinsics => "a look at its lens",
-            CameraRequest::Check => "a look at its temperatures",
-            CameraRequest::Light => "a look at the light around it",
+            CameraRequest::Intrinsics => "a query of its lens data",
+            CameraRequest::Check => "a query of its temperatures",
+            CameraRequest::Light => "a query of the light around it",
         }
     }
 }

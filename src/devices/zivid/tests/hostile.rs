@@ -117,7 +117,7 @@ fn a_shot_that_was_changed_is_thrown_away() {
             bytes[at] ^= 0x20;
             Rest::GoesOn
         });
-        assert!(fault.to_string().starts_with("C4 a 3D shot came damaged and was thrown away"), "{at}: {fault}");
+        assert!(fault.to_string().starts_with("C4 a 3D shot arrived damaged and was thrown away"), "{at}: {fault}");
     });
 }
 
@@ -132,7 +132,7 @@ fn a_payload_that_is_short_is_thrown_away() {
         wire::write(bytes, (wire::Kind::Reply, sequence), &head, &[&payload]).expect("written");
         Rest::GoesOn
     });
-    let words = "C4 a 3D shot came damaged and was thrown away: a payload has 893 bytes, by its head it has 912";
+    let words = "C4 a 3D shot arrived damaged and was thrown away: a payload has 893 bytes, by its head it has 912";
     assert!(fault.to_string().starts_with(words), "{fault}");
 }
 
@@ -208,7 +208,7 @@ fn the_fourth_end_stays_down_and_says_so() {
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
     let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
     let words =
-        "C11 the 3D camera's worker stays down: it ended 4 times within 10 min, 3 restarts are allowed. Last: C11";
+        "C11 the 3D camera's worker stays down: it ended 4 times within 10 min (limit 3 restarts). Last: C11";
     assert!(fault.starts_with(words) && fault.contains("not before"), "{fault}");
     let (faults, lost, worker) = scanner.history();
     assert_eq!((faults.len(), lost, worker), (5, 4, None), "each end, and that it stays down: {faults:#?}");
@@ -233,7 +233,7 @@ fn a_person_has_it_started_again_when_the_time_is_over() {
     });
     let mut scanner = ZividScanner::start(Setup { restarts, ..setup() }, launch).expect("a thread");
     let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
-    assert!(fault.contains("it ended 2 times within 0 min, 1 restarts are allowed"), "{fault}");
+    assert!(fault.contains("it ended 2 times within 0 min (limit 1 restarts)"), "{fault}");
     std::thread::sleep(restarts.within);
     assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })), "time alone does not start it");
     scanner.temperatures().expect("a person does");

@@ -99,7 +99,7 @@ fn settings_that_the_sdk_refuses_are_told_in_its_words() {
     );
     let halved = told(&|setup| setup.picture_yaml = format!("{PICTURE}  Sampling:\n    Pixel: blueSubsample2x2\n"));
     assert!(
-        halved.starts_with("C5 the settings for pictures: 81×50 px, the camera's calibration says 162×100"),
+        halved.starts_with("C5 the settings for pictures: 81×50 px, the camera's calibration is for 162×100"),
         "{halved}"
     );
     let absent = told(&|setup| setup.source = Source::Serial("2127A0F3".to_owned()));
@@ -118,7 +118,7 @@ fn settings_that_the_sdk_refuses_are_told_in_its_words() {
 fn a_library_that_is_none_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let gone = Sdk::open(&folder.path().join("gone.so")).err().expect("none").to_string();
-    assert!(gone.contains("build it where the Zivid SDK is installed with `make zivid`"), "{gone}");
+    assert!(gone.contains("build it with `make zivid` on a computer that has the Zivid SDK"), "{gone}");
     let source = folder.path().join("other.c");
     let built = |text: &str, name: &str| {
         std::fs::write(&source, text).expect("written");

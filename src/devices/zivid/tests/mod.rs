@@ -82,16 +82,16 @@ fn each_trouble_of_the_camera_has_its_name() {
             Plan { infinite: vec![2], ..Plan::default() },
             "C4 the shot has 1 points with a coordinate that is infinite",
         ),
-        (Plan { half: vec![2], ..Plan::default() }, "C5 a 3D shot: 4×3 px, the camera's calibration says 8×6"),
-        (Plan { old: vec![2, 3], ..Plan::default() }, "C9 the 3D camera stands still: a shot begun at"),
+        (Plan { half: vec![2], ..Plan::default() }, "C5 a 3D shot: 4×3 px, the camera's calibration is for 8×6"),
+        (Plan { old: vec![2, 3], ..Plan::default() }, "C9 the 3D camera is frozen: a shot begun at"),
         (
             Plan { frozen: vec![3, 4], ..Plan::default() },
-            "C9 the 3D camera stands still: shot 4 is the one before to the last bit",
+            "C9 the 3D camera is frozen: shot 4 is the one before to the last bit",
         ),
         (Plan { gone: vec![2], ..Plan::default() }, "C2 the 3D camera was lost during a 3D shot: unplugged"),
         (
             Plan { no_shot: vec![2, 3, 4], ..Plan::default() },
-            "C3 the 3D camera gave nothing for a 3D shot in 3 tries: no exposure",
+            "C3 the 3D camera delivered nothing for a 3D shot in 3 tries: no exposure",
         ),
         (
             Plan { panics: vec![2], ..Plan::default() },
@@ -126,8 +126,7 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
     assert!((scanner.shot().expect("stands").taken.throttled_ms - 900.0).abs() < 1e-9);
     let fault = scanner.photo().expect_err("too late").to_string();
-    let words =
-        "C3 the 3D camera is hot and paused for 900 ms during a picture, allowed are 500, its lens has 36 °C";
+    let words = "C3 the 3D camera is hot and paused for 900 ms during a picture (limit 500 ms), its lens has 36 °C";
     assert!(fault.starts_with(words), "{fault}");
 }
 
@@ -187,7 +186,7 @@ fn another_camera_or_other_settings_are_refused_before_a_shot() {
     let other = told(Setup { source: Source::Serial("STUB2".to_owned()), ..setup() });
     assert!(other.starts_with("C5 the camera found is STUB1, expected is STUB2"), "{other}");
     let size = told(Setup { size: Size { width: 16, height: 12 }, ..setup() });
-    let words = "C5 the settings for 3D shots: 8×6 px, the camera's calibration says 16×12";
+    let words = "C5 the settings for 3D shots: 8×6 px, the camera's calibration is for 16×12";
     assert!(size.starts_with(words), "{size}");
     let settings = told(Setup { picture_yaml: "nonsense".to_owned(), ..setup() });
     assert_eq!(settings, "C5 the settings for pictures are refused: these are no settings");
