@@ -1,4 +1,4 @@
-# Panelprep: two commands are enough, `make demo` and `make test`; both do the set-up.
+# Panelprep: `make demo` and `make test` are enough; both do the set-up.
 
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
@@ -9,15 +9,15 @@ help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make demo-plant  two simulated cells, brokers, database, archive and the page over all cells, on this computer'
 	@echo 'make test    format check, lints, the tests'
-	@echo 'make test-rest  the tests of tests/long.txt, which make test leaves out for their length; CI runs both'
+	@echo 'make test-rest  the long tests of tests/long.txt, which make test leaves out; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
-	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; not among them, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations'
-	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
-	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
-	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
-	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
-	@echo 'make setup   install what is missing (Debian packages); the others call it'
+	@echo 'make package a Debian package for the system of this machine; make package-test installs, upgrades and purges it in a folder'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office. Not part of it, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations'
+	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test detects'
+	@echo 'make fuzz    search for bytes that break a reader, SECONDS=60 each; only one: make fuzz-krl SECONDS=600'
+	@echo 'make zivid   build the Zivid camera library; the SDK must be installed'
+	@echo 'make fixtures  record the cycles in fixtures/ again; `make test` replays them'
+	@echo 'make setup   install missing Debian packages; the other targets call it'
 
 setup:
 	@command -v cargo >/dev/null || { \
@@ -36,42 +36,42 @@ setup:
 	  fi; \
 	elif pkg-config --atleast-version=4.5 opencv4 2>/dev/null && pkg-config --atleast-version=0.8.25 aravis-0.8 2>/dev/null && \
 	  command -v clang >/dev/null; then \
-	  echo 'Not a Debian system; OpenCV, Aravis and clang are there.'; \
+	  echo 'Not a Debian system; OpenCV, Aravis and clang are installed.'; \
 	else \
 	  echo 'This is not a Debian system. Install with its own package manager: a C++ compiler, pkg-config,' >&2; \
 	  echo 'OpenCV 4.5 and Aravis 0.8.25 or newer with their headers, libusb, clang and libclang (Fedora: gcc-c++ pkgconf' >&2; \
 	  echo 'opencv-devel aravis-devel libusb1-devel clang-devel; Arch: base-devel opencv aravis libusb clang), then try again.' >&2; exit 1; \
 	fi
 
-# The browser test of the operator's page needs node, npm and chromium, which are not installed for it: without them it says that
+# The browser test of the operator's page needs node, npm and chromium, which are not installed for it: without them it reports that
 # it did not run.
 browser:
 	@if command -v npm >/dev/null && command -v chromium >/dev/null && [ ! -d target/browser/node_modules/axe-core ]; then \
 	  mkdir -p target/browser && npm install --silent --no-save --no-audit --no-fund --prefix target/browser \
-	    playwright-core@1.65.1 axe-core@4.14.1 || echo 'playwright-core and axe-core could not be had: the browser test will not run' >&2; \
+	    playwright-core@1.65.1 axe-core@4.14.1 || echo 'playwright-core and axe-core could not be installed: the browser test will not run' >&2; \
 	fi
 
-# Host applications of MQTT Sparkplug that other people wrote, for its tests; each in an environment of its own, since they want different
-# versions of the same library. Without python3, pip or the broker mosquitto the tests say that they did not run.
+# Independent host applications of MQTT Sparkplug, for its tests; each in a separate environment, since they need different
+# versions of the same library. Without python3, pip or the broker mosquitto the tests report that they did not run.
 sparkplug-peers:
 	@for peer in pysparkplug:pysparkplug==0.6.1 wrapper:mqtt-spb-wrapper==2.1.2; do \
 	  folder=target/sparkplug/$${peer%%:*}; \
 	  if [ ! -x $$folder/bin/python3 ]; then \
 	    python3 -m venv $$folder && $$folder/bin/pip install --quiet --disable-pip-version-check $${peer#*:} || \
-	      { rm -rf $$folder; echo "$${peer#*:} could not be had: a test of MQTT Sparkplug will not run" >&2; }; \
+	      { rm -rf $$folder; echo "$${peer#*:} could not be installed: a test of MQTT Sparkplug will not run" >&2; }; \
 	  fi; \
 	done
 
-# An independent validator of the record's PDF, for its test, where there is a Java compiler already. Without it the test says that it did not run.
+# An independent validator of the record's PDF, for its test, if a Java compiler already exists. Without it the test reports that it did not run.
 PREFLIGHT := libpdfbox2-java libactivation-java libjaxb-api-java
 preflight:
 	@if command -v javac >/dev/null && command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ] && \
 	  ! dpkg-query -W $(PREFLIGHT) >/dev/null 2>&1; then \
 	  env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $(PREFLIGHT) >/dev/null || \
-	    echo 'Apache PDFBox could not be had: a test of the PDF will not run' >&2; \
+	    echo 'Apache PDFBox could not be installed: a test of the PDF will not run' >&2; \
 	fi
 
-# The OPC UA client of the tests, in a Python of its own; where it cannot be had, its tests say that they were not run.
+# The OPC UA client of the tests, in a separate Python environment; if it cannot be installed, its tests report that they did not run.
 OPCUA_PEER := target/opcua
 opcua-peer:
 	@test -x $(OPCUA_PEER)/bin/python || { \
@@ -88,20 +88,20 @@ demo-plant: setup
 	cargo build --release --locked
 	sh tests/plant/demo.sh $(BUILT)/release/panelprep target/plant
 
-# Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy. Those of tests/long.txt are left to
-# test-rest.
+# Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy. test-rest runs those of
+# tests/long.txt.
 LONG := $(shell sed '/^\#/d' tests/long.txt)
-# A cycle by the wall clock misses its deadlines where other tests keep both cores.
+# A cycle by the wall clock misses its deadlines if other tests use both cores.
 ALONE := $(filter rehearsal::%,$(LONG))
-# One camera of GigE Vision can be at this computer's port: these tests wait for each other, and compute nothing meanwhile. Beside all
-# others they take none of their time.
+# Only one camera of GigE Vision can use this computer's port: these tests wait for each other, and compute nothing meanwhile. In parallel
+# with all others they cost no time.
 WAITING := devices::gige::tests a_flange_picture_over_gige_is_the_one_without
 WAITING_LOG = $(BUILT)/tests-of-gige-vision.log
 test: setup browser preflight sparkplug-peers opcua-peer
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	@cargo test --locked --no-run
-	@echo "the tests but the $(words $(LONG)) of tests/long.txt; those of GigE Vision beside them, see $(WAITING_LOG)"
+	@echo "the tests except the $(words $(LONG)) of tests/long.txt; those of GigE Vision in parallel, see $(WAITING_LOG)"
 	@cargo test --locked --lib -- $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; \
 	  RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG) $(WAITING)); others=$$?; \
 	  wait $$waiting && tail -n 2 $(WAITING_LOG) || { cat $(WAITING_LOG); exit 1; }; exit $$others
@@ -116,7 +116,7 @@ test-long: test-rest
 	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --test all -- no_walk_
 	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip signs_until_killed --skip the_manual_leads
 
-# Licences, duplicates, sources, and advisories where their database can be had: deny.toml. What was not looked at is told.
+# Licences, duplicates, sources, and advisories if their database can be reached: deny.toml. A check that was not run is reported.
 CARGO_DENY := target/tools/bin/cargo-deny
 $(CARGO_DENY):
 	cargo install --locked --quiet --root target/tools --target-dir $(BUILT)/cargo-deny --version '^0.20' cargo-deny
@@ -125,11 +125,11 @@ deny: $(CARGO_DENY)
 	$(CARGO_DENY) --locked check licenses bans sources
 	@$(CARGO_DENY) --locked check advisories || { \
 	  $(CARGO_DENY) --locked fetch db >/dev/null 2>&1 && exit 1; \
-	  echo 'advisories: not run, their database cannot be had here; run make deny where the network reaches it' >&2; }
+	  echo 'advisories: not run, their database cannot be reached from here; run make deny on a network that reaches it' >&2; }
 
-# Changes of the code one by one, each of which must turn a unit test red (.cargo/mutants.toml says which). All of them take a
-# day, so a run takes one of 24 parts: make mutants PART=7; one file alone: make mutants MUTANTS='--re src/cycle/step.rs'.
-# The crates are built once in the folder of the build; the copy that is changed is built without optimization.
+# Changes of the code one by one, each of which must turn a unit test red (.cargo/mutants.toml lists them). All of them take a
+# day, so a run does one of 24 parts: make mutants PART=7; only one file: make mutants MUTANTS='--re src/cycle/step.rs'.
+# The crates are built once in the folder of the build; the changed copy is built without optimization.
 CARGO_MUTANTS := target/tools/bin/cargo-mutants
 $(CARGO_MUTANTS):
 	cargo install --locked --quiet --root target/tools --target-dir $(BUILT)/cargo-mutants --version '^27' cargo-mutants
@@ -139,9 +139,9 @@ MUTANTS := --shard $(PART)/24
 mutants: setup $(CARGO_MUTANTS)
 	CARGO_TARGET_DIR=$(abspath $(BUILT)) CARGO_PROFILE_DEV_OPT_LEVEL=0 $(CARGO_MUTANTS) mutants --output target $(MUTANTS)
 
-# Search for bytes over which a reader falls, led by coverage: libFuzzer on stable Rust, one target after the other for SECONDS
-# each. What is found is written to target/fuzz/found; what leads on is kept in target/fuzz/corpus. All crates are built
-# with counters, in a folder of their own: the first build takes some ten minutes.
+# Search for bytes that break a reader, guided by coverage: libFuzzer on stable Rust, one target after the other for SECONDS
+# each. Findings are written to target/fuzz/found; inputs with new coverage are kept in target/fuzz/corpus. All crates are built
+# with counters, in a separate folder: the first build takes about ten minutes.
 SECONDS := 60
 FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool office sparkplug
 FUZZ_HOST := $(shell rustc -vV 2>/dev/null | sed -n 's/^host: //p')
@@ -155,7 +155,7 @@ fuzz-build: setup
 
 fuzz: $(addprefix fuzz-,$(FUZZ_TARGETS))
 
-# One second and 256 MB an execution at most. The seeds are written before the search begins.
+# At most one second and 256 MB for each execution. The seeds are written before the search begins.
 $(addprefix fuzz-,$(FUZZ_TARGETS)): fuzz-%: fuzz-build
 	mkdir -p target/fuzz/corpus/$* target/fuzz/seeds/$* target/fuzz/found fixtures/fuzz/$*
 	FUZZ_TARGET=$* FUZZ_SEEDS=target/fuzz/seeds/$* $(FUZZ) -max_total_time=$(SECONDS) -timeout=1 -rss_limit_mb=256 -max_len=65536 \
@@ -164,9 +164,9 @@ $(addprefix fuzz-,$(FUZZ_TARGETS)): fuzz-%: fuzz-build
 	@echo "$* $$(sed -n 's/^stat::number_of_executed_units: */executions /p;s/^stat::average_exec_per_sec: */a second /p;s/^stat::peak_rss_mb: */MB /p' \
 	  target/fuzz/$*.log | tr '\n' ' ') $$(grep -o 'cov: [0-9]*' target/fuzz/$*.log | tail -1)"
 
-# A Debian package of the release build, in target/package/. Build it on the system on which it is installed: Ubuntu 24.04 for a cell
-# (the Zivid SDK has packages for Ubuntu alone, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.
-# With the camera library in it where `make zivid` has made one before.
+# A Debian package of the release build, in target/package/. Build it on the system on which it will be installed: Ubuntu 24.04 for a cell
+# (the Zivid SDK has packages for Ubuntu only, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.
+# It contains the camera library if `make zivid` was run before.
 BUILT := $(or $(CARGO_TARGET_DIR),target)
 CARGO_DEB := target/tools/bin/cargo-deb
 DEB := $(CARGO_DEB) --no-build --output target/package/
@@ -187,8 +187,8 @@ package-test: package
 	$(CARGO_DEB) --no-build --deb-version 0.0.1-1 --output target/package/former/
 	tests/package/install.sh target/package/former/*.deb target/package/*.deb
 
-# The camera library over the Zivid SDK: on the cell's computer, where the SDK is installed. Install the result where the
-# loader finds it (/usr/local/lib, then ldconfig), or name it in the cell's file, [scanner] library.
+# The camera library over the Zivid SDK. Build it on the cell's computer with the installed SDK. Install the result in a folder of the
+# loader (/usr/local/lib, then ldconfig), or name it in the cell's file, [scanner] library.
 ZIVID := src/devices/zivid/cpp
 ZIVID_BUILD = $(CXX) -std=c++17 -O2 -Wall -Wextra -shared -fPIC
 ZIVID_LIBS := -lZividCore
@@ -196,7 +196,7 @@ zivid:
 	mkdir -p target/zivid
 	$(ZIVID_BUILD) $(ZIVID_FLAGS) $(ZIVID)/panelprep_zivid.cpp $(ZIVID_LIBS) -o target/zivid/libpanelprep_zivid.so
 
-# The same text over declarations of the SDK's calls and a camera that is played; the tests build it themselves.
+# The same text with declarations of the SDK's calls and a simulated camera; the tests build it themselves.
 ZIVID_STUB := target/zivid-stub/libpanelprep_zivid.so
 zivid-stub: $(ZIVID_STUB)
 $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
@@ -214,11 +214,11 @@ bench-manual: setup
 bench-seeds: setup
 	cargo bench --locked --bench seeds
 
-# Cycles by arms that are 0.02, 0.1, 0.5 and 1.6 mm off their drawing, calibrated and not.
+# Cycles with arms that deviate 0.02, 0.1, 0.5 and 1.6 mm from their drawing, calibrated and not.
 bench-robots: setup
 	cargo bench --locked --bench robots
 
-# The water-break test: hard films, damaged clips, speed beside the thesis's pipeline in a Python of its own under target/.
+# The water-break test: hard films, damaged clips, speed compared with the thesis's pipeline in a separate Python environment under target/.
 OPENCV_PEER := target/bench-inspect
 bench-inspect: setup
 	@test -x $(OPENCV_PEER)/bin/python || { \
@@ -227,17 +227,17 @@ bench-inspect: setup
 	if test -x $(OPENCV_PEER)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(OPENCV_PEER)/bin/python; fi; \
 	  cargo bench --locked --bench inspect
 
-# 10,000 damaged scans, corner pictures and clips: none may turn a broken film to a pass or move a pose unnoticed. Fewer:
+# 10,000 damaged scans, corner pictures and clips: none may turn a broken film into a pass or move a pose unnoticed. Fewer:
 # make bench-damage DAMAGED='scans=400 pictures=400 clips=200'.
 DAMAGED :=
 bench-damage: setup
 	cargo bench --locked --bench damage -- $(DAMAGED)
 
-# The 3D camera's worker, over the played camera: a full-size shot through its socket, two hundred kills. Five minutes.
+# The 3D camera's worker, with the simulated camera: a full-size shot through its socket, two hundred kills. Five minutes.
 bench-worker: setup zivid-stub
 	cargo bench --locked --bench worker
 
-# The robot link: rates, from a lost acknowledgement to STOP, long paths: about five minutes. Then 200,000 walks over the
+# The robot link: rates, time from a lost acknowledgement to STOP, long paths: about five minutes. Then 200,000 walks over the
 # controller's programs: more than an hour on two idle cores; fewer: cargo bench --locked --bench link -- programs 5000
 bench-link: setup
 	LINK_WALKS=20000 cargo test --locked --test all -- no_walk_violates_a_rule
@@ -247,11 +247,11 @@ bench-link: setup
 bench-history: setup
 	cargo bench --locked --bench history
 
-# Needs nats-server and PostgreSQL of Debian; without them it says that it did not run. Some 30 minutes.
+# Needs nats-server and PostgreSQL of Debian; without them it reports that it did not run. About 30 minutes.
 bench-office: setup
 	cargo bench --locked --bench office
 
-# One simulation of everything, with faults of every kind at every moment: `WORLDS` seeds in one thread. One seed again:
+# One simulation of the whole system, with faults of every kind at every moment: `WORLDS` seeds in one thread. To repeat one seed:
 # cargo bench --locked --bench world -- seed=N, or seed=N script='[…]' as a failing one prints it. Then `KILLS` processes that are killed.
 WORLDS := 20000
 KILLS := 10000
@@ -265,26 +265,26 @@ SOAK :=
 bench-soak: setup
 	cargo bench --locked --bench soak -- $(SOAK)
 
-# Whole cycles by the wall clock over a cable that lies, in as many cells beside one another as CABLE says; one scenario alone:
-# make bench-cable CABLE='only=14 cells=1 keep=/tmp'. Each cell computes little, but late threads end cycles: not beside other benches.
+# Whole cycles by the wall clock over a cable that corrupts its data, in as many parallel cells as CABLE states. Only one scenario:
+# make bench-cable CABLE='only=14 cells=1 keep=/tmp'. Each cell computes little, but late threads end cycles: run no other bench meanwhile.
 CABLE :=
 bench-cable: setup
 	cargo bench --locked --bench cable -- $(CABLE)
 
-# Changes of the product's sources, each built and run until a world finds it. Not part of `make bench`: two minutes or more for each of
-# them, three hours for all on two idle cores. Some of them: make bench-mutations MUTATED='only=epoch seeds=10000 limit_s=1800'.
+# Changes of the product's sources, each built and run until a world finds it. Not part of `make bench`: two minutes or more for each
+# change, three hours for all on two idle cores. Only some: make bench-mutations MUTATED='only=epoch seeds=10000 limit_s=1800'.
 MUTATED :=
 bench-mutations: setup
 	cargo bench --locked --profile dev --bench mutations -- $(MUTATED)
 
-# Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
+# Ten minutes of full-size pictures over GigE Vision loopback, each compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
 CAMERA_SECONDS := 600
 bench-cameras: setup
 	cargo bench --locked --bench cameras -- $(CAMERA_SECONDS)
 
 OPENCV_DOC := target/opencv-doc/usr/share/doc/opencv-doc/examples/data/left01.jpg
 
-# A real camera's pictures, from Debian's opencv-doc; unpacked beside the build, nothing is installed.
+# A real camera's pictures, from Debian's opencv-doc; unpacked in target/, nothing is installed.
 $(OPENCV_DOC):
 	mkdir -p target/opencv-doc
 	cd target/opencv-doc && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb . && rm opencv-doc_*.deb
@@ -294,8 +294,8 @@ WRONG_SEEDS := 20
 bench-wrong-inputs: setup
 	cargo bench --locked --bench wrong_inputs -- seeds=$(WRONG_SEEDS)
 
-# Calibrations against the renderer's truth and on a real camera's pictures, simulated arms, and boards in poor pictures beside
-# OpenCV's detectors; the last two alone: cargo bench --bench arms, cargo bench --bench boards.
+# Calibrations compared with the renderer's truth and on a real camera's pictures, simulated arms, and boards in poor pictures compared with
+# OpenCV's detectors; only the last two: cargo bench --bench arms, cargo bench --bench boards.
 bench-calib: setup
 	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
 	cargo test --locked --test all -- --nocapture real_pictures
@@ -304,12 +304,12 @@ bench-calib: setup
 	cargo bench --locked --bench boards
 
 # Public pictures of real boards and robots: opencv-doc, and a copy of ros-industrial/industrial_calibration (Apache-2.0) by
-# REAL=FOLDER. A set that is not there is told as not run, and the bench does not pass.
+# REAL=FOLDER. A missing set is reported as not run, and the bench does not pass.
 bench-real: setup
 	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are not run' >&2
 	REAL='$(REAL)' cargo bench --locked --bench real
 
-# The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/; its parts alone:
+# The surface and the paths over it, compared with geomdl and scipy in a separate Python environment under target/; only some parts:
 # make bench-surface PARTS='fit 5', of fit [SEEDS], evaluate, paths, patterns [SEEDS up to 10], attitudes, gauntlet.
 PARTS :=
 PEERS := target/bench-surface
@@ -320,13 +320,13 @@ bench-surface: setup
 	if test -x $(PEERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(PEERS)/bin/python; fi; \
 	  cargo bench --locked --bench surface -- $(PARTS)
 
-# A compliant tool that fails at places along the whole path: how soon the sander is off; at every waypoint: EVERY=1.
+# A compliant tool that fails at places along the whole path: time until the sander is off; at every waypoint: EVERY=1.
 EVERY := 12
 bench-tool-faults: setup
 	cargo bench --locked --bench tool_faults -- $(EVERY)
 
-# What the disc takes off, beside mr-sim in a Python of its own under target/; its parts alone: make bench-removal PARTS='panels', of
-# peers, finer, panels, speed, published.
+# The removal by the disc, compared with mr-sim in a separate Python environment under target/; only some parts: make bench-removal
+# PARTS='panels', of peers, finer, panels, speed, published.
 REMOVERS := target/bench-removal
 bench-removal: setup
 	@test -x $(REMOVERS)/bin/python || { \
@@ -335,7 +335,7 @@ bench-removal: setup
 	if test -x $(REMOVERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(REMOVERS)/bin/python; fi; \
 	  cargo bench --locked --bench removal -- $(PARTS)
 
-# Localization in three parts, each well below an hour on two cores; the last with the Python packages of others in a venv.
+# Localization in three parts, each well below an hour on two cores; the last with third-party Python packages in a venv.
 MATCHERS := target/bench-locate
 .PHONY: bench-locate bench-locate-good bench-locate-bad bench-locate-peers
 bench-locate: bench-locate-good bench-locate-bad bench-locate-peers
@@ -354,7 +354,7 @@ bench-locate-peers: setup
 	if test -x $(MATCHERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(MATCHERS)/bin/python; fi; \
 	  cargo bench --locked --bench locate -- peers
 
-# Recordings read with the public mcap package in a Python of its own under target/.
+# Recordings read with the public mcap package in a separate Python environment under target/.
 READERS := target/bench-recording
 bench-recording:
 	@test -x $(READERS)/bin/python || { \
@@ -362,7 +362,7 @@ bench-recording:
 	  rm -rf $(READERS); echo 'The Python package mcap cannot be set up.' >&2; exit 1; }
 	$(READERS)/bin/python tests/bench/recording_peers.py fixtures/*.mcap
 
-# The cycles in fixtures/, recorded anew: a seventh of the pixels each way, a picture of the film every two seconds.
+# The cycles in fixtures/, recorded again: a seventh of the pixels in each direction, a picture of the film every two seconds.
 RECORDED := target/fixtures
 fixtures: setup
 	cargo build --locked

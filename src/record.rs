@@ -141,8 +141,8 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
-    /// What contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` the film that is missing. None for
-    /// another verdict.
+    /// What contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` the film
+    /// that is missing. None for another verdict.
     pub fn unearned(&self) -> Vec<String> {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };
         // The verdict of a run in the air is of the motions.

@@ -1,5 +1,5 @@
-//! Whom this program trusts on a network, and by what others know it: certificate authorities, its own certificate, and secrets, each from a
-//! file.
+//! Whom this program trusts on a network, and by what others know it: certificate authorities, its own certificate,
+//! and secrets, each from a file.
 
 use crate::disk;
 use rustls::pki_types::pem::PemObject;

@@ -1,4 +1,5 @@
-//! `panelprep calibrate robot` as a user gives it: rendered boards, axis angles, touched corners of an arm that is not as drawn.
+//! `panelprep calibrate robot` as a user gives it: rendered boards, axis angles, touched corners of an arm that is
+//! not as drawn.
 
 use crate::boards::Side;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -121,8 +122,8 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> Stri
     text
 }
 
-/// From pictures of both cameras, axis angles and touched corners: the correction, what it leaves, how far off the tip may be,
-/// and the next pose; `check` accepts the file, and a mount by it fits better.
+/// From pictures of both cameras, axis angles and touched corners: the correction, what it leaves, how far off the
+/// tip may be, and the next pose; `check` accepts the file, and a mount by it fits better.
 #[test]
 fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };

@@ -263,7 +263,8 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
     let side = board.square_mm();
     let truth = board.corners().into_iter().map(|q| {
         let pixel = camera.project(Point::<Camera>::new(pose * q.mm)).expect("in front");
-        // Seen is a corner around which the glare leaves two thirds of the ink; the circles of an asymmetric board are larger.
+        // Seen is a corner around which the glare leaves two thirds of the ink; the circles of an asymmetric board
+        // are larger.
         let reach = if board.circles() == Some(true) { 0.3 * std::f64::consts::SQRT_2 } else { 0.3 };
         let around = (0..9).map(|index| {
             let (x, y) = (f64::from(index % 3) - 1.0, f64::from(index / 3) - 1.0);

@@ -1,6 +1,7 @@
 //! Calibration against the truth, two seeds each; `make bench-calib` has the sweeps.
 //!
-//! `commands` goes the same ways from files to files, `refused` is what those files may not be, `arm` a whole cycle by an arm with errors.
+//! `commands` goes the same ways from files to files, `refused` is what those files may not be, `arm` a whole cycle
+//! by an arm with errors.
 
 mod arm;
 mod commands;

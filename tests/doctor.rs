@@ -206,7 +206,8 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
     }
 }
 
-/// The controller's files as a person would set them for this cell, beside the cell's folder, and their sum in the cell's file.
+/// The controller's files as a person would set them for this cell, beside the cell's folder, and their sum in the
+/// cell's file.
 fn controller_files(folder: &Path) {
     let config = include_str!("../config/kuka/cell_config.dat");
     let numbers = (1..=5).flat_map(|place| {

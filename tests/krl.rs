@@ -162,7 +162,8 @@ fn krl_corpus() {
     assert!(slowest < Duration::from_secs(5), "{slowest:?}");
 }
 
-/// Several files of one controller as a user checks them: the encodings that they come in, and one address that is another's.
+/// Several files of one controller as a user checks them: the encodings that they come in, and one address that is
+/// another's.
 #[test]
 fn files_of_a_controller_are_read_in_any_encoding() {
     let folder = tempfile::tempdir().expect("a folder");

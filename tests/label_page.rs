@@ -1,4 +1,5 @@
-//! `panelprep label` as a person uses it: the program, a browser, the files beside the clip, and the commands that use them.
+//! `panelprep label` as a person uses it: the program, a browser, the files beside the clip, and the commands that
+//! use them.
 
 use super::commands::{TEACH, json};
 use super::teach_page::{ask, browsed, opened};

@@ -1,5 +1,5 @@
-//! What is linked into the program, and under which licences: read from `cargo metadata` and from the sources of each crate.
-//! The package's licence file is written from the same (`tests/package/licences.rs`).
+//! What is linked into the program, and under which licences: read from `cargo metadata` and from the sources of
+//! each crate. The package's licence file is written from the same (`tests/package/licences.rs`).
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};

@@ -74,7 +74,8 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     }
 }
 
-/// A tool by poses that a person reads from the pendant, since no controller answers; a word that is no answer keeps nothing.
+/// A tool by poses that a person reads from the pendant, since no controller answers; a word that is no answer
+/// keeps nothing.
 #[test]
 fn a_tool_is_calibrated_by_poses_that_are_read_now() {
     let folder = tempfile::tempdir().expect("a folder");

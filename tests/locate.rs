@@ -287,8 +287,8 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
     }
 }
 
-/// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside it are measured. A corner of the region
-/// that lies among missing points is on the panel then.
+/// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside it are measured. A
+/// corner of the region that lies among missing points is on the panel then.
 #[test]
 fn a_drawn_outline_stands_in_for_missing_points() {
     let trial = Trial::flat(3, 2).patchy(0.4);
@@ -318,8 +318,9 @@ fn a_hole_at_a_grids_edge_is_bridged() {
     }
 }
 
-/// Bright discs on a flat plate hold it sideways, and better than its outline alone: its error sideways shrinks, and what is stated is kept. A plate that
-/// looks the same in a mirror, with the discs of its mirror image, is not accepted.
+/// Bright discs on a flat plate hold it sideways, and better than its outline alone: its error sideways shrinks,
+/// and what is stated is kept. A plate that looks the same in a mirror, with the discs of its mirror image, is not
+/// accepted.
 #[test]
 fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     for seed in [2, 5] {

@@ -1,6 +1,7 @@
 //! Records from a cell to the office and back, with a real broker and a real database, as people use them.
 //!
-//! `losses` is what kills and forgets records on the way, `contradictions` what lies about them, `people` who looks at them.
+//! `losses` is what kills and forgets records on the way, `contradictions` what lies about them, `people` who looks
+//! at them.
 
 mod contradictions;
 mod losses;

@@ -1,7 +1,8 @@
 //! The operator's page in a browser, with the program's own service behind it.
 //!
-//! The browser is the machine's Chromium, led by playwright-core: it waits for what a page shows rather than for a time, and
-//! axe-core, which judges each page, is of the same world. `make setup` installs both below `target/`; the product needs neither.
+//! The browser is the machine's Chromium, led by playwright-core: it waits for what a page shows rather than for a
+//! time, and axe-core, which judges each page, is of the same world. `make setup` installs both below `target/`;
+//! the product needs neither.
 
 use super::commands::json;
 use super::service::{Service, taught};
@@ -185,8 +186,8 @@ pub fn one_cycle(service: &Service) {
     service.reach("complete");
 }
 
-/// Two hundred who look on and then go, one who reads nothing, and one who begins a request without end: in virtual time the robot
-/// does the same as without a page.
+/// Two hundred who look on and then go, one who reads nothing, and one who begins a request without end: in virtual
+/// time the robot does the same as without a page.
 #[test]
 fn whoever_looks_on_changes_nothing_of_what_the_robot_does() {
     let folder = taught("good");

@@ -54,7 +54,8 @@ fn the_manuals_script_is_read_in_a_minute() {
     assert!(lines <= 65, "{lines} lines");
 }
 
-/// Both programs, on a folder that was exported and then changed; each names what is wrong, and ends with another code than 0.
+/// Both programs, on a folder that was exported and then changed; each names what is wrong, and ends with another
+/// code than 0.
 fn both_refuse(at: &Path, what: &str, change: &dyn Fn(&Path), [program, script]: [&str; 2]) {
     let (records, whole) = (at.join("records"), at.join("whole"));
     copied(&records, &whole);

@@ -68,8 +68,8 @@ fn simulated_cameras_beside_a_robot_elsewhere_are_refused() {
     assert_eq!((exit, &told["files"][0]["ok"]), (1, &serde_json::Value::Bool(false)), "{told}");
 }
 
-/// An integrator's programs beside those that ship: what is executed is, what is not is named before, and a call that meets it
-/// ends at its line.
+/// An integrator's programs beside those that ship: what is executed is, what is not is named before, and a call
+/// that meets it ends at its line.
 #[test]
 fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -73,8 +73,8 @@ fn each_function_goes_through_its_gate() {
     assert!(told["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")), "{told}");
 }
 
-/// The controller's own tool is nothing before an epoch sets one. What is calibrated on the flange counts all the same: a box about
-/// the place of its tip stops a motion of the axes, and a straight one with another tool.
+/// The controller's own tool is nothing before an epoch sets one. What is calibrated on the flange counts all the
+/// same: a box about the place of its tip stops a motion of the axes, and a straight one with another tool.
 #[test]
 fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
     use panelprep::geometry::{Base, Flange, KukaPose, Rigid, Tool};

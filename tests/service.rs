@@ -1,6 +1,7 @@
 //! The service as its users meet it: `panelprep run` on a simulated cell, `panelprep ctl` beside it, and signals.
 //!
-//! `killed` is the end that no program can catch, `recording` what is replayed, `disk` a store that is full or of yesterday.
+//! `killed` is the end that no program can catch, `recording` what is replayed, `disk` a store that is full or of
+//! yesterday.
 
 mod disk;
 mod killed;

@@ -9,8 +9,8 @@ fn number(told: &Value, key: &str) -> f64 {
     told[key].as_f64().unwrap_or(f64::NAN)
 }
 
-/// A cell without any calibration, its cameras simulated: scans, pictures, corners and a film; and the film and the scans once
-/// more as a recorded camera plays them, which has no calibration either.
+/// A cell without any calibration, its cameras simulated: scans, pictures, corners and a film; and the film and the
+/// scans once more as a recorded camera plays them, which has no calibration either.
 #[test]
 fn cameras_without_a_calibration_take_pictures() {
     let folder = tempfile::tempdir().expect("a folder");

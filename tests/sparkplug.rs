@@ -1,4 +1,5 @@
-//! The cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications that other people wrote.
+//! The cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications that other
+//! people wrote.
 
 mod manual;
 mod peers;
@@ -88,8 +89,9 @@ impl Known {
     }
 }
 
-/// By TLS and password to the broker: nothing before the primary host is online; a whole cycle; a rebirth; a hold by a host, and
-/// commands that are refused; the death by the host's going, by a signal, and by a kill; the broker's own end.
+/// By TLS and password to the broker: nothing before the primary host is online; a whole cycle; a rebirth; a hold
+/// by a host, and commands that are refused; the death by the host's going, by a signal, and by a kill; the
+/// broker's own end.
 #[test]
 fn a_primary_host_sees_the_cell_and_may_hold_it() {
     if !are_there(&["pysparkplug"]) {

@@ -40,8 +40,8 @@ const ORDER: [&str; 25] = [
     "mock-robot",
     "calibrate strike", // no cycle starts on what was struck out
 ];
-/// A verdict that is not good, exit code 1, is what these show: grease, a lens or an arm seen in few pictures, and a cell before its
-/// demo.
+/// A verdict that is not good, exit code 1, is what these show: grease, a lens or an arm seen in few pictures, and
+/// a cell before its demo.
 const MAY_FIND_FAULT: [&str; 5] = ["inspect", "tune", "doctor", "calibrate intrinsics", "calibrate robot"];
 /// Ports of their own for what listens, among the sixteen of the firewall.
 const PORTS: [(&str, &str); 2] = [("54600", "54608"), ("54601", "54609")];

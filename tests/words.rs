@@ -252,7 +252,7 @@ const DIALECT_NAMES: [(&str, &str); 9] = [
 ];
 
 /// The longest line of a comment, characters. The formatter wraps code, not comments.
-const COMMENT_LINE: usize = 150;
+const COMMENT_LINE: usize = 130;
 
 /// The longest subject of a commit, characters.
 const SUBJECT: usize = 72;

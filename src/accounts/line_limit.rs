@@ -1,4 +1,5 @@
-//! How many lines of the audit trail one source writes: a flood of requests becomes a few lines, and one that counts the others.
+//! How many lines of the audit trail one source writes: a flood of requests becomes a few lines, and one that
+//! counts the others.
 
 const MINUTE_MS: u64 = 60_000;
 

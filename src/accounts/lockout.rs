@@ -53,7 +53,8 @@ impl Lockout {
         (left_s > 0.0).then_some(left_s)
     }
 
-    /// A wrong password; whether the name pauses from now on. While it pauses nothing is counted, and nothing ends the pause.
+    /// A wrong password; whether the name pauses from now on. While it pauses nothing is counted, and nothing ends
+    /// the pause.
     pub fn wrong(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
         if self.pauses_s((name, is_account), now_s).is_some() {
             return true;

@@ -37,8 +37,8 @@ pub struct Account {
 }
 
 impl Account {
-    /// An account that is complete: its names are ones, and its password may be one. Without a new password it keeps the former
-    /// account's; `salt` is for a new one.
+    /// An account that is complete: its names are ones, and its password may be one. Without a new password it
+    /// keeps the former account's; `salt` is for a new one.
     ///
     /// # Errors
     /// What is wrong, in words.

@@ -1,4 +1,5 @@
-//! The archive's files: each under its SHA-256, whole or not there, as a store has them, in 256 folders by the first two digits.
+//! The archive's files: each under its SHA-256, whole or not there, as a store has them, in 256 folders by the
+//! first two digits.
 
 use super::error::ArchiveError;
 use crate::files::is_hex;
@@ -25,7 +26,8 @@ impl Files {
         Files(folder.to_owned())
     }
 
-    /// Makes the folder, and writes a file there and removes it: what would not work with the first picture does not work now.
+    /// Makes the folder, and writes a file there and removes it: what would not work with the first picture does
+    /// not work now.
     pub fn try_out(&self) -> Result<(), ArchiveError> {
         let trial = self.0.join(".trial");
         fs::create_dir_all(&self.0).map_err(ArchiveError::file("make", &self.0))?;

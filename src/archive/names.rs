@@ -16,8 +16,8 @@ struct Heard {
 }
 
 impl Names {
-    /// Whether it is found now, for the first time, that this name has two cells: its epochs became others, and are the former ones again. Epochs
-    /// alone that become others may be a store that was brought back.
+    /// Whether it is found now, for the first time, that this name has two cells: its epochs became others, and are
+    /// the former ones again. Epochs alone that become others may be a store that was brought back.
     pub fn are_two(&mut self, cell: &str, state: &CellState) -> bool {
         let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
         epochs.sort();

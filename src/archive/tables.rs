@@ -6,8 +6,8 @@ use tokio_postgres::Client;
 /// The newest version that this program supports.
 const VERSION: i32 = 1;
 
-/// `records` is what cells sent; `epochs` how far each is complete; `contradictions` what came under a name that another content has.
-/// The others are made from records, for pages.
+/// `records` is what cells sent; `epochs` how far each is complete; `contradictions` what came under a name that
+/// another content has. The others are made from records, for pages.
 const TABLES: &str = "
     CREATE TABLE records (
         cell TEXT NOT NULL,

@@ -1,7 +1,7 @@
 //! The archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips.
 //!
-//! The check of a compressed frame does not cover each of its bits, and a file that was cut at the end of a frame would be a shorter
-//! archive. With the seal every bit counts.
+//! The check of a compressed frame does not cover each of its bits, and a file that was cut at the end of a frame
+//! would be a shorter archive. With the seal every bit counts.
 
 use sha2::{Digest, Sha256};
 use std::fs::File;

@@ -1,4 +1,5 @@
-//! Makes an archive: copies the rows of the store at one moment, packs them with what they name, and reads the archive back.
+//! Makes an archive: copies the rows of the store at one moment, packs them with what they name, and reads the
+//! archive back.
 
 use super::entry::Entry;
 use super::error::BackupError;

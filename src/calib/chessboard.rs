@@ -23,8 +23,8 @@ const MOST_PX: usize = 3_400_000;
 const LEAST_SIDE_PX: usize = 480;
 /// The largest number of pixels that the last pass examines.
 const SECTOR_BASED_PX: usize = 850_000;
-/// An outer line of which less was seen is none: of a board with a glare near its rim, of one with a glare, and of one beside
-/// which something looks like corners.
+/// An outer line of which less was seen is none: of a board with a glare near its rim, of one with a glare, and of
+/// one beside which something looks like corners.
 const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// The smallest chessboard that is called one, inner corners.
 const SMALLEST: usize = 3;

@@ -1,9 +1,10 @@
 //! Blobs joined to the grid of a board of circles.
 //!
-//! From a blob and two of its neighbours a lattice grows, each step foretold by the one before, so that a lens and a tilt may
-//! bend it. Its two directions are not always those of the board's rows: with a tilt a diagonal may be nearer, and the rows of
-//! an asymmetric board are diagonals of its lattice. So the coordinates are turned and sheared by small whole numbers until
-//! they are the board's. The blobs looked at from each place are bounded, and so is the work.
+//! From a blob and two of its neighbours a lattice grows, each step foretold by the one before, so that a lens and
+//! a tilt may bend it. Its two directions are not always those of the board's rows: with a tilt a diagonal may be
+//! nearer, and the rows of an asymmetric board are diagonals of its lattice. So the coordinates are turned and
+//! sheared by small whole numbers until they are the board's. The blobs looked at from each place are bounded, and
+//! so is the work.
 
 use super::blobs::Blob;
 use super::board::Board;

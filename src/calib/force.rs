@@ -152,8 +152,8 @@ mod tests {
         AttitudeReading { downwards, force_n }
     }
 
-    /// By hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is 2, so that 0.05 N of scatter
-    /// are 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
+    /// By hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is 2, so that
+    /// 0.05 N of scatter are 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
     #[test]
     fn payload_and_zero_are_found() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.0), read(-1.0, 11.806_65)]).expect("a result");
@@ -162,8 +162,8 @@ mod tests {
         assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
     }
 
-    /// By hand: 0.3 N off in the middle of three readings, they lie −0.1, 0.2 and −0.1 N off their line, s² = 0.06 / 1; Student's
-    /// quantile for 1 is 12.706, so that the zero is known to 12.706 · 0.24495 / √3 = 1.797 N.
+    /// By hand: 0.3 N off in the middle of three readings, they lie −0.1, 0.2 and −0.1 N off their line, s² = 0.06
+    /// / 1; Student's quantile for 1 is 12.706, so that the zero is known to 12.706 · 0.24495 / √3 = 1.797 N.
     #[test]
     fn three_readings_that_scatter_tell_little() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");

@@ -1,4 +1,5 @@
-//! The gate: turns evidence into a verdict, namely which calibration may be used, which a person must look at, and which is refused.
+//! The gate: turns evidence into a verdict, namely which calibration may be used, which a person must look at, and
+//! which is refused.
 
 use super::arrangement::Arrangement;
 use super::hand_eye::HandEye;
@@ -233,8 +234,8 @@ pub enum PosesFrom {
 /// Of this many pictures one may be left out.
 const ONE_OUT_OF: usize = 10;
 
-/// Pictures that do not fit are left out. A few among many that agree change nothing; beyond that what is wrong is to be mended, not voted
-/// down.
+/// Pictures that do not fit are left out. A few among many that agree change nothing; beyond that what is wrong is
+/// to be mended, not voted down.
 pub fn outliers_may_stay_out<A: Arrangement>(found: &HandEye<A>) -> bool {
     let left_out = found.residuals.iter().filter(|residual| !residual.used).count().max(found.suspects.len());
     let used = found.residuals.iter().filter(|residual| residual.used).count();

@@ -1,4 +1,5 @@
-//! Is a calibration still valid? Judges verifications against a known target, and whether a cycle may start with the calibration.
+//! Is a calibration still valid? Judges verifications against a known target, and whether a cycle may start with
+//! the calibration.
 
 use super::board::Board;
 use crate::cell::{LensExtent, Limits};
@@ -374,7 +375,8 @@ mod tests {
         }
     }
 
-    /// By hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first corner; 40 mm and 2 % are
+    /// By hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first corner; 40 mm
+    /// and 2 % are
     /// 40.8 mm. Each limit at its two sides.
     #[test]
     fn a_look_that_cannot_be_the_board_is_told_from_a_bumped_camera() {

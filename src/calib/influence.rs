@@ -30,9 +30,9 @@ pub(super) fn information<A: Arrangement>(
     Some((reduced * weight, pull * weight))
 }
 
-/// What an arm itself scatters by, standard deviations: a third of the ±0.03 mm to which a KR 6 R700 comes back to a pose (data
-/// sheet), and the turn that is this shift seen from 350 mm, half of the arm's reach. A few poses that happen to fit better do not
-/// make another one wrong.
+/// What an arm itself scatters by, standard deviations: a third of the ±0.03 mm to which a KR 6 R700 comes back to
+/// a pose (data sheet), and the turn that is this shift seen from 350 mm, half of the arm's reach. A few poses that
+/// happen to fit better do not make another one wrong.
 const ARM_SHIFT_MM: f64 = 0.01;
 const ARM_TURN_RAD: f64 = 3e-5;
 

@@ -268,7 +268,8 @@ pub fn coverage<'c>(
     seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64
 }
 
-/// Of the boards from the picture's plane: a board that is parallel to it carries no information on the focal length, wherever it is.
+/// Of the boards from the picture's plane: a board that is parallel to it carries no information on the focal
+/// length, wherever it is.
 fn tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
     let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])

@@ -205,7 +205,8 @@ impl State {
     }
 }
 
-/// How far principal point and ratio of focal lengths are from the usual, in its deviations, and how that moves with the lens.
+/// How far principal point and ratio of focal lengths are from the usual, in its deviations, and how that moves
+/// with the lens.
 pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     let [across, down] = [camera.width_px, camera.height_px].map(|size| size as f64);
     let by = |places: &[(usize, f64)]| {

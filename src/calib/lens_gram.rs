@@ -1,4 +1,5 @@
-//! The normal equations of one picture of a board: the contributions of its corners to the lens's nine numbers and to the board's pose.
+//! The normal equations of one picture of a board: the contributions of its corners to the lens's nine numbers and
+//! to the board's pose.
 
 use super::adjust::scaled_inverse;
 use super::detect::Corners;

@@ -1,7 +1,8 @@
 //! Suggests the picture of the board that would improve a lens most.
 //!
-//! The board is simulated in nine parts of the picture, flat and tilted four ways. Of the poses at which the picture contains it
-//! completely, the best is the one after which the lens's error, summed over the picture, is least.
+//! The board is simulated in nine parts of the picture, flat and tilted four ways. Of the poses at which the
+//! picture contains it completely, the best is the one after which the lens's error, summed over the picture, is
+//! least.
 
 use super::adjust::scaled_inverse;
 use super::board::Board;

@@ -1,11 +1,13 @@
-//! Locates a corner of a board by all of the print around it: for poor pictures, in which the corner alone is not well determined.
+//! Locates a corner of a board by all of the print around it: for poor pictures, in which the corner alone is not
+//! well determined.
 //!
 //! The print is known, and the rest of the board gives its rotation and tilt. The print around the corner is
 //! rendered as the camera would see it, p(x), with the picture's blur. The grey levels are
 //!     g(x) = m + l · x + x · q x + a · p(x − d),                                                                (1)
-//! with mean m, a light gradient l and q, contrast a and the unknown shift d. With p(x − d) ≈ p(x) − ∇p · d this
-//! is linear in m, l, q, a and a d; the print is rendered again at the position that was found. Pixels that show something else, such as
-//! a glare, are down-weighted. The rims of markers and circles contribute as well as the corners.
+//! with mean m, a light gradient l and q, contrast a and the unknown shift d. With p(x − d) ≈ p(x) − ∇p · d this is
+//! linear in m, l, q, a and a d; the print is rendered again at the position that was found. Pixels that show
+//! something else, such as a glare, are down-weighted. The rims of markers and circles contribute as well as the
+//! corners.
 
 use super::board::Board;
 use crate::geometry::{GrayPicture, Pixel, median};

@@ -11,7 +11,8 @@ pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> 
         .map_or(f64::INFINITY, |f| f.inverse_cdf(probability))
 }
 
-/// The value that a number with Student's distribution stays below with this probability. Redundancies below 1 count as 1, as above.
+/// The value that a number with Student's distribution stays below with this probability. Redundancies below 1
+/// count as 1, as above.
 pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
     StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
 }

@@ -1,14 +1,16 @@
 //! How poses were probably meant that fit no camera mount as they are read.
 //!
-//! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of these readings is
-//! applied to all poses, and the closed-form mount of `consensus` is tried with it. The right reading leaves tenths of a millimetre, any
-//! other one centimetres, so that the one that fits can be named. Nothing is repaired: the person corrects the file.
+//! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of
+//! these readings is applied to all poses, and the closed-form mount of `consensus` is tried with it. The right
+//! reading leaves tenths of a millimetre, any other one centimetres, so that the one that fits can be named.
+//! Nothing is repaired: the person corrects the file.
 //!
-//! Some mistakes look alike and are named together. A mount of the other kind has the same equations as inverted poses. Axes of the other
-//! hand are a point reflection up to a turn of base and flange: each place is negated. A selected base frame or tool fits as well as none:
-//! only the rough mount of the cell's file shows it.
+//! Some mistakes look alike and are named together. A mount of the other kind has the same equations as inverted
+//! poses. Axes of the other hand are a point reflection up to a turn of base and flange: each place is negated. A
+//! selected base frame or tool fits as well as none: only the rough mount of the cell's file shows it.
 //!
-//! With the ratio k of robot to board lengths as an unknown, the part of the closed form that is linear gives k too: of stations i, j
+//! With the ratio k of robot to board lengths as an unknown, the part of the closed form that is linear gives k
+//! too: of stations i, j
 //!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                                  (1)
 //! with the moved part (H, h) of the chain, the mount (X, x) and the board's place b.
 
@@ -168,7 +170,8 @@ fn ways() -> Vec<(Meaning, Way)> {
         (
             Meaning::RotationVector { radians: false },
             by_angles(|angles| {
-                // The rotation keeps A, B, C up to the other triple of the same rotation; a rotation vector is half a turn at most.
+                // The rotation keeps A, B, C up to the other triple of the same rotation; a rotation vector is half
+                // a turn at most.
                 let [written, other] = [angles, other_triple(angles)].map(Vector3::from);
                 UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
             }),

@@ -135,8 +135,8 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     })
 }
 
-/// Cross-validation residual for each axis of the view, without the noise of the pictures and of the arm's numbers, mm: of the fixed camera if
-/// there is one, since the board on the flange is about as far out as a tool.
+/// Cross-validation residual for each axis of the view, without the noise of the pictures and of the arm's numbers,
+/// mm: of the fixed camera if there is one, since the board on the flange is about as far out as a tool.
 fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<f64> {
     let is_fixed = |view: &ArmView| data.rigs[view.rig].kind == RigKind::EyeToHand;
     let has_fixed = data.views.iter().any(is_fixed);

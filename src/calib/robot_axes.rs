@@ -64,8 +64,9 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
     ))
 }
 
-/// By how much a board moves other than the flange from picture to picture, rms: the angle of the turn, degrees, and the shift
-/// along its axis, mm. A screw has both wherever it is seen from, so that this needs neither mount nor board.
+/// By how much a board moves other than the flange from picture to picture, rms: the angle of the turn, degrees,
+/// and the shift along its axis, mm. A screw has both wherever it is seen from, so that this needs neither mount
+/// nor board.
 fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange>) -> (f64, f64) {
     let (mut turns, mut shifts, mut count) = (0.0, 0.0, 0.0_f64);
     for (rig, kind) in data.rigs.iter().map(|rig| rig.kind).enumerate() {

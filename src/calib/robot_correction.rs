@@ -86,7 +86,8 @@ impl Correction {
         }
     }
 
-    /// The pose that the controller has to be sent so that the flange comes to this one; `joints` are the axis angles there.
+    /// The pose that the controller has to be sent so that the flange comes to this one; `joints` are the axis
+    /// angles there.
     pub fn sent_flange(&self, base_from_flange: &Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
         match self {
             Correction::Geometry { geometry, errors } => {

@@ -131,7 +131,8 @@ impl Model {
         let edge = |angle: f64| {
             let along = Vector2::new(angle.cos(), angle.sin());
             let distance = along.perp(&offset);
-            // ∫ erf(t / (s √2)) dt = t erf(t / (s √2)) + s √(2/π) exp(−t² / 2s²); by s it changes with √(2/π) exp(−t² / 2s²).
+            // ∫ erf(t / (s √2)) dt = t erf(t / (s √2)) + s √(2/π) exp(−t² / 2s²); by s it changes with √(2/π)
+            // exp(−t² / 2s²).
             let [ahead, behind] = [distance + 0.5, distance - 0.5].map(|t| {
                 let step = erf(t / (blur * std::f64::consts::SQRT_2));
                 (t * step, step, (2.0 / std::f64::consts::PI).sqrt() * (-0.5 * (t / blur).powi(2)).exp())

@@ -1,7 +1,7 @@
 //! Names what is wrong with a station that does not fit; nothing is repaired.
 //!
-//! A picture implies a pose of the flange. The difference from the pose in the file identifies a board that was detected upside
-//! down, two exchanged pictures, a mistyped number, and poses that are wrong altogether.
+//! A picture implies a pose of the flange. The difference from the pose in the file identifies a board that was
+//! detected upside down, two exchanged pictures, a mistyped number, and poses that are wrong altogether.
 
 use super::adjust::Adjusted;
 use super::arrangement::Arrangement;

@@ -202,7 +202,8 @@ mod tests {
         Point::at(TIP[0], TIP[1], TIP[2])
     }
 
-    /// The cases of a poses file in which A and C are exchanged, and of one in metres; poses that are right have no other reading.
+    /// The cases of a poses file in which A and C are exchanged, and of one in metres; poses that are right have no
+    /// other reading.
     #[test]
     fn other_readings_of_the_angles_and_metres_are_named() {
         let right = poses(tip(), &ANGLES);

@@ -1,7 +1,7 @@
 //! Arms of KUKA that a cell's file may name: lengths, limits and speeds from public models, each with its source.
 //!
-//! All of them have an ortho-parallel basis and a spherical wrist; their axes turn the same way and have the same zero: at A = 0 upper arm
-//! and forearm point forward, level. Accelerations are in no public model.
+//! All of them have an ortho-parallel basis and a spherical wrist; their axes turn the same way and have the same
+//! zero: at A = 0 upper arm and forearm point forward, level. Accelerations are in no public model.
 
 use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
 

@@ -25,8 +25,8 @@ impl<Device> Camera<Device> {
     }
 }
 
-/// What makes a device of one kind: the word for it, the keys that it must have with what to do, the keys that it alone has,
-/// and how they are taken.
+/// What makes a device of one kind: the word for it, the keys that it must have with what to do, the keys that it
+/// alone has, and how they are taken.
 pub(super) struct Kind<'k, Take> {
     pub word: &'static str,
     pub required: &'k [(&'static str, &'static str)],

@@ -1,7 +1,9 @@
-//! Lenses as other programs write them, in YAML: OpenCV's FileStorage, ROS's `camera_info`, and a Zivid's intrinsics.
+//! Lenses as other programs write them, in YAML: OpenCV's FileStorage, ROS's `camera_info`, and a Zivid's
+//! intrinsics.
 //!
-//! All three state Brown's model with k1, k2, p1, p2, k3, as our own file does. A lens of another model is refused, since its first numbers
-//! would be read as ours. Zivid's file does not state the picture's size. Text in, a lens out.
+//! All three state Brown's model with k1, k2, p1, p2, k3, as our own file does. A lens of another model is refused,
+//! since its first numbers would be read as ours. Zivid's file does not state the picture's size. Text in, a lens
+//! out.
 
 use crate::geometry::PinholeCamera;
 use saphyr::{LoadableYamlNode, Scalar, Yaml};

@@ -4,7 +4,8 @@ use crate::config::Section;
 use std::collections::BTreeMap;
 use strum::VariantArray;
 
-/// What the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in the order of CELL_LINE.
+/// What the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in the order of
+/// CELL_LINE.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString, VariantArray,
 )]

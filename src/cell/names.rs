@@ -100,8 +100,8 @@ pub const LOCAL_CONTROL: &str = "local_control";
 /// The output of the horn or lamp that warns before the first motion, by its name in `[io.outputs]`.
 pub const WARNING: &str = "warning";
 
-/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]` and `[io.line_outputs]`: names for the controller's digital
-/// outputs and inputs, and which outputs its program switches off when an epoch ends.
+/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]` and `[io.line_outputs]`: names for
+/// the controller's digital outputs and inputs, and which outputs its program switches off when an epoch ends.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
     outputs: BTreeMap<String, u16>,

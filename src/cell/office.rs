@@ -20,7 +20,8 @@ pub struct Office {
     pub behind_min: usize,
 }
 
-/// The name of a cell: letters, digits, `-` and `_`, so that it is also a part of a subject, of a message's name and of an address.
+/// The name of a cell: letters, digits, `-` and `_`, so that it is also a part of a subject, of a message's name
+/// and of an address.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellName(String);
 

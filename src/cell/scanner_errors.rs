@@ -1,5 +1,5 @@
-//! `[scanner_errors]` in the 3D camera's own file: what `panelprep calibrate scanner` found in scans of a flat board. Reader and
-//! writer together.
+//! `[scanner_errors]` in the 3D camera's own file: what `panelprep calibrate scanner` found in scans of a flat
+//! board. Reader and writer together.
 
 use super::date::Date;
 use super::provenance::{Provenance, line};

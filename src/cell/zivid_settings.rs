@@ -1,11 +1,11 @@
-//! A Zivid camera's settings, YAML files as Zivid Studio saves them: what of them this program must know before the SDK
-//! reads them.
+//! A Zivid camera's settings, YAML files as Zivid Studio saves them: what of them this program must know before the
+//! SDK reads them.
 //!
-//! 3D shots are taken by a file with `Settings`, pictures of the film by one with `Settings2D`. A film is lit by the cell's
-//! own lamp: the camera's projector would show on the water as a moving glare, and it heats the camera. So Brightness must be
-//! 0 in every acquisition of a film's settings, and must be stated: the SDK's own default lights the projector. A
-//! lamp on alternating current flickers with half of the mains' period; an exposure of a multiple of that gets the same light
-//! each time. All else is the SDK's to judge. Text in, values out.
+//! 3D shots are taken by a file with `Settings`, pictures of the film by one with `Settings2D`. A film is lit by
+//! the cell's own lamp: the camera's projector would show on the water as a moving glare, and it heats the camera.
+//! So Brightness must be 0 in every acquisition of a film's settings, and must be stated: the SDK's own default
+//! lights the projector. A lamp on alternating current flickers with half of the mains' period; an exposure of a
+//! multiple of that gets the same light each time. All else is the SDK's to judge. Text in, values out.
 
 use crate::config::{Problem, Problems};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};

@@ -249,8 +249,8 @@ pub enum Command {
         And with the password as the first line of standard input:\n  \
         echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml")]
     User(User),
-    /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the
-    /// service runs.
+    /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also
+    /// while the service runs.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  panelprep backup \
                             target/cell.tar.zst --cell target/cell/cell.toml\nThe archive is a tar file compressed \
                             by zstd. It holds no recordings and no pages: pages are made again from the store. It \

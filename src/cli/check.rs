@@ -15,8 +15,9 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
 
-/// Checks every file; all problems of all files are reported, warnings too. EthernetKRL files are checked against each other,
-/// KRL files as one program. A file that cannot be read is reported beside the others, with exit code 2.
+/// Checks every file; all problems of all files are reported, warnings too. EthernetKRL files are checked against
+/// each other, KRL files as one program. A file that cannot be read is reported beside the others, with exit code
+/// 2.
 ///
 /// # Errors
 /// None; what cannot be read is part of the outcome.
@@ -94,8 +95,8 @@ fn unreadable(message: &str) -> FileReport {
     FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), says: Vec::new() }
 }
 
-/// Without a purpose a cell's file must be complete for a cycle, and the files that it names may still be made: it is written
-/// before the calibrations are.
+/// Without a purpose a cell's file must be complete for a cycle, and the files that it names may still be made: it
+/// is written before the calibrations are.
 fn checked_for(args: &Check) -> CheckedFor<'_> {
     let purpose = match args.purpose {
         None | Some(PurposeName::Cycle) => Some(Purpose::Cycle),

@@ -1,5 +1,5 @@
-//! The demo's cell with an arm that is not as it is drawn, calibrated as an engineer does it: the arm by pictures of boards and
-//! by touches, then both cameras and the tool with the corrected poses.
+//! The demo's cell with an arm that is not as it is drawn, calibrated as an engineer does it: the arm by pictures
+//! of boards and by touches, then both cameras and the tool with the corrected poses.
 
 use super::args::{Common, Demo, real_arm};
 use super::calibrate::{self, args as asked};

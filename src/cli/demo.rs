@@ -1,7 +1,7 @@
 //! `panelprep demo`: a whole live cycle on the simulated cell, its page, and how far from the truth it was.
 //!
-//! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs as `panelprep cycle` would run it. The truth
-//! is read for the score alone, when the cycle is over.
+//! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs
+//! as `panelprep cycle` would run it. The truth is read for the score alone, when the cycle is over.
 
 use super::args::{Common, Demo, Simulation, Teach, ToolName, real_arm};
 use super::calibrate::args::CameraName;

@@ -1,4 +1,5 @@
-//! What connects the service with people and other programs: the operator's page, the office, the MQTT broker, OPC UA clients and a line, with what they share.
+//! What connects the service with people and other programs: the operator's page, the office, the MQTT broker, OPC
+//! UA clients and a line, with what they share.
 
 use super::args::Common;
 use super::fault::Fault;

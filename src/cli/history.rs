@@ -1,5 +1,5 @@
-//! `panelprep history`: searches the cycles of the store, compares two, shows how numbers developed, lists alarms. The same data
-//! as a table for people, as JSON and as CSV.
+//! `panelprep history`: searches the cycles of the store, compares two, shows how numbers developed, lists alarms.
+//! The same data as a table for people, as JSON and as CSV.
 
 mod told;
 

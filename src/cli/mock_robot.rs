@@ -79,8 +79,8 @@ fn own_programs(folder: &Path) -> Result<Programs, Fault> {
     Programs::with_own(&texts).map_err(Fault::stage)
 }
 
-/// The cell's ports; with EthernetKRL files of one's own those of the files, which must be the ones that the cell's robot is
-/// looked for at.
+/// The cell's ports; with EthernetKRL files of one's own those of the files, which must be the ones that the cell's
+/// robot is looked for at.
 fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault> {
     let robot = cell.robot();
     let cells = [robot.command_port(), robot.state_port()];

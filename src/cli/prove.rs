@@ -66,7 +66,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         proofs.push(proof);
         super::disk::write(&args.out, page(&proofs, controller))?;
     }
-    // What was tried was tried on what answers now, too: a controller that did not answer at first, or gave way to another one.
+    // What was tried was tried on what answers now, too: a controller that did not answer at first, or gave way to
+    // another one.
     controller = controller.and(tries::controller(&files.cell)?);
     super::disk::write(&args.out, page(&proofs, controller))?;
     let is_mock = controller == ControllerKind::Mock;

@@ -312,7 +312,8 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
 const TURNS_DEG: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
 
-/// What a compliant tool reads without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a zero of 0.4 N.
+/// What a compliant tool reads without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a
+/// zero of 0.4 N.
 pub(super) const FORCE_TEXT: &str = "\
 [[readings]]
 base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 180.0, c_deg = 0.0 }

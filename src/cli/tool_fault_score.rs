@@ -65,7 +65,8 @@ mod tests {
         Sample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
     }
 
-    /// By hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 and the last sample of this contact is at 420.
+    /// By hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 and the last sample of this
+    /// contact is at 420.
     #[test]
     fn times_count_from_the_waypoint_at_which_the_fault_begins() {
         let planned = PlannedToolFault { fault: ToolFault::Silent, from: 2 };

@@ -1,4 +1,5 @@
-//! `panelprep user`: accounts of the operator's page, from a terminal of the cell's computer. The first administrator is made here.
+//! `panelprep user`: accounts of the operator's page, from a terminal of the cell's computer. The first
+//! administrator is made here.
 
 use super::args::{Common, User, UserTask};
 use super::fault::Fault;

@@ -16,8 +16,8 @@ pub const LIBRARY: &str = "libpanelprep_zivid.so";
 /// The worker's role on the command line.
 pub const ROLE: &str = "zivid-worker";
 
-/// This program as the kernel holds it: the same one after an upgrade has replaced its file, so that a worker that is started
-/// again by a running service speaks the service's version of their protocol.
+/// This program as the kernel holds it: the same one after an upgrade has replaced its file, so that a worker that
+/// is started again by a running service speaks the service's version of their protocol.
 pub const THIS_PROGRAM: &str = "/proc/self/exe";
 
 /// Begins to start the camera that the cell's file names; `camera` is its calibration.

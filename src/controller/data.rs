@@ -1,5 +1,5 @@
-//! The data list that a cell engineer edits beside the cell's file: signals, what a stop switches off, flags, timers, axes, space
-//! and speeds.
+//! The data list that a cell engineer edits beside the cell's file: signals, what a stop switches off, flags,
+//! timers, axes, space and speeds.
 
 use super::difference::{Difference, Found};
 use super::names::CONFIG;

@@ -1,9 +1,9 @@
 //! The sum by which the controller's programs name themselves: the text of the programs, then every value in force.
 //!
-//! `CELL_CHECKSUM` of `cell_tell.src` computes it on the controller. The programs' part is a constant there, so an edit of a program at
-//! the pendant does not change what the controller reports; it changes what is computed here from the edited files. The sum
-//! shows a mix-up of files. It is no protection against a person who wants to deceive: that is the controller's own checksum
-//! of its project and of its safety configuration.
+//! `CELL_CHECKSUM` of `cell_tell.src` computes it on the controller. The programs' part is a constant there, so an
+//! edit of a program at the pendant does not change what the controller reports; it changes what is computed here
+//! from the edited files. The sum shows a mix-up of files. It is no protection against a person who wants to
+//! deceive: that is the controller's own checksum of its project and of its safety configuration.
 
 use super::names::{CONFIG, DATA, PROGRAMS};
 use super::stated::DataList;
@@ -98,8 +98,8 @@ pub fn base_name(file: &str) -> &str {
     file.rsplit(['/', '\\']).next().unwrap_or(file)
 }
 
-/// Sum times 31 plus the byte, over all lines but the headers and the one that states it. Line ends and headers do not count: KSS
-/// writes its own, and counts the revision in a header up.
+/// Sum times 31 plus the byte, over all lines but the headers and the one that states it. Line ends and headers do
+/// not count: KSS writes its own, and counts the revision in a header up.
 fn of_texts(texts: &[&str]) -> i64 {
     let counts = |line: &&str| !line.contains("CELL_PROGRAM_SUM=") && !line.starts_with('&');
     texts

@@ -1,4 +1,5 @@
-//! Planted mistakes: each is one edit of a shipped file or of the example cell, and is named; the untouched files give none.
+//! Planted mistakes: each is one edit of a shipped file or of the example cell, and is named; the untouched files
+//! give none.
 
 use super::sum::mixed_names;
 use super::*;

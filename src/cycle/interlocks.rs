@@ -79,7 +79,8 @@ pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
     needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
 }
 
-/// What Stopping and Holding bring about while a motion is under way: nothing comes before its end, which switches off tool and water.
+/// What Stopping and Holding bring about while a motion is under way: nothing comes before its end, which switches
+/// off tool and water.
 pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
 
 /// What Stopping and Holding bring about if the tool is commanded to run and no epoch is open. The end of an open

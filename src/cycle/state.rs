@@ -232,8 +232,9 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// The cause of an abort under way in which the robot comes to this condition. An emergency stop outranks all but a store that
-    /// was changed; another condition outranks a trouble, which it may have brought about: a command is refused since the drives are off.
+    /// The cause of an abort under way in which the robot comes to this condition. An emergency stop outranks all
+    /// but a store that was changed; another condition outranks a trouble, which it may have brought about: a
+    /// command is refused since the drives are off.
     pub(super) fn or(self, robot: Robot) -> Cause {
         let by_robot = Cause::Robot(robot);
         match (self, robot) {

@@ -80,8 +80,8 @@ impl Turn {
         }
     }
 
-    /// The cycle is about to touch the panel, or does, at another override than contact is planned for. Neither time nor an act
-    /// mends that: a person does.
+    /// The cycle is about to touch the panel, or does, at another override than contact is planned for. Neither
+    /// time nor an act mends that: a person does.
     pub fn lacks_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
         touches && !self.state.facts.full_override && self.rules.keep(Rule::FullOverride)

@@ -46,7 +46,8 @@ pub(super) struct Abrasion {
     pub worn_mm2: f64,
     /// The removal by the passes of this cycle so far, if it is known.
     removed: Option<RemovalMap>,
-    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show them as they are now.
+    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show
+    /// them as they are now.
     sanded: Option<Arc<Mask>>,
     /// The places at which the tool was, or may have been, in earlier cycles of this panel.
     pub earlier: Vec<EarlierPass>,

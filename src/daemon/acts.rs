@@ -167,7 +167,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// A finding that is not a stage's: a trouble of the cell, in words, which a person looks at. It is no judgement of the panel.
+    /// A finding that is not a stage's: a trouble of the cell, in words, which a person looks at. It is no
+    /// judgement of the panel.
     pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::of(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))

@@ -196,9 +196,10 @@ impl<'p> Computing<'p> {
     }
 }
 
-/// Gives the calling thread a pool of this many threads for parallel computations, itself among them; 0 is one for each processor. They have
-/// its priority. Rayon's global pool inherits the priority of its first caller: a loop that waits for it is late for the robot while other
-/// programs use the processors. `None` if the thread has a pool already or the system gives none: then the global pool computes.
+/// Gives the calling thread a pool of this many threads for parallel computations, itself among them; 0 is one for
+/// each processor. They have its priority. Rayon's global pool inherits the priority of its first caller: a loop
+/// that waits for it is late for the robot while other programs use the processors. `None` if the thread has a pool
+/// already or the system gives none: then the global pool computes.
 fn own_threads(count: usize) -> Option<rayon::ThreadPool> {
     let name = |_| "computing".to_owned();
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()

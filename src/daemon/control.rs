@@ -1,9 +1,10 @@
 //! A single point of control: which side may command the cell, by a selector switch at the cell (ISO 10218-2).
 //!
-//! The input `local_control` of `[io.feedbacks]` is on while the switch is at local. Stop, Abort and Hold are taken from every side. Clear,
-//! Unhold, Accept and the first Start after a start of the program or a Clear need a person at the cell: they are taken at local, from the
-//! page, the socket or a command. What else begins something is taken from the selected side alone. A cell without that input has no
-//! selection, and every front commands as its accounts permit.
+//! The input `local_control` of `[io.feedbacks]` is on while the switch is at local. Stop, Abort and Hold are taken
+//! from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear need a person
+//! at the cell: they are taken at local, from the page, the socket or a command. What else begins something is
+//! taken from the selected side alone. A cell without that input has no selection, and every front commands as its
+//! accounts permit.
 
 use super::wiring::reads;
 use crate::cycle::Request;
@@ -65,8 +66,8 @@ impl Control {
     }
 }
 
-/// Whether a request by this way comes from a person at the cell, as far as the program can know: who uses the page or the socket from
-/// elsewhere meets the switch that a person at the cell has set.
+/// Whether a request by this way comes from a person at the cell, as far as the program can know: who uses the page
+/// or the socket from elsewhere meets the switch that a person at the cell has set.
 fn is_at_cell(front: Front) -> bool {
     match front {
         Front::Socket | Front::Page | Front::Command | Front::Signal | Front::Program => true,

@@ -77,7 +77,8 @@ impl Running<'_> {
         Ok(true)
     }
 
-    /// While the cell warns: the time counts from the first state that reports the output on, and the motion begins when it is over.
+    /// While the cell warns: the time counts from the first state that reports the output on, and the motion begins
+    /// when it is over.
     pub(super) fn warning(
         &mut self,
         (id, motion): (Id, Motion),

@@ -100,7 +100,8 @@ impl People {
         }
     }
 
-    /// Keeps a line about a wrong log-in, or counts it if there are many, so that attempts do not fill the disk. On the calling thread.
+    /// Keeps a line about a wrong log-in, or counts it if there are many, so that attempts do not fill the disk. On
+    /// the calling thread.
     pub fn audit_wrong_log_in(&self, entry: &AuditEntry) {
         let now_ms = (self.now_s() * 1_000.0) as u64;
         let (left_out, is_kept) = {
@@ -127,8 +128,8 @@ impl People {
         }
     }
 
-    /// Judges a name and a password, and counts a wrong one. On the calling thread, which computes for a while and has the turn of
-    /// [`People::hashing`]: only so does each attempt know what came of those before it.
+    /// Judges a name and a password, and counts a wrong one. On the calling thread, which computes for a while and
+    /// has the turn of [`People::hashing`]: only so does each attempt know what came of those before it.
     pub fn tried(&self, name: &str, password: &str) -> LogIn {
         let account = self.account(name);
         let who = (name, account.is_some());

@@ -96,8 +96,8 @@ impl Perception {
         &self.todays_points
     }
 
-    /// What of the panel's place a later phase's result depends on, as text. Obstacles follow from the scan by which the panel
-    /// was located.
+    /// What of the panel's place a later phase's result depends on, as text. Obstacles follow from the scan by
+    /// which the panel was located.
     pub(super) fn place_inputs(&self) -> String {
         let Perception { located, located_mm, place, corners, .. } = self;
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")

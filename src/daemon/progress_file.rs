@@ -1,4 +1,5 @@
-//! How far something was sent, in a file beside the store's database. A file that is gone or damaged costs nothing but sending again.
+//! How far something was sent, in a file beside the store's database. A file that is gone or damaged costs nothing
+//! but sending again.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

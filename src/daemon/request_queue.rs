@@ -49,8 +49,8 @@ struct Inside {
 type Followers = Vec<oneshot::Sender<Reply>>;
 
 impl Inside {
-    /// The same stop or abort of the same person is one request, however often it is pressed: who presses without end must not keep
-    /// everybody else out. Signals are counted.
+    /// The same stop or abort of the same person is one request, however often it is pressed: who presses without
+    /// end must not keep everybody else out. Signals are counted.
     fn put_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
             (What::Table(one), What::Table(other)) => one == other && waiting.who == request.who,
@@ -211,7 +211,8 @@ mod tests {
         (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
     }
 
-    /// The request is not taken, as if the loop waited for its disk: the robot is stopped all the same. A hold waits for the loop.
+    /// The request is not taken, as if the loop waited for its disk: the robot is stopped all the same. A hold
+    /// waits for the loop.
     #[test]
     fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {
         let (_server, mut link) = linked();

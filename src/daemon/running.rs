@@ -60,7 +60,8 @@ pub(super) struct Running<'p> {
     pub sent: Option<Sent>,
     /// The last place of the panel in the earlier cycles, as far as it is known.
     pub last_place: Option<KukaPose>,
-    /// The axes at the end of the last path. After a stop, an abort, a lost robot and a start of the program, and on the way, there are none.
+    /// The axes at the end of the last path. After a stop, an abort, a lost robot and a start of the program, and
+    /// on the way, there are none.
     pub stood: Option<Joints>,
     /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,

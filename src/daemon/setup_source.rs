@@ -110,8 +110,8 @@ pub trait SetupSource: Send + Sync {
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
 }
 
-/// The recipes with their hashes, so that a start is by the one that was offered. One that cannot be read cannot be started by, and is left
-/// out.
+/// The recipes with their hashes, so that a start is by the one that was offered. One that cannot be read cannot be
+/// started by, and is left out.
 ///
 /// # Errors
 /// If the folder cannot be read.

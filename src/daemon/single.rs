@@ -1,9 +1,10 @@
 //! One function of the robot at a time, for commissioning: `panelprep robot …`.
 //!
-//! Each runs in an epoch of its own, which ends with it: the controller then switches the tool off, and base and tool
-//! are unknown again. A line goes through the same gate as the cycle's, whole; motions and outputs are held to the cycle's
-//! own list of interlocks (`single_interlocks`). Unlike a cycle's, these motions may run in T1, with a person at the enabling switch. They are not
-//! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
+//! Each runs in an epoch of its own, which ends with it: the controller then switches the tool off, and base and
+//! tool are unknown again. A line goes through the same gate as the cycle's, whole; motions and outputs are held to
+//! the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's, these motions may run in T1, with a
+//! person at the enabling switch. They are not in the journal: nothing follows from them, and a controller that
+//! loses its client stops by itself.
 
 use super::corrected::Corrected;
 use super::moves::{self, move_lin};
@@ -445,8 +446,8 @@ mod tests {
         }
     }
 
-    /// A tip that is 205 mm farther out, another root of the robot, and axes in radians: none of them is the cell's arm, and neither a
-    /// motion of the axes nor a subroutine begins.
+    /// A tip that is 205 mm farther out, another root of the robot, and axes in radians: none of them is the cell's
+    /// arm, and neither a motion of the axes nor a subroutine begins.
     #[test]
     fn another_arm_than_the_cells_does_not_move() {
         let cell = Cell::check("cell.toml", "").expect("good");

@@ -95,17 +95,18 @@ mod tests {
         Cell::check("cell.toml", CELL).expect("good")
     }
 
-    /// The bits of `In`, from the lowest: water_off, lens_shut, extraction_flow, tool_running; those of `Out`: light, spray,
-    /// lens_shutter, extraction, tool.
+    /// The bits of `In`, from the lowest: water_off, lens_shut, extraction_flow, tool_running; those of `Out`:
+    /// light, spray, lens_shutter, extraction, tool.
     fn may(act: Act, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
         let joints = Joints { a1_deg, ..cell().park().expect("given") };
         let state = State { inputs, outputs, joints, ..standing_state() };
         judge("it", act, &state, &cell()).reasons.is_empty()
     }
 
-    /// Every combination of feedbacks and outputs, parked and not: by hand, motion needs water off and tool off; water needs the arm
-    /// parked, the lens shut and the tool off; the tool's output is a cycle's alone; light, lens and extraction need nothing. Each is
-    /// proven by its output and its feedback: one that contradicts the other proves nothing.
+    /// Every combination of feedbacks and outputs, parked and not: by hand, motion needs water off and tool off;
+    /// water needs the arm parked, the lens shut and the tool off; the tool's output is a cycle's alone; light,
+    /// lens and extraction need nothing. Each is proven by its output and its feedback: one that contradicts the
+    /// other proves nothing.
     #[test]
     fn a_single_function_does_nothing_that_a_cycle_may_not() {
         for (inputs, outputs) in (0..16).flat_map(|inputs| (0..32).map(move |outputs| (inputs, outputs))) {

@@ -1,8 +1,9 @@
-//! What is wrong with the cell between cycles, as alarms: a camera that delivers nothing, a disk that is nearly full, a
-//! verification that ends soon.
+//! What is wrong with the cell between cycles, as alarms: a camera that delivers nothing, a disk that is nearly
+//! full, a verification that ends soon.
 //!
-//! It is looked at once a minute, and cameras only while the cell rests without a cycle. An alarm lasts until what gave it is not
-//! found any more. The list begins anew with the service; who acknowledged an alarm stays in the store.
+//! It is looked at once a minute, and cameras only while the cell rests without a cycle. An alarm lasts until what
+//! gave it is not found any more. The list begins anew with the service; who acknowledged an alarm stays in the
+//! store.
 
 use crate::history::{Acknowledgement, Alarm};
 use crate::verdict::Reason;

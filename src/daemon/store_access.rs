@@ -1,4 +1,5 @@
-//! The store as a front has it: one connection to read and one to write rows that no cycle waits for, opened when first needed.
+//! The store as a front has it: one connection to read and one to write rows that no cycle waits for, opened when
+//! first needed.
 
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! The service while its store cannot be opened, as on a full disk: it answers requests, does nothing else, and tries again.
+//! The service while its store cannot be opened, as on a full disk: it answers requests, does nothing else, and
+//! tries again.
 
 use super::reply::{Exit, Reply};
 use super::request::{Request, What};

@@ -16,6 +16,6 @@ pub mod robot;
 pub mod world;
 pub mod zivid;
 
-/// The size, width and height, of a camera of which no size is known: no camera has it, and one that is opened for it refuses with
-/// the size that it has.
+/// The size, width and height, of a camera of which no size is known: no camera has it, and one that is opened for
+/// it refuses with the size that it has.
 pub const UNKNOWN_PX: [usize; 2] = [0, 0];

@@ -1,5 +1,5 @@
-//! Reads a document by its schema, strictly: every field once, nothing else, finite, in range. What is missing is an error and
-//! never zero.
+//! Reads a document by its schema, strictly: every field once, nothing else, finite, in range. What is missing is
+//! an error and never zero.
 
 use super::schema::{Field, Node, Schema};
 use super::word::{Word, word};

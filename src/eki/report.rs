@@ -311,7 +311,8 @@ pub enum LinkLoss {
         /// How long was waited, ms.
         waited_ms: u64,
     },
-    /// Commands of several epochs were not acknowledged, though states come: what is wrong with the channel may end with it.
+    /// Commands of several epochs were not acknowledged, though states come: what is wrong with the channel may end
+    /// with it.
     #[error(
         "the controller has acknowledged no command in {epochs} consecutive epochs, although it reports its state: \
          the connections are opened again"

@@ -127,8 +127,8 @@ pub(super) const STATE: [Field; 37] = [
     real("St/Tool/@C", LARGEST_DEG),
 ];
 
-/// Boot ids of a mock controller. Programs make a boot id of the controller's date, in seconds; these would be of a day 0 in a month 0,
-/// which no controller's clock shows.
+/// Boot ids of a mock controller. Programs make a boot id of the controller's date, in seconds; these would be of a
+/// day 0 in a month 0, which no controller's clock shows.
 const BOOTS_OF_MOCKS: std::ops::Range<i32> = 0..86_400;
 
 impl State {

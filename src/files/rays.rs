@@ -11,7 +11,8 @@ use crate::geometry::{
 };
 use rayon::prelude::*;
 
-/// Half of the points project nearer to their pixels, px in a picture of [`FULL_PX`] columns: makers' figures are approximations.
+/// Half of the points project nearer to their pixels, px in a picture of [`FULL_PX`] columns: makers' figures are
+/// approximations.
 const DESCRIBED_PX: f64 = 2.0;
 const FULL_PX: f64 = 1_944.0;
 /// The same in a small picture, px: a scan may be reduced with another middle of its pixels.

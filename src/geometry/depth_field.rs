@@ -121,8 +121,9 @@ mod tests {
         DepthField { over, coefficients_mm: std::array::from_fn(|k| mm(k % FIELD_COLUMNS, k / FIELD_COLUMNS)) }
     }
 
-    /// By hand: all coefficients 0.5 give 0.5 everywhere; those of a line give that line, here 0.1 mm from one column to the next,
-    /// of which six intervals cover the width: in the middle, at interval 3, the coefficients 3, 4, 5 weigh 1/6, 4/6, 1/6.
+    /// By hand: all coefficients 0.5 give 0.5 everywhere; those of a line give that line, here 0.1 mm from one
+    /// column to the next, of which six intervals cover the width: in the middle, at interval 3, the coefficients
+    /// 3, 4, 5 weigh 1/6, 4/6, 1/6.
     #[test]
     fn constants_and_lines_are_themselves() {
         assert!((field(|_, _| 0.5).at_mm([0.12, -0.05]) - 0.5).abs() < 1e-12);

@@ -130,8 +130,8 @@ mod tests {
         assert!((met.mm.z - 700.700_700).abs() < 1e-3, "{met:?}");
     }
 
-    /// By hand: two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean 4.5 px aside and a scatter of 0.5 px: 1 + (4.5/0.5)² = 82.
-    /// Half of a window, of which the pixel is at the edge, has 4.
+    /// By hand: two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean 4.5 px aside and a
+    /// scatter of 0.5 px: 1 + (4.5/0.5)² = 82. Half of a window, of which the pixel is at the edge, has 4.
     #[test]
     fn a_few_points_in_a_row_are_no_plane_for_a_pixel_beside_them() {
         let cloud = |columns: std::ops::Range<usize>| {

@@ -40,8 +40,8 @@ pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }
 
-/// Two sides that meet elsewhere than in a common corner, by the number of the corner from which each runs, from 0; `None` for
-/// a simple polygon.
+/// Two sides that meet elsewhere than in a common corner, by the number of the corner from which each runs, from 0;
+/// `None` for a simple polygon.
 pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     let count = polygon.len();
     let side = |i: usize| (polygon[i], polygon[(i + 1) % count]);
@@ -90,8 +90,9 @@ mod tests {
         assert!(!contains(&triangle, Pixel::at(3.0, 1.5)));
     }
 
-    /// By hand: an hourglass crosses in its middle, sides 0 and 2; a point that touches another side counts as a crossing; (2, 1)
-    /// is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from its corner.
+    /// By hand: an hourglass crosses in its middle, sides 0 and 2; a point that touches another side counts as a
+    /// crossing; (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from
+    /// its corner.
     #[test]
     fn sides_cross_or_are_so_far_away() {
         let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();

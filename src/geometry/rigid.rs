@@ -267,8 +267,8 @@ mod tests {
     }
 
     proptest! {
-        /// Plane points leave the third singular vectors' sign free: without the determinant every other turn of these would come out as a
-        /// reflection.
+        /// Plane points leave the third singular vectors' sign free: without the determinant every other turn of
+        /// these would come out as a reflection.
         #[test]
         fn a_plane_panel_is_never_mirrored(turn in prop::array::uniform3(-2.0..2.0f64), shift in prop::array::uniform3(-99.0..99.0f64)) {
             let truth: Rigid<Base, Panel> = Rigid::claim(Isometry3::new(shift.into(), turn.into()));

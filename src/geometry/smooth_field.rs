@@ -193,8 +193,9 @@ mod tests {
         places.map(|at| Height { at, mm: mm(at) }).collect()
     }
 
-    /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms; a clamp of 30 mm at a corner, 3 mm
-    /// high, is not: there the field continues to 0.11 mm. Another program of these equations found these numbers.
+    /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms; a
+    /// clamp of 30 mm at a corner, 3 mm high, is not: there the field continues to 0.11 mm. Another program of
+    /// these equations found these numbers.
     #[test]
     fn a_bow_is_followed_and_a_clamp_is_not() {
         let bow = |at: [f64; 2]| {

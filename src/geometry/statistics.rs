@@ -12,8 +12,8 @@
 
 /// An error in one direction lies within this many standard deviations with 95 %.
 pub const WITHIN_95: f64 = 1.96;
-/// The largest error over a panel lies within this many standard deviations of its worst point with 95 % by the localization's covariance, and
-/// with 94 % by (1).
+/// The largest error over a panel lies within this many standard deviations of its worst point with 95 % by the
+/// localization's covariance, and with 94 % by (1).
 pub const WHOLE_PANEL_95: f64 = 2.35;
 /// The median of |x| to the standard deviation of normal noise.
 pub const SIGMA_OF_MEDIAN: f64 = 1.4826;

@@ -1,8 +1,9 @@
 //! The alarms of a cycle: which were raised, when, and when their cause was gone.
 //!
-//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives it. What the verdict still gives
-//! as a reason lasts on until a person resets or clears the cell, or the next cycle begins; all else is gone with the cycle. A
-//! request that was refused is an alarm of that moment. Acknowledging changes neither alarm nor cell.
+//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives it. What the
+//! verdict still gives as a reason lasts on until a person resets or clears the cell, or the next cycle begins; all
+//! else is gone with the cycle. A request that was refused is an alarm of that moment. Acknowledging changes
+//! neither alarm nor cell.
 
 use super::acknowledgement::Acknowledgement;
 use super::codes::{Priority, code};

@@ -1,7 +1,7 @@
 //! A table of cells that other programs read: as CSV with every digit, one line of names first.
 //!
-//! Spreadsheets execute a text that begins with a sign of a formula. Such texts come from people, as serial numbers do, and get
-//! an apostrophe before them, as spreadsheets themselves write a text that is none.
+//! Spreadsheets execute a text that begins with a sign of a formula. Such texts come from people, as serial numbers
+//! do, and get an apostrophe before them, as spreadsheets themselves write a text that is none.
 
 /// A cell.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,9 @@
 //! Places that were wet already in the dry picture; the test cannot judge them.
 //!
-//! Water that remained from rinsing darkens a place in the dry picture as a film does. Later the place is as bright as it was in that
-//! picture, like a place on which no water stays. The two differ in the dry picture: a place that was never wet
-//! was as bright as its surroundings, while a wet one was darker, closer to τ than to 1 times their brightness.
+//! Water that remained from rinsing darkens a place in the dry picture as a film does. Later the place is as bright
+//! as it was in that picture, like a place on which no water stays. The two differ in the dry picture: a place that
+//! was never wet was as bright as its surroundings, while a wet one was darker, closer to τ than to 1 times their
+//! brightness.
 
 use super::footprint::Window;
 use crate::geometry::AROUND;

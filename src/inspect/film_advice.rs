@@ -217,8 +217,8 @@ mod tests {
         assert_eq!(found.len(), 2);
     }
 
-    /// By hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s; 5 of them for 1 s, fewer than a break; 40 from
-    /// 2 s on to the end, a break; the light grows by a fifth meanwhile.
+    /// By hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s; 5 of them for 1 s, fewer than a
+    /// break; 40 from 2 s on to the end, a break; the light grows by a fifth meanwhile.
     #[test]
     fn a_moment_s_dryness_is_told_from_a_break() {
         let settings = inspect_table("");
@@ -245,8 +245,8 @@ mod tests {
         assert!((found(Some(&broken), 3.0) - 0.6).abs() < 1e-9, "unless it is known to have broken");
     }
 
-    /// By hand: at the left a film that mirrors something red is brighter than the dry panel, by 20 levels in red; at the right it
-    /// is alike to 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
+    /// By hand: at the left a film that mirrors something red is brighter than the dry panel, by 20 levels in red;
+    /// at the right it is alike to 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
     #[test]
     fn a_film_that_is_brighter_or_alike_is_told_by_grid() {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });

@@ -23,8 +23,9 @@ pub struct Looks<'a> {
 const MOST_LEVELS: f32 = 1024.0;
 
 impl Looks<'_> {
-    /// The pixels that no disc covers within their look and that differ from what lies around as a break does from its film: by these
-    /// shares at least, of which 1 is no difference. If it is not known if breaks are brighter or darker, those that differ either way.
+    /// The pixels that no disc covers within their look and that differ from what lies around as a break does from
+    /// its film: by these shares at least, of which 1 is no difference. If it is not known if breaks are brighter
+    /// or darker, those that differ either way.
     ///
     /// # Errors
     /// If OpenCV refuses the picture.
@@ -47,7 +48,8 @@ impl Looks<'_> {
     /// The known pixels of a picture that are apart from what its opening leaves.
     fn apart(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
-        // What is not known hides no edge of a place: it is as bright as all for the erosion, and dark for the reconstruction.
+        // What is not known hides no edge of a place: it is as bright as all for the erosion, and dark for the
+        // reconstruction.
         let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MOST_LEVELS }).collect();
         let open = Mat::new_rows_cols_with_data(rows, columns, &open)?;
         let picture_mat = Mat::new_rows_cols_with_data(rows, columns, picture)?;
@@ -59,7 +61,8 @@ impl Looks<'_> {
         imgproc::erode(&open, &mut eroded, &disc, Point::new(-1, -1), 1, border, outside)?;
         core::min(&eroded, &picture_mat, &mut opened)?;
         let square = imgproc::get_structuring_element(imgproc::MORPH_RECT, Size::new(3, 3), Point::new(-1, -1))?;
-        // Each step reaches one pixel farther; it ends when nothing changes, after as many steps as the window has pixels at most.
+        // Each step reaches one pixel farther; it ends when nothing changes, after as many steps as the window has
+        // pixels at most.
         for _ in 0..picture.len() {
             let (mut wider, mut next) = (Mat::default(), Mat::default());
             imgproc::dilate(&opened, &mut wider, &square, Point::new(-1, -1), 1, border, Scalar::all(0.0))?;
@@ -89,8 +92,9 @@ mod tests {
         looks.narrow(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
     }
 
-    /// By hand: film of 30 levels and a square of 45, 1.5 times as bright. One of 8 px holds no disc of 13 px and counts, with its 64 px; one of
-    /// 20 px holds it, and counts nowhere, its corners included. One that is 1.2 times as bright is no break.
+    /// By hand: film of 30 levels and a square of 45, 1.5 times as bright. One of 8 px holds no disc of 13 px and
+    /// counts, with its 64 px; one of 20 px holds it, and counts nowhere, its corners included. One that is 1.2
+    /// times as bright is no break.
     #[test]
     fn a_place_that_no_disc_made_is_narrow() {
         let square = |side: usize, bright: f32| {
@@ -111,7 +115,8 @@ mod tests {
         assert_eq!(narrow(None, square(8, 32.0)), 0);
     }
 
-    /// The edge of a brighter region is as narrow as it is drawn, and belongs to the region; beside what is not known nothing is narrow.
+    /// The edge of a brighter region is as narrow as it is drawn, and belongs to the region; beside what is not
+    /// known nothing is narrow.
     #[test]
     fn an_edge_of_a_region_is_not_narrow() {
         let region = |column: usize, _: usize| match column {

@@ -118,8 +118,9 @@ fn greasy_grids_are_found_however_hard_they_are_to_see() {
     }
 }
 
-/// All of the region was sanded since the dry picture and looks between 0.45 and 1.8 times as bright. Of breaks that come and places that
-/// never wet none passes, though drops run over them; with the look that sanding usually has, a whole film does.
+/// All of the region was sanded since the dry picture and looks between 0.45 and 1.8 times as bright. Of breaks
+/// that come and places that never wet none passes, though drops run over them; with the look that sanding usually
+/// has, a whole film does.
 #[test]
 fn no_look_of_what_was_sanded_hides_a_break() {
     let sanded = |seed: u64, albedo: [f64; 2], spots: &dyn Fn(&Cell) -> Vec<Spot>| {

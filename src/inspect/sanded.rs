@@ -94,8 +94,9 @@ impl Shown {
         }
     }
 
-    /// How many times the variance of still places they show, and its standard deviation for still places: the mean over the smaller
-    /// ones of the differences. The variance of n normal deviates has the relative standard deviation √(2/(n − 1)).
+    /// How many times the variance of still places they show, and its standard deviation for still places: the mean
+    /// over the smaller ones of the differences. The variance of n normal deviates has the relative standard
+    /// deviation √(2/(n − 1)).
     fn shimmer(&self) -> Option<(f64, f64)> {
         let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
         let mut shown: Vec<(f64, f64)> = seen
@@ -141,8 +142,8 @@ impl Sanded<'_> {
         self.wide(&without)
     }
 
-    /// Of pixels without evidence those that lie in a place wide enough for the smallest break that is surely found, with what broke and what
-    /// lies outside of the region beside them: a thinner place hides none.
+    /// Of pixels without evidence those that lie in a place wide enough for the smallest break that is surely
+    /// found, with what broke and what lies outside of the region beside them: a thinner place hides none.
     fn wide(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
@@ -242,7 +243,8 @@ impl Lattice<'_> {
         sites.into_par_iter().map(is_wet).collect()
     }
 
-    /// How much water moves on a site: the variance of its look over what noise has, in shares of the look; `None` without evidence.
+    /// How much water moves on a site: the variance of its look over what noise has, in shares of the look; `None`
+    /// without evidence.
     fn water(&self, at: usize) -> Option<f64> {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -330,8 +332,9 @@ mod tests {
         (bytes[..4].iter().map(|byte| f64::from(*byte)).sum::<f64>() - 510.0) / 147.8
     }
 
-    /// All of the window was sanded; on its left half water of ±`film` levels moves from place to place and second to second, its right half,
-    /// which is as bright as a break in that film, shows the sensor's noise alone. `also` adds to a place of the window in a picture.
+    /// All of the window was sanded; on its left half water of ±`film` levels moves from place to place and second
+    /// to second, its right half, which is as bright as a break in that film, shows the sensor's noise alone.
+    /// `also` adds to a place of the window in a picture.
     fn without_evidence(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
         let terms = Terms { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
         let inside = [true; 64 * 64];
@@ -370,7 +373,8 @@ mod tests {
         [left.len(), right.len()]
     }
 
-    /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, 2.9 times that of the mean of three.
+    /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, 2.9 times that of
+    /// the mean of three.
     #[test]
     fn water_that_moves_is_evidence_and_a_still_place_is_none() {
         let [left, right] = without_evidence(2.0, |_, _, _| 0.0);
@@ -379,7 +383,8 @@ mod tests {
         assert!(left > 2_000 && right > 2_000, "{left} {right}");
     }
 
-    /// By hand: the smallest break is 4 px wide. It fits into a strip of 4 px and not into one of 3 px; of a square of 4 px it leaves the corners.
+    /// By hand: the smallest break is 4 px wide. It fits into a strip of 4 px and not into one of 3 px; of a square
+    /// of 4 px it leaves the corners.
     #[test]
     fn a_thin_strip_hides_no_break() {
         let window = Window { left: 0, top: 0, width: 40, height: 30 };

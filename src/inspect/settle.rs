@@ -1,10 +1,11 @@
 //! From pixels that look bare to broken places, once the film is over; and which places cannot be judged.
 //!
-//! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as bare all over as
-//! anywhere in it, and the film around it differs from that. A glint that does not move has a bell-shaped brightness, and equals a bare place
-//! on a ring alone; the edge of a reflection runs from film to bare and beyond; a film that happens to look bare has no rim. Such
-//! places are not seen, unless they closed again soon and moved on, by themselves or, if each is smaller than a break, with those beside them. A
-//! small wet place within a break is a bead of water on grease and no film; it belongs to the break.
+//! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as
+//! bare all over as anywhere in it, and the film around it differs from that. A glint that does not move has a
+//! bell-shaped brightness, and equals a bare place on a ring alone; the edge of a reflection runs from film to bare
+//! and beyond; a film that happens to look bare has no rim. Such places are not seen, unless they closed again soon
+//! and moved on, by themselves or, if each is smaller than a break, with those beside them. A small wet place
+//! within a break is a bead of water on grease and no film; it belongs to the break.
 
 use super::film::NEVER;
 use super::footprint::Window;
@@ -78,7 +79,8 @@ pub trait Observed {
     fn levels(&self, index: usize) -> [f32; 2];
     /// By less than this share of its look a film differs from the film beside it.
     fn alike_share(&self) -> f32;
-    /// The least and the largest look of a break on a place without a dry look, as a share of its film's look; `None` if that is not known.
+    /// The least and the largest look of a break on a place without a dry look, as a share of its film's look;
+    /// `None` if that is not known.
     fn break_to_film(&self) -> Option<[f32; 2]>;
 }
 
@@ -176,8 +178,8 @@ impl Place<'_> {
         if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
     }
 
-    /// Did what looks bare move on? A break is open all over at one time; of what a glint passed the first part is film again before
-    /// the last part was reached.
+    /// Did what looks bare move on? A break is open all over at one time; of what a glint passed the first part is
+    /// film again before the last part was reached.
     fn moved_on(&self, seen: &impl Observed) -> bool {
         let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
@@ -191,8 +193,9 @@ impl Place<'_> {
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
-    /// Its parts that one reflection may have left on its way: it stays long enough to look bare here and there, and no part shows by itself that
-    /// it moves. Parts within twice the largest glint's diameter of one another are judged together.
+    /// Its parts that one reflection may have left on its way: it stays long enough to look bare here and there,
+    /// and no part shows by itself that it moves. Parts within twice the largest glint's diameter of one another
+    /// are judged together.
     fn trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
@@ -208,9 +211,10 @@ impl Place<'_> {
         own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| f64::from(open_s) <= MOVES_ON_S))
     }
 
-    /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet look was learnt, or the
-    /// water reached it later. A break differs from the film around it. Along an edge of what was sanded only one side is alike, and the place
-    /// must not look like a break of the film on the other side.
+    /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet
+    /// look was learnt, or the water reached it later. A break differs from the film around it. Along an edge of
+    /// what was sanded only one side is alike, and the place must not look like a break of the film on the other
+    /// side.
     fn became_film(&self, seen: &impl Observed) -> bool {
         let of_film = |i: usize| self.broke_s[i] == NEVER && seen.is_inside(i) && seen.is_without_dry(i);
         let around = self.ring(AWAY_PX, of_film);
@@ -225,7 +229,8 @@ impl Place<'_> {
         // Each pixel by itself: the mean of a break over two kinds of film is the look of neither.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
-            // What still has its other look is compared in the last picture: the light of now is that of the film around it.
+            // What still has its other look is compared in the last picture: the light of now is that of the film
+            // around it.
             let look = if seen.was_open_s(i).is_none() { now } else { bare };
             let is_break_of = |film: f32| {
                 seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
@@ -328,9 +333,9 @@ impl<'a> OfModel<'a> {
     }
 }
 
-/// The least and the largest look of a break on a place without a dry look, as a share of its film's look:
-/// by the film on the places that have a dry look, or by the assumed one if there are none. A film that is darker than the dry panel
-/// here and brighter there leaves it open.
+/// The least and the largest look of a break on a place without a dry look, as a share of its film's look: by the
+/// film on the places that have a dry look, or by the assumed one if there are none. A film that is darker than the
+/// dry panel here and brighter there leaves it open.
 pub fn break_to_film(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
     let away = FAINTEST_SHARE * 2.0 * model.away_share();

@@ -23,7 +23,8 @@ pub struct View<'a> {
     pub camera: &'a PinholeCamera,
     /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7).
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The taught pixels of places that were sanded since the dry picture was taken: they are judged by their wet look alone.
+    /// The taught pixels of places that were sanded since the dry picture was taken: they are judged by their wet
+    /// look alone.
     pub sanded: Option<&'a Mask>,
 }
 

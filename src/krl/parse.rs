@@ -226,7 +226,8 @@ impl Parser {
         Some(Routine { name, line, end_line, global, returns, parameters, declarations, body })
     }
 
-    /// The declarations that come next. Lines that may lack their DECL are declarations in a data list, and before another one.
+    /// The declarations that come next. Lines that may lack their DECL are declarations in a data list, and before
+    /// another one.
     fn declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
         loop {

@@ -1,7 +1,7 @@
 //! The time of a break as a colour: `times.png`.
 //!
-//! A pixel that broke has blue 255, and red · 256 + green hundredths of a second since the first fully wet picture; any other pixel is
-//! black.
+//! A pixel that broke has blue 255, and red · 256 + green hundredths of a second since the first fully wet picture;
+//! any other pixel is black.
 
 /// A time as a colour.
 pub fn coded(since_wet_s: Option<f64>) -> [u8; 3] {

@@ -21,10 +21,10 @@ fn frame() -> ClipFrame {
     ClipFrame { size_px: [10, 6], wet_times_s: (3..=8).map(f64::from).collect() }
 }
 
-/// By hand: the rectangle from (1.5, 0.5) to (4.5, 2.5) holds the centres of columns 2 to 4 and rows 1 and 2, six pixels, from
-/// 4 s on, which is 1 s after the first wet picture. The second shape adds column 5, which the first does not hold; with the same
-/// number of corners its right side moves from 4.5 at 4 s to 6.5 at 8 s and passes 5 between 5 s (at 5.0, which is not inside yet)
-/// and 6 s, and 6 between 7 s (at 6.0) and 8 s.
+/// By hand: the rectangle from (1.5, 0.5) to (4.5, 2.5) holds the centres of columns 2 to 4 and rows 1 and 2, six
+/// pixels, from 4 s on, which is 1 s after the first wet picture. The second shape adds column 5, which the first
+/// does not hold; with the same number of corners its right side moves from 4.5 at 4 s to 6.5 at 8 s and passes 5
+/// between 5 s (at 5.0, which is not inside yet) and 6 s, and 6 between 7 s (at 6.0) and 8 s.
 #[test]
 fn pixels_break_when_a_growing_shape_reaches_them() {
     let grows = Break {

@@ -134,8 +134,8 @@ fn a_refusal_is_told() {
     assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
 }
 
-/// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle done alone, and pass
-/// with no other verdict.
+/// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle
+/// done alone, and pass with no other verdict.
 #[test]
 fn what_is_told_is_never_two_things() {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
@@ -161,8 +161,8 @@ fn what_is_told_is_never_two_things() {
 }
 
 proptest! {
-    /// Whatever is seen: a start has a low request in the same idle time of an unbroken link before it, a part, and an edge of
-    /// its own; a reset follows a part that was there and is gone, in the same rest after a cycle.
+    /// Whatever is seen: a start has a low request in the same idle time of an unbroken link before it, a part, and
+    /// an edge of its own; a reset follows a part that was there and is gone, in the same rest after a cycle.
     #[test]
     fn what_is_asked_for_was_earned(
         walk in proptest::collection::vec((0..3_usize, any::<bool>(), any::<bool>(), 0..12_u8, 1..4_usize), 1..80),

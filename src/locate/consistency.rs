@@ -1,8 +1,9 @@
 //! Comparison of two pose hypotheses of one panel: what supports one of them alone.
 //!
-//! Only places at which the two differ carry information: a stretch of the outline that has its edge at one pose and not
-//! at the other, a border of a mark likewise, or a piece of surface that lies on the scan at one and not at the other. Places that are occluded at either
-//! pose are left out. Both kinds are expressed as a length; a square of surface counts as its side.
+//! Only places at which the two differ carry information: a stretch of the outline that has its edge at one pose
+//! and not at the other, a border of a mark likewise, or a piece of surface that lies on the scan at one and not at
+//! the other. Places that are occluded at either pose are left out. Both kinds are expressed as a length; a square
+//! of surface counts as its side.
 
 use super::fit::FitInputs;
 use super::grid::Motion;

@@ -1,7 +1,7 @@
 //! The correspondence set K of thesis Eq. 3.20: pairs of closest points.
 //!
-//! Pairs farther apart than a limit are dropped. The limit follows the median distance of all pairs down to a floor, so that it
-//! decreases as the fit improves.
+//! Pairs farther apart than a limit are dropped. The limit follows the median distance of all pairs down to a
+//! floor, so that it decreases as the fit improves.
 
 use crate::geometry::{Base, Panel, Point, Rigid, median};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};

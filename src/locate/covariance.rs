@@ -51,8 +51,8 @@ const SURFACE: usize = 0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
-/// What (3) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all scans share, and for
-/// one that differs from scan to scan.
+/// What (3) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all
+/// scans share, and for one that differs from scan to scan.
 fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
     [
@@ -248,7 +248,8 @@ impl SurfaceMoves {
             bend += self.bent[i] * bend_with.transpose();
             rigid += self.places[i].rigid * rigid_with.transpose();
         }
-        // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one that was found.
+        // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one
+        // that was found.
         let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
         noise * of_scan + bend * (of_panel / left.max(LEAST_LEFT))
     }
@@ -333,8 +334,9 @@ mod tests {
         SurfaceMoves::of(places, &(of_surface + outline).try_inverse().expect("held"))
     }
 
-    /// By hand: an error that is the same all over the panel shifts it by just that and tilts it by nothing; one that is alike over much less
-    /// than the panel is averaged away, as n cells of ℓ² would: 0.1 mm over 60000 / 30² = 67 cells is 0.012 mm.
+    /// By hand: an error that is the same all over the panel shifts it by just that and tilts it by nothing; one
+    /// that is alike over much less than the panel is averaged away, as n cells of ℓ² would: 0.1 mm over 60000 /
+    /// 30² = 67 cells is 0.012 mm.
     #[test]
     fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
         let flat = moves(0.0, 1.0);
@@ -345,8 +347,9 @@ mod tests {
         assert!((0.011..0.0135).contains(&short), "{short}");
     }
 
-    /// A bend of 0.5 mm rms shifts and tilts nothing along the normal, since that is how a pose is defined, and slides a flat panel nowhere. A
-    /// curved one that its outline holds hardly is slid by it, the more the less the outline holds.
+    /// A bend of 0.5 mm rms shifts and tilts nothing along the normal, since that is how a pose is defined, and
+    /// slides a flat panel nowhere. A curved one that its outline holds hardly is slid by it, the more the less the
+    /// outline holds.
     #[test]
     fn a_bend_slides_a_curved_panel_that_its_outline_does_not_hold() {
         let bent = |slope: f64, of_outline: f64| moves(slope, of_outline).covariance(200.0, [0.0, 0.25]);
@@ -358,8 +361,8 @@ mod tests {
         assert!(bent(0.3, 1e6)[(5, 5)].sqrt() < 0.02);
     }
 
-    /// By hand: 700 mm away and moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm; 0.01 % from scan to scan is 0.07 mm
-    /// in each of the two, along the view.
+    /// By hand: 700 mm away and moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm; 0.01 % from
+    /// scan to scan is 0.07 mm in each of the two, along the view.
     #[test]
     fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));

@@ -1,12 +1,13 @@
 //! How today's panel is bent beside the taught one: a smooth field along the normals.
 //!
-//! A pose is rigid, and a panel is not: it bows by its own weight, by moisture, by how it is clamped. So a pose is the best one in this sense:
-//! along the normal it is the rigid place nearest to the surface, in the panel's plane the one that puts the outline, of the panel so bent,
-//! on its edges. What is left is the deviation
+//! A pose is rigid, and a panel is not: it bows by its own weight, by moisture, by how it is clamped. So a pose is
+//! the best one in this sense: along the normal it is the rigid place nearest to the surface, in the panel's plane
+//! the one that puts the outline, of the panel so bent, on its edges. What is left is the deviation
 //!     d = c − F (FᵀF)⁻¹Fᵀ c,                                                                             (1)
-//! c the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along the normal, a shift and two
-//! tilts, at the samples. A bow therefore never counts as a shift or a tilt, nor the other way round. A slide of a curved panel in its plane
-//! looks like a deviation: only outline and marks hold a bent panel there (`covariance`).
+//! c the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along
+//! the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, nor the
+//! other way round. A slide of a curved panel in its plane looks like a deviation: only outline and marks hold a
+//! bent panel there (`covariance`).
 
 use super::fit::{FitInputs, Fitted, Residuals, Samples, fit};
 use super::model::Model;
@@ -14,15 +15,16 @@ use super::sampling::spread_over;
 use crate::geometry::{Height, RobustField, SmoothField};
 use nalgebra::{Matrix3, Vector3};
 
-/// Samples to which the field is fitted, about: forty for each coefficient of a panel of 330 × 220 mm, which is then known to a sixth of a sample's
-/// noise.
+/// Samples to which the field is fitted, about: forty for each coefficient of a panel of 330 × 220 mm, which is
+/// then known to a sixth of a sample's noise.
 const MOST_FITTED: usize = 2_500;
 /// A sample farther from the taught surface is not the panel's, mm: as for today's surface.
 const FARTHEST_MM: f64 = 20.0;
 /// Fewer samples determine no field: then none is assumed.
 const MIN_FITTED: usize = 200;
 
-/// Times the deviation is looked at and the pose fitted to the panel so bent: the second one moves it by less than the noise.
+/// Times the deviation is looked at and the pose fitted to the panel so bent: the second one moves it by less than
+/// the noise.
 const ROUNDS: usize = 2;
 
 /// The end of a fit, with the panel as it is bent there.
@@ -74,8 +76,8 @@ impl PanelPlane {
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
     }
 
-    /// How far along its own normal a point with that normal moves by a shift along the panel's mean normal, and by a turn of one radian about
-    /// either axis: a row of F.
+    /// How far along its own normal a point with that normal moves by a shift along the panel's mean normal, and by
+    /// a turn of one radian about either axis: a row of F.
     pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let about = (point - self.centre).cross(normal);
         Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
@@ -184,8 +186,9 @@ mod tests {
         judgement.reasons.iter().map(|reason| &*reason.code).collect()
     }
 
-    /// By hand: a parabola of 2 mm over ±165 mm lies 2/3 mm behind its mean in the middle of its ends, or 4/3 mm before it; what is left beside it
-    /// is the scans' noise, less than 0.12 mm. The panel has parts farther out than its straight ends, so that the deviation may be a little more.
+    /// By hand: a parabola of 2 mm over ±165 mm lies 2/3 mm behind its mean in the middle of its ends, or 4/3 mm
+    /// before it; what is left beside it is the scans' noise, less than 0.12 mm. The panel has parts farther out
+    /// than its straight ends, so that the deviation may be a little more.
     #[test]
     fn a_panel_that_bows_by_2_mm_is_the_panel() {
         for bow_mm in [2.0, -2.0] {
@@ -209,7 +212,8 @@ mod tests {
         }
     }
 
-    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm that are 0.5 mm high: no smooth bend explains either.
+    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm that are 0.5 mm high: no smooth bend
+    /// explains either.
     #[test]
     fn what_no_smooth_bend_explains_is_a_poor_fit() {
         let cell = Cell::new(4, Scene::Good, 4);

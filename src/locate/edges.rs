@@ -218,8 +218,8 @@ mod tests {
             .collect()
     }
 
-    /// By hand, with the middle at place 8: the surface ends at place 9, the plate begins at 12, so the edge is at 10.5, which
-    /// is 2.5 outside; one flying point on the way is nothing.
+    /// By hand, with the middle at place 8: the surface ends at place 9, the plate begins at 12, so the edge is at
+    /// 10.5, which is 2.5 outside; one flying point on the way is nothing.
     #[test]
     fn depths_say_where_the_surface_ends() {
         let rough = |text: &str| by_depth(&depths(text));

@@ -1,8 +1,8 @@
 //! The evidence for a located pose, in numbers.
 //!
-//! It consists of what was matched (`shares`), how well the pose is known (`covariance`), the results of further checks
-//! (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate` judges these numbers.
-//! An error that both scans share, that of the camera's calibration, is not visible here.
+//! It consists of what was matched (`shares`), how well the pose is known (`covariance`), the results of further
+//! checks (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate`
+//! judges these numbers. An error that both scans share, that of the camera's calibration, is not visible here.
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
@@ -23,7 +23,8 @@ use nalgebra::Matrix6;
 pub struct Fit {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: what no bow or wave explains.
+    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: what no bow
+    /// or wave explains.
     pub rms_mm: f64,
     /// The largest distance of the panel from the taught one by that deviation, mm; `None` if too little of the
     /// panel is seen for it.
@@ -32,8 +33,8 @@ pub struct Fit {
     pub outline_rms_mm: f64,
     /// The same in pixels of the 3D camera.
     pub outline_rms_px: f64,
-    /// Share of the taught points that the scan has, 0…1; this and the next share, and `measured`, of what a scan with as many
-    /// points missing as the taught one would have.
+    /// Share of the taught points that the scan has, 0…1; this and the next share, and `measured`, of what a scan
+    /// with as many points missing as the taught one would have.
     pub taught_found: f64,
     /// Share of the scan's piece that the taught panel has, 0…1.
     pub scan_found: f64,

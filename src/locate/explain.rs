@@ -119,7 +119,8 @@ impl Prepared<'_> {
     }
 }
 
-/// What the scan shows of the panel as it is bent, beside the panel as it was taught: `bend_mm` is how far a point lies before its taught place.
+/// What the scan shows of the panel as it is bent, beside the panel as it was taught: `bend_mm` is how far a point
+/// lies before its taught place.
 fn surface(
     placed: &Rigid<Camera, Panel>,
     inputs: FitInputs<'_>,

@@ -360,8 +360,8 @@ mod tests {
         assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
     }
 
-    /// By hand: known to 0.2 mm, a camera is noticed from 0.45 mm on; known to 0.31 mm, from 0.56 mm on, which is more than 0.55.
-    /// 2 ± 2 mm is a camera that has moved.
+    /// By hand: known to 0.2 mm, a camera is noticed from 0.45 mm on; known to 0.31 mm, from 0.56 mm on, which is
+    /// more than 0.55. 2 ± 2 mm is a camera that has moved.
     #[test]
     fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
         let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, same: 0.9 });

@@ -1,5 +1,5 @@
-//! The steps of brightness in a picture that may be borders of marks: the steepest of a cell, and from any place of a scan the way to
-//! the nearest.
+//! The steps of brightness in a picture that may be borders of marks: the steepest of a cell, and from any place of
+//! a scan the way to the nearest.
 
 use super::grid::{Grid, Scan};
 use super::pieces::{Border, Piece};
@@ -93,8 +93,9 @@ mod tests {
 
     const SIDE: usize = 64;
 
-    /// By hand: dark to column 31, bright from there on. Brightness is compared over two pixels to each side, so that columns 30 to 33 have
-    /// the step, and a place in column 20 is ten blocks from it, towards what is brighter and not the other way.
+    /// By hand: dark to column 31, bright from there on. Brightness is compared over two pixels to each side, so
+    /// that columns 30 to 33 have the step, and a place in column 20 is ten blocks from it, towards what is
+    /// brighter and not the other way.
     #[test]
     fn the_nearest_step_is_found_where_it_becomes_brighter() {
         let [fx_px, fy_px, cx_px, cy_px] = [60.0, 60.0, 31.5, 31.5];

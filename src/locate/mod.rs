@@ -322,8 +322,8 @@ mod tests {
         (panel.unwrap_or_else(|error| panic!("{error}")), recipe)
     }
 
-    /// A smooth panel slides along itself under point-to-point costs: the thesis's pose is off by tenths of a millimetre, which count as its
-    /// error. It is never stated to be better known than the other one.
+    /// A smooth panel slides along itself under point-to-point costs: the thesis's pose is off by tenths of a
+    /// millimetre, which count as its error. It is never stated to be better known than the other one.
     #[test]
     fn the_thesis_method_is_judged_by_its_distance_from_the_other() {
         let cell = Cell::new(4, Scene::Good, 4);

@@ -12,8 +12,8 @@ pub struct RangeErrors {
     pub correlation_mm: f64,
     /// Of a surface residual between two scans, one standard deviation of such a square's mean, mm.
     pub between_scans_mm: f64,
-    /// Of the taught scan alone at a point of the outline: it lies so far off along the taught rays, which another view shows
-    /// aside, mm.
+    /// Of the taught scan alone at a point of the outline: it lies so far off along the taught rays, which another
+    /// view shows aside, mm.
     pub of_taught_mm: f64,
     /// The camera's distances are too long or too short by this share in each scan alike, one standard deviation.
     pub scale: f64,
@@ -27,9 +27,10 @@ pub struct RangeErrors {
 const POINT: f64 = 1.5;
 
 impl Default for RangeErrors {
-    /// Without a measurement: what a Zivid Two's scans of a smooth panel show, 0.06 mm of local planarity by its maker; who
-    /// also states 0.2 % of dimension trueness, which is taken as two standard deviations that all scans share. No maker states over
-    /// which length errors are alike: with 85 mm what is stated holds up to 120 mm (`make bench-locate`, `correlated`).
+    /// Without a measurement: what a Zivid Two's scans of a smooth panel show, 0.06 mm of local planarity by its
+    /// maker; who also states 0.2 % of dimension trueness, which is taken as two standard deviations that all scans
+    /// share. No maker states over which length errors are alike: with 85 mm what is stated holds up to 120 mm
+    /// (`make bench-locate`, `correlated`).
     fn default() -> Self {
         RangeErrors {
             correlation_mm: 85.0,
@@ -74,8 +75,8 @@ pub struct ScanErrors {
     pub scale_off: f64,
 }
 
-/// The printed board that the scale was measured by is itself known to this share, one standard deviation: 0.1 mm of 200 mm by a caliper is
-/// two of them.
+/// The printed board that the scale was measured by is itself known to this share, one standard deviation: 0.1 mm
+/// of 200 mm by a caliper is two of them.
 const BOARD_SHARE: f64 = 0.000_25;
 
 impl ScanErrors {
@@ -86,8 +87,8 @@ impl ScanErrors {
             correlation_mm: measured.correlation_mm,
             between_scans_mm: SQRT_2 * measured.smooth_mm,
             of_taught_mm: POINT * measured.smooth_mm,
-            // The scale that is taken off is that of the board's stated squares, which nothing here proves: it is counted whole, beside the
-            // board's own length and the measurement.
+            // The scale that is taken off is that of the board's stated squares, which nothing here proves: it is
+            // counted whole, beside the board's own length and the measurement.
             scale: (measured.scale_percent / 100.0)
                 .hypot(BOARD_SHARE)
                 .hypot(measured.scale_deviation_percent / 100.0 / (measured.places.max(1) as f64).sqrt()),

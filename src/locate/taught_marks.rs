@@ -18,7 +18,8 @@ use std::collections::BTreeSet;
 
 /// Side of a cell that has one mark at most, px.
 const CELL_PX: usize = 8;
-/// A mark's two sides differ by this much, grey levels: three times what an edge of the outline needs, and far beyond a weave.
+/// A mark's two sides differ by this much, grey levels: three times what an edge of the outline needs, and far
+/// beyond a weave.
 const MIN_CONTRAST: f64 = 40.0;
 /// Of a step's contrast this much lies between the two pixels that [`steepest`] compares.
 const STEEP: f64 = 0.35;

@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 /// Half the width of the neighbourhood that gives a normal, blocks.
 const NORMAL_REACH: usize = 2;
-/// The surface at an edge is fitted to blocks within this distance; the number of them that is needed, and the distance of the nearest, blocks.
+/// The surface at an edge is fitted to blocks within this distance; the number of them that is needed, and the
+/// distance of the nearest, blocks.
 const EDGE_REACH: isize = 7;
 const MIN_BESIDE: usize = 25;
 const MAX_BESIDE: f64 = 4.0;

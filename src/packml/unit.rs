@@ -1,7 +1,7 @@
 //! The cycle's state as PackML numbers it, and the unit's mode.
 //!
-//! The cycle has PackML's names already ([`At`]); the numbers are those of ISA-TR88.00.02-2015, table of states. Suspending,
-//! Suspended and Unsuspending (13, 5, 14) do not occur: nothing beside this cell makes it wait.
+//! The cycle has PackML's names already ([`At`]); the numbers are those of ISA-TR88.00.02-2015, table of states.
+//! Suspending, Suspended and Unsuspending (13, 5, 14) do not occur: nothing beside this cell makes it wait.
 
 use crate::cycle::{At, Robot, State};
 

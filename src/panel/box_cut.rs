@@ -41,7 +41,8 @@ impl BoxCut {
 }
 
 impl TaughtPanel {
-    /// The face of the search box that cuts most of the panel's border; `None` if none does. What holds the panel may leave the box.
+    /// The face of the search box that cuts most of the panel's border; `None` if none does. What holds the panel
+    /// may leave the box.
     pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
         let raster = Raster { width: self.scan.width(), height: self.scan.height() };
         let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
@@ -74,7 +75,8 @@ impl TaughtPanel {
     }
 }
 
-/// The face beyond which a point lies, 0 to 2 for the lower ones and 3 to 5 for the upper ones; `None` of a point in the box.
+/// The face beyond which a point lies, 0 to 2 for the lower ones and 3 to 5 for the upper ones; `None` of a point
+/// in the box.
 fn face_beyond(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     (0..3)
@@ -88,8 +90,8 @@ mod tests {
     use crate::recipe::Recipe;
     use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
 
-    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the panel that was taught.
-    /// A holder may cover all that is above the region.
+    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the
+    /// panel that was taught. A holder may cover all that is above the region.
     fn cut(cell: &Cell, top_mm: f64, has_holder: bool) -> (Option<BoxCut>, f64) {
         let (region, [low, [x, y, _]]) = (cell.region(), SEARCH_BOX_MM);
         // The line of the region's upper corners, longer by half of its length on each side, and 2 px above it.

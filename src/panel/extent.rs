@@ -136,7 +136,8 @@ impl SearchArea<'_> {
         if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }
     }
 
-    /// What of the scan lies inside of a drawn outline, on one surface; all four corners of the region must lie inside, too.
+    /// What of the scan lies inside of a drawn outline, on one surface; all four corners of the region must lie
+    /// inside, too.
     fn inside(&self, drawn: &[Pixel]) -> Result<Mask, LearnError> {
         let (width, height) = (self.scan.width(), self.scan.height());
         if let Some(&Pixel { u, v }) = drawn.iter().find(|pixel| pixel.whole(width, height).is_none()) {

@@ -1,14 +1,15 @@
-//! Which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects before or behind it do not belong to it.
+//! Which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects before or
+//! behind it do not belong to it.
 //!
-//! The heights over the plane of least scatter are modelled as a polynomial of second order in the two directions of that plane,
-//! fitted to the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A piece belongs to the sheet if
-//! its median height differs from this model by at most [`MAX_AWAY_MM`].
+//! The heights over the plane of least scatter are modelled as a polynomial of second order in the two directions
+//! of that plane, fitted to the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A
+//! piece belongs to the sheet if its median height differs from this model by at most [`MAX_AWAY_MM`].
 
 use crate::geometry::{OrganizedCloud, Panel, Point, Vector, median};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
-/// A piece is another thing from this far off the sheet, mm: a clamp or a mark glued on is thicker, and a panel of second order
-/// is met by less at the ends of a gap.
+/// A piece is another thing from this far off the sheet, mm: a clamp or a mark glued on is thicker, and a panel of
+/// second order is met by less at the ends of a gap.
 const MAX_AWAY_MM: f64 = 4.0;
 /// Largest number of points that a fit, and the height of a piece, use.
 const FIT_POINTS: usize = 4_000;
@@ -150,8 +151,8 @@ mod tests {
         assert!(sheet.rms_mm < 0.01, "{}", sheet.rms_mm);
     }
 
-    /// A bent sheet in two parts, with a thing 20 mm before it: the thing is left out. The far part lies 8 mm above the near
-    /// one's plane (x²/1000 at x = 90 mm), and on its sheet.
+    /// A bent sheet in two parts, with a thing 20 mm before it: the thing is left out. The far part lies 8 mm above
+    /// the near one's plane (x²/1000 at x = 90 mm), and on its sheet.
     #[test]
     fn parts_of_a_bent_sheet_belong_together() {
         let point = |i: usize| {

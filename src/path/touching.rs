@@ -14,7 +14,8 @@ const SAMPLES: usize = 16;
 /// The disc is taken this much larger: what it barely reaches counts as reached, mm.
 const MARGIN_MM: f64 = 1.0;
 
-/// A place is taken as touched that lies this far beyond the disc's edge, mm: the panel is placed, and the tool moves, within less.
+/// A place is taken as touched that lies this far beyond the disc's edge, mm: the panel is placed, and the tool
+/// moves, within less.
 const BEYOND_MM: f64 = 1.5;
 /// Largest distance between the sampled points of the way between two waypoints, mm; a place lies at most half of
 /// this farther from a point than from the way.
@@ -36,8 +37,8 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
     near(&way, settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0, panel)
 }
 
-/// The taught pixels that a disc may have touched that abraded these grids: its centre stays on the grid or beside it, so that its
-/// edge leaves the grid by its diameter at most.
+/// The taught pixels that a disc may have touched that abraded these grids: its centre stays on the grid or beside
+/// it, so that its edge leaves the grid by its diameter at most.
 pub fn pixels_of_abraded(grids: &[GridId], panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let Mask { width, height, .. } = panel.mask;
     let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));

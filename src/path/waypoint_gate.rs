@@ -206,8 +206,8 @@ mod tests {
         assert!(planted(below).contains(&"outside_box".to_owned()));
     }
 
-    /// By hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above it; each names its own key, and
-    /// what is kept is not listed.
+    /// By hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above it; each names its
+    /// own key, and what is kept is not listed.
     #[test]
     fn a_check_tells_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {

@@ -1,4 +1,5 @@
-//! What a person drew on the taught picture, put into a recipe's text. Everything else in the text stays as it is, comments too.
+//! What a person drew on the taught picture, put into a recipe's text. Everything else in the text stays as it is,
+//! comments too.
 
 use crate::config::set_value;
 use serde::{Deserialize, Serialize};

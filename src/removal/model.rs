@@ -92,8 +92,8 @@ impl Model {
         (of_k.max(0.0) + self.coupon_deviation.powi(2) + force * force).sqrt()
     }
 
-    /// The forces for which its coupons hold, N: a depth grows in proportion to the force only as far as that was measured. `None` if it is not
-    /// known.
+    /// The forces for which its coupons hold, N: a depth grows in proportion to the force only as far as that was
+    /// measured. `None` if it is not known.
     pub fn holds_for_n(&self) -> Option<[f64; 2]> {
         let [least_n, most_n] = self.forces_n?;
         let beyond = if most_n >= FORCE_RANGE * least_n { FORCE_RANGE } else { FORCE_NEAR };

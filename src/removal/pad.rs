@@ -208,8 +208,9 @@ mod tests {
         assert_eq!(small.pressure_n_mm2(Vector2::new(9.0, 0.0)), 0.0, "the rim does not touch");
     }
 
-    /// By hand: leant by 0.02 on a bend of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π · 0.05))^½ = 0.677 8 mm, 1.6 mm aside;
-    /// the ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from there. δ = c₀ − ½ · 0.02 · 1.6. It is what the sum finds, too.
+    /// By hand: leant by 0.02 on a bend of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π · 0.05))^½ = 0.677 8 mm,
+    /// 1.6 mm aside; the ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from there. δ = c₀ − ½ · 0.02 · 1.6. It is
+    /// what the sum finds, too.
     #[test]
     fn an_ellipse_inside_of_the_disc_is_closed() {
         let seat = Seat { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };

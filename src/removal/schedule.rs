@@ -49,7 +49,8 @@ pub struct RemovalTarget {
     pub acceleration_mm_s2: f64,
 }
 
-/// The feed on each of the moves, mm/s, that brings the removal nearest to the target. `stretches` are those of the path at any feed.
+/// The feed on each of the moves, mm/s, that brings the removal nearest to the target. `stretches` are those of the
+/// path at any feed.
 pub fn schedule(
     (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
     treated: &[GridId],
@@ -89,7 +90,8 @@ fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
     moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
 }
 
-/// What each move removes of each place for each mm rubbed on a mm of its way, as a share of the target; and the places' area.
+/// What each move removes of each place for each mm rubbed on a mm of its way, as a share of the target; and the
+/// places' area.
 fn columns(
     samples: &[Samples],
     (stretches, moves): (&[Stretch], &[Move]),

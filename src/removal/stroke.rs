@@ -1,9 +1,9 @@
 //! What a disc in contact does to a place while it moves by along a straight stretch: ∫ p dl, in closed form.
 //!
-//! Along a line x(l) = x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the disc. The
-//! integral of its positive part follows from its roots. The orbit carries the rim of the disc with it: the integral is
-//! the mean over places of the orbit's circle, which turn from one stretch to the next by the golden angle, so that a few
-//! for each stretch do for all together.
+//! Along a line x(l) = x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the
+//! disc. The integral of its positive part follows from its roots. The orbit carries the rim of the disc with it:
+//! the integral is the mean over places of the orbit's circle, which turn from one stretch to the next by the
+//! golden angle, so that a few for each stretch do for all together.
 
 use super::pad::Contact;
 use nalgebra::Vector2;

@@ -156,7 +156,8 @@ pub(super) mod tests {
         Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
-    /// By hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps 1800 mm².
+    /// By hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps
+    /// 1800 mm².
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];

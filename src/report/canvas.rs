@@ -299,8 +299,8 @@ mod tests {
         assert_eq!(picture.rgb[20], [128; 3]);
     }
 
-    /// A label that would begin beyond the right border, or above the upper one, is whole inside the picture: no letter touches
-    /// the border.
+    /// A label that would begin beyond the right border, or above the upper one, is whole inside the picture: no
+    /// letter touches the border.
     #[test]
     fn a_label_is_never_cut_off() {
         for at in [Pixel::at(195.0, 50.0), Pixel::at(400.0, -30.0), Pixel::at(-20.0, 99.0)] {

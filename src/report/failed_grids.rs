@@ -1,5 +1,5 @@
-//! Each grid that failed as a close picture: the film as it was in the end, a line around what broke, and in words how much broke
-//! and after how long. Each has its own scale.
+//! Each grid that failed as a close picture: the film as it was in the end, a line around what broke, and in words
+//! how much broke and after how long. Each has its own scale.
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
 use super::closeup::bounds;
@@ -91,8 +91,9 @@ fn heightened(picture: &ColorPicture, height: usize) -> ColorPicture {
 mod tests {
     use super::*;
 
-    /// A white square of 4 px in a dark picture of 100 by 80 px, cut at (30, 20) to (70, 40): 40 px and 5 px of margin on each side make
-    /// 50 px, which become 320, so that the square becomes 25.6 px wide, and the part 30 px high 192 px.
+    /// A white square of 4 px in a dark picture of 100 by 80 px, cut at (30, 20) to (70, 40): 40 px and 5 px of
+    /// margin on each side make 50 px, which become 320, so that the square becomes 25.6 px wide, and the part 30
+    /// px high 192 px.
     #[test]
     fn a_grid_is_cut_out_with_a_margin_and_has_its_title() {
         let mut whole = ColorPicture::filled(100, 80, [60; 3]);

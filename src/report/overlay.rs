@@ -138,7 +138,8 @@ impl View<'_> {
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }
 
-    /// What broke, tinted and outlined, what was not seen, outlined, if that is known yet, and failed grids with a thick rim.
+    /// What broke, tinted and outlined, what was not seen, outlined, if that is known yet, and failed grids with a
+    /// thick rim.
     ///
     /// # Errors
     /// As [`View::taught`].

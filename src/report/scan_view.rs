@@ -79,8 +79,8 @@ mod tests {
         OrganizedCloud::new(1000, 300, points.collect(), vec![[100; 3]; 1000 * 300]).expect("organised")
     }
 
-    /// By hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the way from 100 to it (163,
-    /// 158, 85).
+    /// By hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the way from 100
+    /// to it (163, 158, 85).
     #[test]
     fn missing_points_are_counted_and_tinted() {
         assert!((missing_share(&scan()) - 0.25).abs() < 1e-12);

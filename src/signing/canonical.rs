@@ -20,7 +20,8 @@ pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
     serde_json_canonicalizer::to_vec(&value).map_err(json)
 }
 
-/// The same value with the texts of large whole numbers as numbers again, in the fields of these names, which hold numbers alone.
+/// The same value with the texts of large whole numbers as numbers again, in the fields of these names, which hold
+/// numbers alone.
 pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
     match value {
         Value::Array(values) => Value::Array(values.into_iter().map(|value| numbers_again(value, names)).collect()),

@@ -1,8 +1,9 @@
 //! An exported record: a folder of statements with their signatures, and the files that they name.
 //!
-//! The names are `cycle-7.json` with `cycle-7.sig`, `cycle-7-signature-12.json` with its `.sig` for what a person signed (12
-//! is its number), `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which name its SHA-256, and `files/` with each file under its
-//! SHA-256. What cameras gave is not exported: it is large, and the store keeps it.
+//! The names are `cycle-7.json` with `cycle-7.sig`, `cycle-7-signature-12.json` with its `.sig` for what a person
+//! signed (12 is its number), `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which name its SHA-256, and
+//! `files/` with each file under its SHA-256. What cameras gave is not exported: it is large, and the store keeps
+//! it.
 
 use super::chain::{Signed, Verified, verify};
 use super::key::PublicKey;

@@ -74,8 +74,9 @@ impl SignedPage {
     }
 }
 
-/// What is not as it was signed of the pages of an export: each PDF has its signed page, which names this PDF and the cell's record.
-/// `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256 of each PDF by name.
+/// What is not as it was signed of the pages of an export: each PDF has its signed page, which names this PDF and
+/// the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256 of each
+/// PDF by name.
 pub(super) fn wrong_pages(
     pages: &BTreeMap<&str, &[u8]>,
     pdfs: &BTreeMap<String, String>,

@@ -259,8 +259,8 @@ impl BoardCell {
         organized(&camera, points, &picture)
     }
 
-    /// The same with all errors of a panel's scan: white noise that grows with the depth, noise that is alike over centimetres, and
-    /// what this camera adds each time.
+    /// The same with all errors of a panel's scan: white noise that grows with the depth, noise that is alike over
+    /// centimetres, and what this camera adds each time.
     pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let seed = self.seed.child(Purpose::BoardScan, shot.index);

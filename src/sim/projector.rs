@@ -85,7 +85,8 @@ impl<'a> Projector<'a> {
         Projector { projector_from_camera: camera_from_projector().inverse(), panel: None, screens: Vec::new() }
     }
 
-    /// Does its light fall on this point of the camera's frame? `on_panel` is what the camera sees there if it is the panel.
+    /// Does its light fall on this point of the camera's frame? `on_panel` is what the camera sees there if it is
+    /// the panel.
     pub fn lights(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
         let Some((column, row)) = inside(&point) else { return false };
@@ -163,9 +164,9 @@ pub(super) mod tests {
         Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
     }
 
-    /// By hand: a thing of ±40 mm, 100 mm before the plate. The line from the projector by its left edge ends on the plate at
-    /// x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, that from the camera at −46.67; on the right the line ends
-    /// at 27.94, behind the thing.
+    /// By hand: a thing of ±40 mm, 100 mm before the plate. The line from the projector by its left edge ends on
+    /// the plate at x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, that from the camera at −46.67; on the right the
+    /// line ends at 27.94, behind the thing.
     #[test]
     fn a_shadow_by_hand() {
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);

@@ -1,9 +1,10 @@
 //! An arm as it was built: it differs from its drawing by a stated error at the tool.
 //!
-//! The simulated controller computes with the drawing of a KUKA KR 6 R700-2; this file gives the true pose of the flange. Errors of the
-//! links' lengths, axis zeros and twists are drawn for each seed. The weights of upper arm, forearm and wrist bend the drives of axes
-//! 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error. Sagging by moments and gear errors are not part
-//! of the model that a calibration of the arm estimates: it is judged on an arm that its model does not describe exactly.
+//! The simulated controller computes with the drawing of a KUKA KR 6 R700-2; this file gives the true pose of the
+//! flange. Errors of the links' lengths, axis zeros and twists are drawn for each seed. The weights of upper arm,
+//! forearm and wrist bend the drives of axes 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error.
+//! Sagging by moments and gear errors are not part of the model that a calibration of the arm estimates: it is
+//! judged on an arm that its model does not describe exactly.
 //!
 //! Chain: with q = (−A1, A2 + 90°, A3, −A4, A5, −A6), each plus its zero, and small rotations Tᵢ,
 //!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)

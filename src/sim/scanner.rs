@@ -99,7 +99,8 @@ pub(super) fn correlated(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
     ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
 }
 
-/// The range error of a pixel that looks square at a surface, by its white and its correlated noise in units of their rms, mm.
+/// The range error of a pixel that looks square at a surface, by its white and its correlated noise in units of
+/// their rms, mm.
 pub(super) fn range_error_mm(white: f64, depth_mm: f64, correlated: f64) -> f64 {
     white * WHITE_MM * (depth_mm / WHITE_AT_MM).powi(2) + CORRELATED_MM * correlated
 }

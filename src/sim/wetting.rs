@@ -1,8 +1,9 @@
 //! One pixel of the panel under water: when it becomes wet, when its film breaks there and closes again.
 //!
-//! With r the share that water has reached, q that of the pixel which is greasy, b that of a bead or droplet on it, o and c how far
-//! the film has opened and closed, each 0…1 and linear in time, its film is  r (1 − q (1 − b) o (1 − c)). What the film leaves open
-//! is the bare place: under dust until water has reached it, then washed, and damp by its spot's share.
+//! With r the share that water has reached, q that of the pixel which is greasy, b that of a bead or droplet on it,
+//! o and c how far the film has opened and closed, each 0…1 and linear in time, its film is  r (1 − q (1 − b) o (1
+//! − c)). What the film leaves open is the bare place: under dust until water has reached it, then washed, and damp
+//! by its spot's share.
 
 use super::appearance::Color;
 use super::film_spec::FilmSpec;

@@ -18,8 +18,8 @@ impl HostState {
     }
 }
 
-/// What is known of the primary host. A statement that is older than what was heard before speaks of an earlier connection of the
-/// host and changes nothing.
+/// What is known of the primary host. A statement that is older than what was heard before speaks of an earlier
+/// connection of the host and changes nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct PrimaryHost {
     is_online: bool,

@@ -1,5 +1,5 @@
-//! The payload of Sparkplug B, as protobuf: the fields that a node without devices, templates and data sets sends, or reads in a
-//! command. What else a message holds is passed over when it is read.
+//! The payload of Sparkplug B, as protobuf: the fields that a node without devices, templates and data sets sends,
+//! or reads in a command. What else a message holds is passed over when it is read.
 
 use super::value::{DataType, Value};
 use prost::{Message, Oneof};

@@ -290,8 +290,8 @@ mod tests {
         longest_beside(&[grid(1, executed)], &[grid(1, planned)]).map(|longer| longer.ratio)
     }
 
-    /// By hand: at an override of 50 % each place is under the disc twice as long. A stay at one of four places is 1.5 times the mean,
-    /// and 3 times at that place.
+    /// By hand: at an override of 50 % each place is under the disc twice as long. A stay at one of four places is
+    /// 1.5 times the mean, and 3 times at that place.
     #[test]
     fn a_grid_is_held_against_its_own_plan() {
         assert_eq!(ratio([2.0; 4], [1.0; 4]), Some(2.0));

@@ -25,14 +25,15 @@ pub struct Located<'a> {
     prepared: Option<Prepared<'a>>,
 }
 
-/// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an error. The panel's model
-/// is for the range errors of this view.
+/// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an
+/// error. The panel's model is for the range errors of this view.
 pub fn locate<'a>(
     (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: View<'a>,
     recipe: &'a Recipe,
 ) -> Located<'a> {
-    // Only depths and the lens's rays count in what follows: a scan of another lens or frame would give a place all the same.
+    // Only depths and the lens's rays count in what follows: a scan of another lens or frame would give a place all
+    // the same.
     if let Err(error) = files::check_lens(view.scan, view.camera) {
         let judgement = Judgement::of(vec![Reason::new("other_scan", error.to_string())], vec![]);
         return Located { fit: None, checks: vec![], judgement, panel, view, prepared: None };

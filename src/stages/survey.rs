@@ -116,8 +116,8 @@ pub struct Today {
     pub drawing: Option<Drawing>,
 }
 
-/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is compared with the scan and stays as it
-/// was taught: what the panel differs from it counts as its error.
+/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is compared with
+/// the scan and stays as it was taught: what the panel differs from it counts as its error.
 pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
     match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {

@@ -1,4 +1,5 @@
-//! Who acknowledged which alarm, and when. A row is written once and never changed: an alarm that comes again is another one.
+//! Who acknowledged which alarm, and when. A row is written once and never changed: an alarm that comes again is
+//! another one.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;

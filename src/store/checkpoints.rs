@@ -1,6 +1,7 @@
 //! Checkpoints: the state that the journal folds to at one of its lines, so that a start reads only later lines.
 //!
-//! A checkpoint is used only if the same version of the program wrote it and the journal's line is still the one that it names.
+//! A checkpoint is used only if the same version of the program wrote it and the journal's line is still the one
+//! that it names.
 
 use super::commit::{Failed, Writing};
 use super::database::Store;

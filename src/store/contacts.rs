@@ -1,5 +1,5 @@
-//! Contact paths. What each works on is committed with its motion; how many of its waypoints may be sent is committed before they are
-//! sent. This determines what was abraded, or may have been, however the motion ended.
+//! Contact paths. What each works on is committed with its motion; how many of its waypoints may be sent is
+//! committed before they are sent. This determines what was abraded, or may have been, however the motion ended.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;

@@ -1,7 +1,7 @@
 //! The journal: every event of the table, one JSON line each, in order and without gaps.
 //!
-//! A line carries the first 16 digits of a hash over its own content and that of the line before. A changed, lost or inserted line
-//! is detected when the journal is read. The store's chain (see `chain`) covers it too.
+//! A line carries the first 16 digits of a hash over its own content and that of the line before. A changed, lost
+//! or inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
 
 use super::checkpoints;
 use super::commit::{Failed, Writing};

@@ -96,8 +96,8 @@ impl Store {
             store.settle_head(found).map_err(|error| at_head(folder, error))?;
         } else {
             store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
-            // On the journal first, whatever this opening is for: an incident that is kept is not found again, and a cell that has
-            // one must rest in Aborted until a person clears it.
+            // On the journal first, whatever this opening is for: an incident that is kept is not found again, and
+            // a cell that has one must rest in Aborted until a person clears it.
             store.recover()?;
             store.keep_incident(&store.changed.clone())?;
             // Numbers that are gone may be in the office already.

@@ -1,5 +1,5 @@
-//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number and not at a count of rows, so
-//! that cycles that begin meanwhile move nothing.
+//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number and not at a count
+//! of rows, so that cycles that begin meanwhile move nothing.
 
 use super::database::Store;
 use super::error::StoreError;

@@ -1,7 +1,8 @@
 //! The thesis's method (4.5): points of the scan are the control points.
 //!
-//! The scan is too dense to make every point a control point. Each control point is therefore the scan's point nearest to its
-//! Greville abscissa. The surface then follows the scan, contains its noise, and flattens every bulge. The method is here for comparison only.
+//! The scan is too dense to make every point a control point. Each control point is therefore the scan's point
+//! nearest to its Greville abscissa. The surface then follows the scan, contains its noise, and flattens every
+//! bulge. The method is here for comparison only.
 
 use super::error::FitError;
 use crate::geometry::basis::{DEGREE, KnotError, KnotVector};

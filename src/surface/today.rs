@@ -1,9 +1,10 @@
 //! Today's surface: the taught surface with a smooth correction by the scan in which the panel was located.
 //!
-//! A point of that scan, moved into the panel's frame by the place that was found, is seen by the taught camera in a pixel, which is its
-//! parameter (u, v); r = N(u, v) · (P − S(u, v)) is how far today's panel lies in front of the taught one there. The correction
-//! c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each control point of the surface is moved along the normal at its
-//! Greville abscissa, until the surface there is moved by c.
+//! A point of that scan, moved into the panel's frame by the place that was found, is seen by the taught camera in
+//! a pixel, which is its parameter (u, v); r = N(u, v) · (P − S(u, v)) is how far today's panel lies in front of
+//! the taught one there. The correction c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each
+//! control point of the surface is moved along the normal at its Greville abscissa, until the surface there is
+//! moved by c.
 
 use super::bspline::{BSplineSurface, SurfaceError};
 use super::derivatives::Parameter;
@@ -16,7 +17,8 @@ use rayon::prelude::*;
 
 /// Points of the region that are kept, about: four to a square of 6 mm of a region of 600 × 900 mm.
 const MOST_POINTS: usize = 60_000;
-/// Points that the correction is fitted to, about: they determine each of a hundred coefficients to a tenth of the noise of one point.
+/// Points that the correction is fitted to, about: they determine each of a hundred coefficients to a tenth of the
+/// noise of one point.
 const MOST_FITTED: usize = 8_000;
 /// A point farther from the taught surface is not the panel's, mm.
 const FARTHEST_MM: f64 = 20.0;

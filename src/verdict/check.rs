@@ -291,8 +291,9 @@ mod tests {
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
     }
 
-    /// The page prints "not allowed" beside a limit that is not kept. A gate that tolerates more than it prints, a number that was given
-    /// a limit and no consequence, and a consequence that was taken away: none of them leaves such a row on what is accepted.
+    /// The page prints "not allowed" beside a limit that is not kept. A gate that tolerates more than it prints, a
+    /// number that was given a limit and no consequence, and a consequence that was taken away: none of them leaves
+    /// such a row on what is accepted.
     #[test]
     fn no_limit_is_broken_on_what_is_accepted() {
         let over = || Check::new("overhang", "mm", 2.005).at_most(2.0, SetBy::recipe("path.edge_overhang_mm"));

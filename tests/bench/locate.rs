@@ -1,7 +1,8 @@
-//! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not be
-//! accepted, wet verifications, and some of the scans through the libraries that others use. All at full size and with the
-//! true calibration. `cargo bench --bench locate -- [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
-//! sets up the peers and names their Python in `PANELPREP_PEERS`.
+//! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not
+//! be accepted, wet verifications, and some of the scans through the libraries that others use. All at full size
+//! and with the true calibration. `cargo bench --bench locate --
+//! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the
+//! peers and names their Python in `PANELPREP_PEERS`.
 
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};

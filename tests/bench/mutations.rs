@@ -89,7 +89,8 @@ fn tell(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize; 4
     tally[kind] += 1;
 }
 
-/// Copies what git keeps of the repository. A file that is the same already keeps its time, so that it is not compiled again.
+/// Copies what git keeps of the repository. A file that is the same already keeps its time, so that it is not
+/// compiled again.
 fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(from).output()?;
     for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {

@@ -38,7 +38,8 @@ use numbers::{Growth, Period, Sample};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// From one sample of the process to the next: free memory is given back at the end of a cycle, and the next one may begin at once.
+/// From one sample of the process to the next: free memory is given back at the end of a cycle, and the next one
+/// may begin at once.
 const SAMPLE: Duration = Duration::from_millis(100);
 /// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. A picture of 400
 /// kB kept from each of some 180 cycles is more than thirty times as much. The store's page cache and the

@@ -106,7 +106,8 @@ fn processors_ms() -> f64 {
     spent.sum::<f64>() / 1e6
 }
 
-/// Every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs of 20 to 60 mm.
+/// Every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs of 20
+/// to 60 mm.
 fn every_pattern(seeds: u64) -> usize {
     let rows = patterns::run((1..=seeds, 1), &DISCS_MM, |_, _| true);
     println!(

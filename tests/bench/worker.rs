@@ -1,6 +1,6 @@
-//! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain copy of as
-//! many bytes, and a worker that is killed two hundred times. The camera is the played one: nothing of the SDK is in these
-//! numbers.
+//! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain
+//! copy of as many bytes, and a worker that is killed two hundred times. The camera is the played one: nothing of
+//! the SDK is in these numbers.
 //!
 //! `cargo bench --bench worker -- [shots] [kills]`
 

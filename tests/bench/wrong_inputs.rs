@@ -1,5 +1,5 @@
-//! Calibrations of wrong inputs: every mistake, many seeds, both mounts. None may be accepted, each is to be named, and the right input is
-//! accepted. `cargo bench --bench wrong_inputs -- seeds=20`.
+//! Calibrations of wrong inputs: every mistake, many seeds, both mounts. None may be accepted, each is to be named,
+//! and the right input is accepted. `cargo bench --bench wrong_inputs -- seeds=20`.
 
 mod arguments;
 #[path = "../boards.rs"]

@@ -34,7 +34,8 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert!(page.contains("air-run: done, with at most") && !page.contains("The abrasion</h"), "{page}");
 }
 
-/// The demonstration as `make demo` runs it, at full size, and another seed at half the size; ten more in `make bench-seeds`.
+/// The demonstration as `make demo` runs it, at full size, and another seed at half the size; ten more in `make
+/// bench-seeds`.
 #[test]
 fn the_demo_of_the_readme_reaches_every_floor() {
     for command in ["demo --out demo", "demo --seed 2 --reduction 2 --out demo"] {
@@ -85,7 +86,8 @@ fn the_demo_rejects_a_wrong_panel_without_a_move_toward_it() {
     );
 }
 
-/// A recording that cannot be opened stops the command before a cycle is begun: none is left to be concluded and signed later.
+/// A recording that cannot be opened stops the command before a cycle is begun: none is left to be concluded and
+/// signed later.
 #[test]
 fn a_recording_that_cannot_be_begins_no_cycle() {
     let folder = rendered("good");

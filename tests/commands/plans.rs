@@ -5,7 +5,8 @@ use panelprep::files;
 use panelprep::geometry::OrganizedCloud;
 use serde_json::{Value, json as value};
 
-/// Every pattern on the rendered cell, a single grid, neighbours and all: accepted, its lines within the recipe's step-over.
+/// Every pattern on the rendered cell, a single grid, neighbours and all: accepted, its lines within the recipe's
+/// step-over.
 #[test]
 fn every_pattern_is_planned_on_the_rendered_cell() {
     let folder = rendered("good");
@@ -61,8 +62,8 @@ fn a_rejected_plan_becomes_no_program() {
     }
 }
 
-/// A hole in the middle of the region, through which the background is seen: `teach` names it, its size and its grid, and does not speak of
-/// the camera; `check` with the cell's file does the same once the panel is taught.
+/// A hole in the middle of the region, through which the background is seen: `teach` names it, its size and its
+/// grid, and does not speak of the camera; `check` with the cell's file does the same once the panel is taught.
 #[test]
 fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let folder = rendered("good");

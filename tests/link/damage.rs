@@ -43,7 +43,8 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
         6 => vec![Ok(document(epoch, received + 2, good))],
         7 => vec![Ok(document(next, 1, good))],
         8 => vec![Ok(document(epoch - 1, received + 1, good))],
-        // A line before base and tool are set; contact with a tool that is none, a line out of the box, a contact too far away.
+        // A line before base and tool are set; contact with a tool that is none, a line out of the box, a contact
+        // too far away.
         9 => vec![request(12, next), Ok(document(next, 1, (2, 0, 0, 0.0, 0.0, 0.0)))],
         10 => {
             let (tool, contact, x) = [(0, 1, 0.0), (0, 0, 20_000.0), (1, 1, 5_000.0)][next.rem_euclid(3) as usize];

@@ -266,7 +266,8 @@ impl Oracles {
         let (received, done) = cell.controller.counts();
         let epoch = cell.controller.epoch().cast_unsigned();
         let (of, most_done) = self.most_done;
-        // A robot program that was selected anew has left the epoch, and counts from zero until the other interpreter notices.
+        // A robot program that was selected anew has left the epoch, and counts from zero until the other
+        // interpreter notices.
         if is_program(cell) && of == epoch && done < most_done {
             return;
         }
@@ -301,7 +302,8 @@ impl Oracles {
         let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms + self.unheeded_ms;
         let late_ms = self.late_end_ms(cell, closed_ms);
         for (output, after_ms) in OFF_AFTER_MS {
-            // While nothing is queued, and neither tool nor water is on, silence ends the epoch by the loss of the connection alone.
+            // While nothing is queued, and neither tool nor water is on, silence ends the epoch by the loss of the
+            // connection alone.
             let since_ms = if after_ms > 0 { since_ms.max(late_ms) } else { since_ms };
             if cell.controller.outputs().get(&output) == Some(&true) && cell.now_ms > since_ms + after_ms {
                 self.wrong(
@@ -434,7 +436,8 @@ impl Watch for Oracles {
     }
 }
 
-/// What a good client's commands are refused for: the robot does not move, it has stopped, it was set to refuse, or its override is another one.
+/// What a good client's commands are refused for: the robot does not move, it has stopped, it was set to refuse, or
+/// its override is another one.
 const MAY_BE_REFUSED: [Refusal; 5] = [
     Refusal::NoMotionMode,
     Refusal::Stopped,

@@ -1,5 +1,5 @@
-//! The link and the mock over loopback, on the wall clock: what only sockets show. No test depends on how fast the machine is
-//! beyond the link's own deadlines.
+//! The link and the mock over loopback, on the wall clock: what only sockets show. No test depends on how fast the
+//! machine is beyond the link's own deadlines.
 
 use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, speed};
 use super::loopback::served;

@@ -6,8 +6,9 @@ use panelprep::tape::{TapeError, check};
 use serde_json::Value;
 use std::path::Path;
 
-/// The cell's recipe with two pictures of the film a second, and with more tables. With one picture a second or fewer, a place that was
-/// sanded stays in doubt in some films, and when a person accepts the plan decides which film is seen.
+/// The cell's recipe with two pictures of the film a second, and with more tables. With one picture a second or
+/// fewer, a place that was sanded stays in doubt in some films, and when a person accepts the plan decides which
+/// film is seen.
 fn slow_film(folder: &Path, more: &str) {
     let file = folder.join("cell/recipe.toml");
     let text = std::fs::read_to_string(&file).expect("rendered");

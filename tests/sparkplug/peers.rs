@@ -1,4 +1,5 @@
-//! A broker and host applications for the tests: Debian's mosquitto, and Python's in environments of their own below `target/`.
+//! A broker and host applications for the tests: Debian's mosquitto, and Python's in environments of their own
+//! below `target/`.
 
 use serde_json::Value;
 use std::fs;
@@ -58,7 +59,8 @@ impl Drop for Broker {
 }
 
 impl Broker {
-    /// Starts it with one user, and TLS by a certificate that is made for it; the authority's certificate is `ca.pem` in its folder.
+    /// Starts it with one user, and TLS by a certificate that is made for it; the authority's certificate is
+    /// `ca.pem` in its folder.
     pub fn start(folder: &Path) -> Self {
         let [port, tls_port] = [free_port(), free_port()];
         certificates(folder);

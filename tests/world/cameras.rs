@@ -53,8 +53,8 @@ struct Taking {
     taken: u32,
 }
 
-/// A film's pictures are taken at the camera's own moments, which are these parts of a second and whole periods behind: so times
-/// between them are the same numbers in each film.
+/// A film's pictures are taken at the camera's own moments, which are these parts of a second and whole periods
+/// behind: so times between them are the same numbers in each film.
 const CLOCK_PARTS: f64 = 64.0;
 
 /// How many pictures are kept for all worlds, and their bytes.

@@ -1,6 +1,6 @@
-//! What makes places, counts and decisions another matter than the program believes: another override, a pose that is measured off, an arm
-//! that a person jogs, a store that is restored, a second screen that shows what is over. Drawn apart from all else, so that the entries of a
-//! seed are what they were without these.
+//! What makes places, counts and decisions another matter than the program believes: another override, a pose that
+//! is measured off, an arm that a person jogs, a store that is restored, a second screen that shows what is over.
+//! Drawn apart from all else, so that the entries of a seed are what they were without these.
 
 use super::script::{Entry, Fault, Odds, PLACES, Press};
 use rand::seq::IndexedRandom;

@@ -1,4 +1,5 @@
-//! The cell of the simulated world: its file, its recipe, what was taught of its panel, and the store that all worlds begin with.
+//! The cell of the simulated world: its file, its recipe, what was taught of its panel, and the store that all
+//! worlds begin with.
 
 use panelprep::cell::{self, LensExtent};
 use panelprep::cycle;
@@ -125,8 +126,8 @@ impl Fixture {
         PreparedCycle { request, setup: self.cycle.clone(), start, recording: None, remarks: vec![] }
     }
 
-    /// Puts a new store into this folder. The store's reserve has its length and no blocks: the disk of a world is never full by
-    /// itself.
+    /// Puts a new store into this folder. The store's reserve has its length and no blocks: the disk of a world is
+    /// never full by itself.
     pub fn put_store(&self, to: &Path) {
         std::fs::create_dir_all(to.join("blobs")).expect("a folder");
         for (name, bytes) in &self.store {

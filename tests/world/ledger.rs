@@ -1,4 +1,5 @@
-//! What the store has acknowledged, kept beside it: after every start, whatever ended the process before, the store must hold it.
+//! What the store has acknowledged, kept beside it: after every start, whatever ended the process before, the store
+//! must hold it.
 
 use super::touched::Touched;
 use panelprep::cycle::{At, Event, Motion, Request, State};

@@ -80,7 +80,8 @@ use std::sync::LazyLock;
 const LONGEST_MS: u64 = 120_000;
 /// From the end of a process to the begin of the next, ms.
 const AWAY_MS: u64 = 2_000;
-/// The same after a power cut in one world of two: longer than a controller waits for a client that is gone without a word, ms.
+/// The same after a power cut in one world of two: longer than a controller waits for a client that is gone without
+/// a word, ms.
 const LONG_AWAY_MS: u64 = 5_000;
 /// Worlds whose controller executes its programs: divisor of the seed, and remainder.
 const INTERPRETED: (u64, u64) = (8, 5);
@@ -151,8 +152,8 @@ impl World {
         Outcome { counts, violation: world.violation.clone(), trace }
     }
 
-    /// The controller's programs as they ship, which some worlds execute in place of their model; the turns of the two interpreters
-    /// are drawn from the seed.
+    /// The controller's programs as they ship, which some worlds execute in place of their model; the turns of the
+    /// two interpreters are drawn from the seed.
     fn programs(&self) -> Option<Programs> {
         static SHIPPED: LazyLock<Programs> = LazyLock::new(|| Programs::shipped().expect("right programs"));
         if self.seed % INTERPRETED.0 != INTERPRETED.1 || matches!(self.sabotage, Some(Sabotage::Controller(_))) {
@@ -198,7 +199,8 @@ impl World {
 }
 
 impl World {
-    /// The shortest script with which the same judge finds something: entries are taken out one at a time, as long as that helps.
+    /// The shortest script with which the same judge finds something: entries are taken out one at a time, as long
+    /// as that helps.
     pub fn shortest(&self, judge: &str) -> World {
         let mut shortest = self.clone();
         let mut index = 0;
@@ -284,7 +286,8 @@ impl Running {
         let _ = self.folder.parent().map(std::fs::remove_dir);
     }
 
-    /// The computer loses its power just when its last process has left: what a store that was closed holds must be on the disk.
+    /// The computer loses its power just when its last process has left: what a store that was closed holds must be
+    /// on the disk.
     fn power_cut_at_the_end(&mut self) {
         if !self.seed.is_multiple_of(3) {
             return;

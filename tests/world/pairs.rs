@@ -1,5 +1,5 @@
-//! What no single fault shows: two that meet, or one that must strike in a certain place. Drawn apart from all else, so that the entries of
-//! a seed are what they were without these.
+//! What no single fault shows: two that meet, or one that must strike in a certain place. Drawn apart from all
+//! else, so that the entries of a seed are what they were without these.
 
 use super::script::{Entry, Fault, Harm, Odds, Power, Press};
 use rand::seq::IndexedRandom;
@@ -158,7 +158,8 @@ fn long_silence(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &RESTS, 1_000, fault)]
 }
 
-/// The controller ends an epoch in which nothing is queued: water runs and nothing is heard, or the arm is stopped for a moment.
+/// The controller ends an epoch in which nothing is queued: water runs and nothing is heard, or the arm is stopped
+/// for a moment.
 fn unseen_stop(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
     let fault = if draw.random_bool(0.5) {

@@ -25,8 +25,8 @@ const COMPUTES_MS: u64 = 120;
 const WATCHES_MS: u64 = 60;
 /// From the end of all trouble the cell must come to a new cycle within so long, ms.
 const RECOVERY_MS: u64 = 60_000;
-/// With its tip farther than this from the panel, the arm may go to its park pose from anywhere, mm: the gate's 40 mm and the reach of the
-/// tool's body beside its tip.
+/// With its tip farther than this from the panel, the arm may go to its park pose from anywhere, mm: the gate's 40
+/// mm and the reach of the tool's body beside its tip.
 const CLEAR_MM: f64 = 160.0;
 /// Time after which a false report is forgotten, ms.
 const CALM_MS: u64 = 1_000;

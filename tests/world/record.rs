@@ -18,7 +18,8 @@ use std::sync::Arc;
 
 /// Width and height of a picture in the store, px.
 const SMALL_PX: usize = 8;
-/// From a path in contact, which ends `approach_mm` off the panel, the arm goes as far again before it goes anywhere else, mm.
+/// From a path in contact, which ends `approach_mm` off the panel, the arm goes as far again before it goes
+/// anywhere else, mm.
 const LEFT_MM: f64 = 60.0;
 
 /// The record's port.
@@ -54,7 +55,8 @@ impl<'s> Record<'s> {
 }
 
 impl Record<'_> {
-    /// Each power cut that was imagined while the last command was performed leaves a store that holds all that was acknowledged before.
+    /// Each power cut that was imagined while the last command was performed leaves a store that holds all that was
+    /// acknowledged before.
     fn judge_imagined_cuts(&mut self) {
         for folder in disk::imagined() {
             let held = self.ledger.clone().check_start(&folder);
@@ -101,7 +103,8 @@ impl Record<'_> {
 }
 
 impl Record<'_> {
-    /// No count falls: what the arm touched is known when a cycle begins, until the part has its result or another one lies there.
+    /// No count falls: what the arm touched is known when a cycle begins, until the part has its result or another
+    /// one lies there.
     fn judge_counts(&mut self, counted: &Counted, answer: &RecordAnswer) {
         let mut world = self.world.lock();
         let touched = &mut self.ledger.touched;

@@ -1,4 +1,5 @@
-//! The robot as the loop of a world sees it: the client's session in the world's own time. Waiting for a report lets time pass.
+//! The robot as the loop of a world sees it: the client's session in the world's own time. Waiting for a report
+//! lets time pass.
 
 use super::inside::{Inside, Shared};
 use super::sabotage::Sabotage;

@@ -134,8 +134,8 @@ pub enum Fault {
     Unheeded(u32),
     /// The people who run the cell request nothing for this time.
     Away(u64),
-    /// A person brings the arm elsewhere by hand once it is at rest, in T1 for so long: to this share of the way from this height above
-    /// the panel to the park pose.
+    /// A person brings the arm elsewhere by hand once it is at rest, in T1 for so long: to this share of the way
+    /// from this height above the panel to the park pose.
     Jog { percent: u8, height_mm: u8, for_ms: u64 },
     /// A second screen, which shows the table as it was some steps ago, decides.
     Stale { press: Press, back: u32 },
@@ -263,8 +263,8 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     script
 }
 
-/// What seldom meets by chance: long silence in contact, telegrams of ended epochs, a slow disk while waypoints are permitted, a
-/// controller and a computer that both lose their power.
+/// What seldom meets by chance: long silence in contact, telegrams of ended epochs, a slow disk while waypoints are
+/// permitted, a controller and a computer that both lose their power.
 fn aimed(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
     let at = |draw: &mut Pcg64, places: &[&str], fault| {
         let (place, visit) = (places.choose(draw).copied().unwrap_or("abrade"), draw.random_range(1..3));

@@ -1,5 +1,5 @@
-//! What the controller's terminals lead to: light, spray, lens, extraction and tool with their feedbacks, and what must never be
-//! switched together, judged by the outputs themselves.
+//! What the controller's terminals lead to: light, spray, lens, extraction and tool with their feedbacks, and what
+//! must never be switched together, judged by the outputs themselves.
 
 use panelprep::devices::mock;
 use std::collections::BTreeMap;

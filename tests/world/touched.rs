@@ -1,5 +1,5 @@
-//! What the arm touched, by what the controller executed: no count of the store may forget it before the part has its result, or another
-//! part lies there.
+//! What the arm touched, by what the controller executed: no count of the store may forget it before the part has
+//! its result, or another part lies there.
 
 use panelprep::record::{Abraded, ContactPath, CycleId, CycleRecord, EarlierPass, abraded};
 use std::collections::BTreeSet;

@@ -54,7 +54,8 @@ impl Reader {
     ) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
-        // Prepared by the library again and again would be a round trip more; the server plans these in less than a millisecond.
+        // Prepared by the library again and again would be a round trip more; the server plans these in less than a
+        // millisecond.
         self.in_time(async { client.query(sql, values).await.map_err(failed) }).await
     }
 

@@ -21,7 +21,8 @@ const BLOCKS: usize = 16;
 const OUTER: f64 = 0.8;
 /// Points farther from the board's pose than this share of the depth are of something else.
 const NEAR: f64 = 0.02;
-/// Squares as the 3D camera measures them differ by less from the board's: its pose by the picture would lie beside its points.
+/// Squares as the 3D camera measures them differ by less from the board's: its pose by the picture would lie beside
+/// its points.
 const SQUARE_SHARE: f64 = 0.01;
 /// A block needs this share of the points of the usual one.
 const FILLED: f64 = 0.3;
@@ -158,8 +159,8 @@ impl PlaneView {
         100.0 * ((spread / printed).sqrt() - 1.0)
     }
 
-    /// By how much each corner's depth changes this scan's scale, 1/mm: with the corners r from their mean and their rays d, depth errors e
-    /// change it by Σ e (r · d) / Σ |r|².
+    /// By how much each corner's depth changes this scan's scale, 1/mm: with the corners r from their mean and
+    /// their rays d, depth errors e change it by Σ e (r · d) / Σ |r|².
     fn scale_by_depth(&self) -> impl Iterator<Item = (&[f64; 2], Vector3<f64>, f64)> {
         let (about, mean) = self.corners_about_mean(None);
         let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
@@ -169,8 +170,8 @@ impl PlaneView {
         })
     }
 
-    /// How much this scan's scale would change by a depth error of this form over the directions, percent for each mm at the
-    /// reference depth.
+    /// How much this scan's scale would change by a depth error of this form over the directions, percent for each
+    /// mm at the reference depth.
     pub fn scale_percent_by(&self, form: impl Fn([f64; 2]) -> f64) -> f64 {
         let of = |point: Vector3<f64>| {
             form([point.x / point.z, point.y / point.z]) * (point.z / REFERENCE_DEPTH_MM).powi(2)
@@ -178,8 +179,8 @@ impl PlaneView {
         100.0 * self.scale_by_depth().map(|(_, point, part)| of(point) * part).sum::<f64>()
     }
 
-    /// The variance of this scan's scale that its smooth error and its corners' own errors explain, squared percent: corners in one
-    /// square of the side `correlation_mm` share one depth error.
+    /// The variance of this scan's scale that its smooth error and its corners' own errors explain, squared
+    /// percent: corners in one square of the side `correlation_mm` share one depth error.
     pub fn scale_variance_by(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
         let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
         for (printed, _, part) in self.scale_by_depth() {

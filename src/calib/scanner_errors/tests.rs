@@ -123,8 +123,9 @@ fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
     assert!(alike.iter().all(|percent| *percent < 0.02), "{alike:?}");
 }
 
-/// What a mean over a large area keeps of the smooth error is its size times its length. By hand, of the simulator's 0.06 mm rms at the
-/// nodes of a lattice of 50 to 85 mm: a node weighs a cell, so that it is 0.06 · √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
+/// What a mean over a large area keeps of the smooth error is its size times its length. By hand, of the
+/// simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: a node weighs a cell, so that it is 0.06 ·
+/// √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
 #[test]
 fn size_and_length_of_the_smooth_error_are_the_simulators() {
     let none = ScannerDistortion::of(5, 0.0);

@@ -86,8 +86,8 @@ impl LeftOut {
 mod tests {
     use super::*;
 
-    /// By hand: of 0.05 % with 0.03 % known, √(0.0025 − 0.0009) % = 0.04 % are beyond it. With 8 scans more than terms chance leaves up to
-    /// √(1 + 1.645 · 0.5) = 1.35 times what is known, 0.0405 %.
+    /// By hand: of 0.05 % with 0.03 % known, √(0.0025 − 0.0009) % = 0.04 % are beyond it. With 8 scans more than
+    /// terms chance leaves up to √(1 + 1.645 · 0.5) = 1.35 times what is known, 0.0405 %.
     #[test]
     fn what_chance_leaves_is_nothing() {
         let tilt = |left_percent| Tilt { slope_mm: None, left_percent, free: 8 };

@@ -67,7 +67,8 @@ fn charuco_of_both_patterns_is_read() {
     assert!(detect::detect("new.png", &picture, &boards[1], None).is_err(), "another pattern is no board");
 }
 
-/// A ChArUco board that is in the picture in another layout, of another dictionary or mirrored is named with the `--board` that it is.
+/// A ChArUco board that is in the picture in another layout, of another dictionary or mirrored is named with the
+/// `--board` that it is.
 #[test]
 fn what_a_charuco_board_is_instead_is_named() {
     let printed = "charuco:8x6:18:4X4_50:legacy";

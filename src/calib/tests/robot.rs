@@ -16,8 +16,8 @@ fn normal(random: &mut Pcg64) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// A KR 6 with zeros to 0.05°, twists to 0.03°, lengths to 0.4 mm and a sag of up to 0.3 mm, 40 pictures of both cameras and
-/// touches of two spots.
+/// A KR 6 with zeros to 0.05°, twists to 0.03°, lengths to 0.4 mm and a sag of up to 0.3 mm, 40 pictures of both
+/// cameras and touches of two spots.
 struct Simulated {
     data: RobotData,
     errors: [f64; ARM_NUMBERS],

@@ -59,8 +59,8 @@ fn the_mount_comes_back() {
     assert!(missing.expect_err("no flange").to_string().contains("base_from_flange"));
 }
 
-/// The case of the issue: the outer corners touched as 3, 4, 1, 2 leave no miss at all; without a rough mount that ends in review, with
-/// one in reject. With a fourth corner that breaks the symmetry the miss is several squares.
+/// The case of the issue: the outer corners touched as 3, 4, 1, 2 leave no miss at all; without a rough mount that
+/// ends in review, with one in reject. With a fourth corner that breaks the symmetry the miss is several squares.
 #[test]
 fn outer_corners_touched_from_the_other_end_are_not_accepted() {
     let cell = cell();

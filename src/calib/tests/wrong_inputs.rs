@@ -162,8 +162,8 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     assert!(other.contains("--mount is wrong: these poses"), "{other}");
 }
 
-/// The case of the issue: squares of 25.00 mm, stated as 24.9, are found as 25.00 within hundredths, and the mount is rejected; stated
-/// as 2.5, 24.5 or 29 likewise.
+/// The case of the issue: squares of 25.00 mm, stated as 24.9, are found as 25.00 within hundredths, and the mount
+/// is rejected; stated as 2.5, 24.5 or 29 likewise.
 #[test]
 fn squares_of_another_size_are_measured_and_rejected() {
     for seed in [1, 2, 3] {
@@ -212,7 +212,8 @@ fn a_lens_of_another_focal_length_is_rejected() {
     }
 }
 
-/// Poses in a base frame or of a tool fit as well as right ones: without a rough mount they end in review, with one in reject.
+/// Poses in a base frame or of a tool fit as well as right ones: without a rough mount they end in review, with one
+/// in reject.
 #[test]
 fn a_base_or_a_tool_ends_in_review_without_a_rough_mount() {
     let cell = cell(13, GOOD_ROBOT);

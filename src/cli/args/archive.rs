@@ -22,15 +22,17 @@ pub enum ArchiveTask {
         panelprep archive run --settings /etc/panelprep/archive.toml"
     )]
     Run(RunArchive),
-    /// Prove that the archive holds what cells sent: no number without a record, every content with its hash, every signature by its
-    /// key, every signed record after the one before it, every file whole; and the same as in the cells that are named.
+    /// Prove that the archive holds what cells sent: no number without a record, every content with its hash, every
+    /// signature by its key, every signed record after the one before it, every file whole; and the same as in the
+    /// cells that are named.
     #[command(after_help = "Example, with one cell's store on this machine and the list of another one:\n  \
                             panelprep archive check --settings /etc/panelprep/archive.toml \
                             cell-1=/var/lib/panelprep/store cell-2=cell-2.json\nThe list is what `panelprep store \
                             list --json` prints in that cell.\nExit codes: 0 no problem was found, 1 a problem was \
                             found, 2 the archive or a list cannot be read.")]
     Check(CheckArchive),
-    /// Make an account for the office's page, or give it a new password, which is read from the terminal or from standard input.
+    /// Make an account for the office's page, or give it a new password, which is read from the terminal or from
+    /// standard input.
     #[command(
         after_help = "Example:\n  panelprep archive account anna --printed-name 'Anna Office' --settings /etc/panelprep/archive.toml"
     )]

@@ -54,8 +54,8 @@ pub struct Teach {
     /// is drawn in a browser between them.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
     pub live: Option<PathBuf>,
-    /// Draw the region, its grids and what is masked on the scan's picture, in a browser on this computer; they are written into
-    /// the recipe's file, its comments stay.
+    /// Draw the region, its grids and what is masked on the scan's picture, in a browser on this computer; they are
+    /// written into the recipe's file, its comments stay.
     #[arg(long)]
     pub draw: bool,
     /// With --live: the region is in the recipe already.
@@ -142,12 +142,13 @@ pub struct Inspect {
     /// dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: what the disc may have touched is held against its wet
-    /// look alone. A grid that is not named is taken as untouched.
+    /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: what the disc may have touched
+    /// is held against its wet look alone. A grid that is not named is taken as untouched.
     #[arg(long, value_name = "GRIDS", value_delimiter = ',')]
     pub abraded: Vec<String>,
-    /// Folder with the true mask, to score against; it changes no result. A clip that was labelled is its own truth. Without `--clip`
-    /// a labelled set: a folder of clips, each with its own `truth` or labelled itself, is scored as a whole.
+    /// Folder with the true mask, to score against; it changes no result. A clip that was labelled is its own
+    /// truth. Without `--clip` a labelled set: a folder of clips, each with its own `truth` or labelled itself, is
+    /// scored as a whole.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
     /// Folder for the mask, the overlay, the film strip and the page to sign; of a set, for its plots.

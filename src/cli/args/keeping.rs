@@ -23,14 +23,15 @@ pub enum StoreTask {
                             --rows-only\nExit codes: 0 no problem was found, 1 a problem was found, 2 there is no \
                             store to read.")]
     Verify(VerifyStore),
-    /// List what the office is to have of this cell: each end of a cycle, signature and verification by its name, with the SHA-256 of
-    /// its content. `panelprep archive check` holds the office's own list against it.
+    /// List what the office is to have of this cell: each end of a cycle, signature and verification by its name,
+    /// with the SHA-256 of its content. `panelprep archive check` holds the office's own list against it.
     #[command(
         after_help = "Example, to be taken to the office:\n  panelprep store list --cell target/cell/cell.toml --json > target/cell-1.json"
     )]
     List,
-    /// Begin a new epoch of what the office is to have: records from now on get names that no earlier record of this cell can have. For a
-    /// store that was copied back by other means than `panelprep restore`, which does this by itself.
+    /// Begin a new epoch of what the office is to have: records from now on get names that no earlier record of
+    /// this cell can have. For a store that was copied back by other means than `panelprep restore`, which does
+    /// this by itself.
     #[command(
         after_help = "Example:\n  panelprep store renew --why 'disk image of May brought back' --cell target/cell/cell.toml"
     )]

@@ -18,13 +18,14 @@ pub enum RecordTask {
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep record sign 1 --cell target/cell/cell.toml --name 'Grace Hopper' --meaning reviewed")]
     Sign(SignRecord),
-    /// Write the signed record of a cycle into a folder: canonical JSON, signature, what persons signed, public key, head, the files
-    /// that it names, and the page to read and sign as PDF.
+    /// Write the signed record of a cycle into a folder: canonical JSON, signature, what persons signed, public
+    /// key, head, the files that it names, and the page to read and sign as PDF.
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep record export 1 --cell target/cell/cell.toml --out target/record\n\
         All of them: panelprep record export --all --out target/records")]
     Export(ExportRecord),
-    /// Verify signed records with nothing but the public key: name what was changed, is missing, was exchanged or rolled back.
+    /// Verify signed records with nothing but the public key: name what was changed, is missing, was exchanged or
+    /// rolled back.
     #[command(
         after_help = "Example, after the one of `panelprep record export --help`:\n  panelprep record verify \
                             target/record --public-key target/record/public-key.pem\nAll records of a cell, up to \
@@ -92,7 +93,8 @@ pub struct VerifyRecord {
     /// The cell's public key as PEM, or several in one file; without it, those in the folder of the cell's store.
     #[arg(long, value_name = "FILE")]
     pub public_key: Option<PathBuf>,
-    /// A head, with its `.sig` beside it: then the records must be all of the cell, from the first to the one that it names.
+    /// A head, with its `.sig` beside it: then the records must be all of the cell, from the first to the one that
+    /// it names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
     /// The records must be all of the cell, from the first to the last one that is here. Without it, and without a

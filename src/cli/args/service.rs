@@ -118,8 +118,8 @@ pub enum CtlAsk {
 /// Upon what a person decides.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Decision {
-    /// The step that `panelprep ctl state` showed. Once the cell has gone on, it is refused with what changed. Without it the
-    /// state is shown, and the person confirms it by typing its step.
+    /// The step that `panelprep ctl state` showed. Once the cell has gone on, it is refused with what changed.
+    /// Without it the state is shown, and the person confirms it by typing its step.
     #[arg(long, value_name = "N")]
     pub step: Option<u64>,
 }

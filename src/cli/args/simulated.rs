@@ -62,8 +62,8 @@ pub struct Demo {
     /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// Instead of one cycle, serve the simulated cell with the operator's page until it is interrupted: open the address in a browser
-    /// on this computer.
+    /// Instead of one cycle, serve the simulated cell with the operator's page until it is interrupted: open the
+    /// address in a browser on this computer.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8090", conflicts_with = "record")]
     pub page: Option<std::net::SocketAddr>,
 }
@@ -121,8 +121,9 @@ pub struct MockRobot {
     /// What goes wrong, and when: see below.
     #[arg(long, value_name = "SPEC")]
     pub fault: Option<FaultSpec>,
-    /// Execute the controller's KRL programs in place of the model of them: as they ship, or with a folder its .src, .sub and
-    /// .dat files, each in place of the one that ships by its name. What of yours is not executed is listed.
+    /// Execute the controller's KRL programs in place of the model of them: as they ship, or with a folder its
+    /// .src, .sub and .dat files, each in place of the one that ships by its name. What of yours is not executed is
+    /// listed.
     #[arg(long, value_name = "FOLDER")]
     pub programs: Option<Option<PathBuf>>,
     /// Address to listen at.

@@ -78,8 +78,8 @@ pub enum What {
                       0.05 --orbit-mm 5 --orbit-rev-min 10000 --out target/cell/found/removal.toml"
     )]
     Removal(Removal),
-    /// The 3D camera's own errors from scans of a flat board: noise, smooth errors, and what is the same in each scan, which is taken
-    /// off from then on.
+    /// The 3D camera's own errors from scans of a flat board: noise, smooth errors, and what is the same in each
+    /// scan, which is taken off from then on.
     #[command(after_help = "Hold a stiff flat board at eight or more places of the working volume, better at \
                             sixteen: near and far, also in the picture's corners, tilted by up to 30° to all \
                             sides, and turned upright in half of them. `panelprep shoot scan --count 16` takes the \

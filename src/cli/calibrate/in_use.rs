@@ -1,4 +1,5 @@
-//! The correction of the arm by which a calibration corrects the robot's poses: the one that `--robot` names, else the cell's.
+//! The correction of the arm by which a calibration corrects the robot's poses: the one that `--robot` names, else
+//! the cell's.
 
 use super::super::args::Common;
 use super::super::disk;

@@ -1,5 +1,5 @@
-//! `panelprep calibrate intrinsics --from-scan`: the lens of a 3D camera from one of its scans, each point of which lies on the ray of its
-//! pixel.
+//! `panelprep calibrate intrinsics --from-scan`: the lens of a 3D camera from one of its scans, each point of which
+//! lies on the ray of its pixel.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -15,11 +15,12 @@ use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
-/// Half of the points lie nearer to the rays of the lens that is written, px: beyond the first a person must look, beyond the second it
-/// is no camera's cloud.
+/// Half of the points lie nearer to the rays of the lens that is written, px: beyond the first a person must look,
+/// beyond the second it is no camera's cloud.
 const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
 
-/// A flat scan lies on the rays of some lens wherever its frame is: the depths differ by this share of the distance at least.
+/// A flat scan lies on the rays of some lens wherever its frame is: the depths differ by this share of the distance
+/// at least.
 const LEAST_RELIEF: f64 = 0.05;
 
 /// Reads the lens and writes the file.

@@ -1,4 +1,5 @@
-//! The files that a command is given: a recipe, a scan, pictures, poses, each held against the calibration that it belongs to.
+//! The files that a command is given: a recipe, a scan, pictures, poses, each held against the calibration that it
+//! belongs to.
 
 use super::cell_files::{CellFiles, name};
 use crate::cli::disk;

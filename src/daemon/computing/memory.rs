@@ -15,7 +15,8 @@ use crate::daemon::ports::Note;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Results that are remembered, at most: each has its notes and what it found. What is new after that is computed each time.
+/// Results that are remembered, at most: each has its notes and what it found. What is new after that is computed
+/// each time.
 const MOST: usize = 4_000;
 
 /// Names the scene that the cameras would show for this act now; `None` if the result is not to be remembered.
@@ -90,8 +91,8 @@ impl Memory {
     }
 }
 
-/// The abrasion after an act that was done before: only planning changes it, but for the surface, which follows from what was
-/// taught.
+/// The abrasion after an act that was done before: only planning changes it, but for the surface, which follows
+/// from what was taught.
 fn after(act: Act, before: &Abrasion, then: Abrasion) -> Abrasion {
     match act {
         Act::Plan { .. } => then,

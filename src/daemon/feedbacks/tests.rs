@@ -12,8 +12,8 @@ fn wiring() -> Wiring {
     Wiring::of(Cell::check("cell.toml", IO).expect("good").io()).expect("complete")
 }
 
-/// In contact: tool and extraction on, lens guarded, water and light off. Bits of `Out` from the lowest: light, spray, lens, extraction,
-/// tool; of `In`: water off, lens shut, flow, running.
+/// In contact: tool and extraction on, lens guarded, water and light off. Bits of `Out` from the lowest: light,
+/// spray, lens, extraction, tool; of `In`: water off, lens shut, flow, running.
 const CONTACT: Facts = Facts {
     tool: Tool::Running,
     water: Water::Drained,

@@ -1,4 +1,5 @@
-//! A number of a panel over all cells, and the verifications of all cells: which cell differs from the others, which one drifts?
+//! A number of a panel over all cells, and the verifications of all cells: which cell differs from the others,
+//! which one drifts?
 
 use super::cycles::choice;
 use super::frame;
@@ -230,8 +231,8 @@ fn drift(values: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// By hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten that are 4 higher lie 4 / √(1.0526/20 + 1.1111/10)
-    /// = 9.885 standard errors away.
+    /// By hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten that are 4 higher lie 4 /
+    /// √(1.0526/20 + 1.1111/10) = 9.885 standard errors away.
     #[test]
     fn a_drift_is_told_in_standard_errors() {
         let swing = |count: usize, by: f64| (0..count).map(move |index| by + 1.0 + 2.0 * (index % 2) as f64);

@@ -1,5 +1,5 @@
-//! The handshake over the robot's link, with a controller that executes its own programs: the line's inputs and outputs are the
-//! controller's.
+//! The handshake over the robot's link, with a controller that executes its own programs: the line's inputs and
+//! outputs are the controller's.
 
 use super::front::{LineFront, LineParts};
 use crate::cell::{Line, LineSignal};

@@ -19,7 +19,8 @@ struct Since {
 }
 
 impl Lacking {
-    /// Hears that the office lacks something or not, and up to which number it has all; whether the next one is to be sent again.
+    /// Hears that the office lacks something or not, and up to which number it has all; whether the next one is to
+    /// be sent again.
     pub fn is_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
         self.is_due_at((lacks, archived), behind_min, Instant::now())
     }

@@ -1,5 +1,5 @@
-//! Who is logged in to the OPC UA server: names and passwords are those of the operator's page, and each session counts only as
-//! long as its account is as it was when it logged in.
+//! Who is logged in to the OPC UA server: names and passwords are those of the operator's page, and each session
+//! counts only as long as its account is as it was when it logged in.
 
 use super::door::Door;
 use crate::accounts::{Account, AuditEntry, Permission, Role};
@@ -53,7 +53,8 @@ impl Caller {
     }
 }
 
-/// The token of a session: the account, and what it was when the session logged in. A new password or a new role makes it another.
+/// The token of a session: the account, and what it was when the session logged in. A new password or a new role
+/// makes it another.
 fn token(account: &Account) -> String {
     format!("{}#{}", account.name, stamp(account))
 }

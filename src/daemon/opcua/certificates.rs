@@ -130,8 +130,8 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
     })
 }
 
-/// Makes a certificate for this computer and its key. Both are written beside their places, and the key's permissions are set
-/// before it gets there.
+/// Makes a certificate for this computer and its key. Both are written beside their places, and the key's
+/// permissions are set before it gets there.
 fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> Result<(), OpcUaError> {
     let data = X509Data {
         key_size: KEY_BITS,
@@ -162,8 +162,8 @@ pub(super) struct Rejected {
 }
 
 impl Rejected {
-    /// The files that came since it was last looked; what is too much, and too old, is removed. What lay there when the service
-    /// started is not new. On the calling thread, which may wait for the disk.
+    /// The files that came since it was last looked; what is too much, and too old, is removed. What lay there when
+    /// the service started is not new. On the calling thread, which may wait for the disk.
     pub fn new_ones(&mut self, folder: &Path) -> Vec<PathBuf> {
         let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED))
             .into_iter()

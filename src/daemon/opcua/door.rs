@@ -24,7 +24,8 @@ const GONE: Duration = Duration::from_secs(30);
 const RECENT: Duration = Duration::from_secs(5);
 /// The header of a message: type, chunk, size, and the channel if it has one.
 const HEADER: usize = 12;
-/// The longest message before the channel is known: an acknowledgement, an error, the opening of a channel with a certificate.
+/// The longest message before the channel is known: an acknowledgement, an error, the opening of a channel with a
+/// certificate.
 const LONGEST_OPENING: usize = 64 * 1_024;
 
 /// The connections as they are now.

@@ -133,8 +133,8 @@ impl LinkedRobot {
         self.last.clone()
     }
 
-    /// The same with a simulated world around it, which follows what the controller reports. A controller that is no mock is
-    /// reported as lost: nothing that is simulated may decide how a real arm moves.
+    /// The same with a simulated world around it, which follows what the controller reports. A controller that is
+    /// no mock is reported as lost: nothing that is simulated may decide how a real arm moves.
     pub fn followed(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
     }

@@ -174,8 +174,8 @@ impl Sender {
         Ok(files.into_iter().find(|file| !self.put.contains(&file.name)).cloned())
     }
 
-    /// The first file of a signature that was not put yet; one that is damaged, or was deleted after its time, stops nothing:
-    /// `record verify` names it.
+    /// The first file of a signature that was not put yet; one that is damaged, or was deleted after its time,
+    /// stops nothing: `record verify` names it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
         if let Said::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {

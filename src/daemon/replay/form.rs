@@ -1,4 +1,5 @@
-//! The form of commands and answers in a recording. The recorder writes it and the player reads it, both for all commands alike.
+//! The form of commands and answers in a recording. The recorder writes it and the player reads it, both for all
+//! commands alike.
 
 mod cameras;
 mod record;

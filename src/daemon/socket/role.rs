@@ -1,7 +1,7 @@
 //! What the users may request whom the socket's group lets in: the cell's file gives them one role.
 //!
-//! The user who runs the service, and root, may request everything: they can do it without the socket as well. Stop and abort are
-//! for everybody who reaches the cell.
+//! The user who runs the service, and root, may request everything: they can do it without the socket as well. Stop
+//! and abort are for everybody who reaches the cell.
 
 use crate::accounts::{Permission, Role};
 use crate::cycle::Request;
@@ -93,8 +93,8 @@ mod tests {
         Who { front: Front::Socket, uid: Some(uid), user: None }
     }
 
-    /// Every role by every request of the protocol: a viewer sees, stops and aborts, an inspector also accepts, an operator and
-    /// an engineer do everything.
+    /// Every role by every request of the protocol: a viewer sees, stops and aborts, an inspector also accepts, an
+    /// operator and an engineer do everything.
     #[test]
     fn the_group_may_what_its_role_may() {
         let table = |request: Request| match request.is_decision() {

@@ -1,4 +1,5 @@
-//! What a contact path did decides: a reject ends the cycle, a review waits for a person. And no reason that did not happen.
+//! What a contact path did decides: a reject ends the cycle, a review waits for a person. And no reason that did
+//! not happen.
 
 use super::fake::{Asks, Cell as Fake};
 use super::*;
@@ -15,8 +16,8 @@ fn held_for_review(state: &State) -> bool {
     matches!(state.at, At::Held(Hold { why: Why::Review, .. }))
 }
 
-/// The robot reports poses 3.5 mm beside the planned lines, the limit is 3 mm: held, and nothing more until a person accepts. Then the
-/// cycle continues with the rinse and the next film, as it would have.
+/// The robot reports poses 3.5 mm beside the planned lines, the limit is 3 mm: held, and nothing more until a
+/// person accepts. Then the cycle continues with the rinse and the next film, as it would have.
 #[test]
 fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
     let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.5, [20, 30]);
@@ -92,7 +93,8 @@ fn an_air_run_is_judged_by_its_motion_alone() {
     );
 }
 
-/// Each measured pose in contact is held against the path: 20 mm off is no matter of a grade at its end. The path is left at once.
+/// Each measured pose in contact is held against the path: 20 mm off is no matter of a grade at its end. The path
+/// is left at once.
 #[test]
 fn an_arm_far_off_its_path_leaves_it_at_once() {
     let story = Fake::new(Scene::Good).step_by_step().that_is_off_plan(20.0, [20, 30]).run(Asks::one_cycle());

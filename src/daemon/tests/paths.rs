@@ -230,7 +230,8 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
 }
 
-/// What is looked at is the arm that will move: over the corners that hold the place and in their order, beside the same obstacles.
+/// What is looked at is the arm that will move: over the corners that hold the place and in their order, beside the
+/// same obstacles.
 #[test]
 fn the_arm_stands_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);

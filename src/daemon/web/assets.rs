@@ -1,5 +1,5 @@
-//! The page's own files: styles and scripts, part of the program. Their address has the hash of all of them, so that a browser keeps
-//! them until the program is another one.
+//! The page's own files: styles and scripts, part of the program. Their address has the hash of all of them, so
+//! that a browser keeps them until the program is another one.
 
 use super::guard::not_found;
 use crate::files::hex;

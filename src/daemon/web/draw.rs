@@ -1,5 +1,5 @@
-//! Drawing a recipe's region, outline and masks on the taught scan's picture. What was drawn becomes a proposed text with its
-//! difference; it is approved and saved as every other change of a recipe is.
+//! Drawing a recipe's region, outline and masks on the taught scan's picture. What was drawn becomes a proposed
+//! text with its difference; it is approved and saved as every other change of a recipe is.
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};

@@ -24,8 +24,8 @@ pub(super) struct Next {
     next: String,
 }
 
-/// A path of this page alone: a log-in leads to no other site. A browser leaves out tabs and line feeds of an address before
-/// it reads it, so that `/<tab>/host` would be another host.
+/// A path of this page alone: a log-in leads to no other site. A browser leaves out tabs and line feeds of an
+/// address before it reads it, so that `/<tab>/host` would be another host.
 fn own_path(next: &str) -> &str {
     let is_own = next.starts_with('/')
         && !next.starts_with("//")

@@ -1,4 +1,5 @@
-//! The program's messages in a person's language: what a code means and what to do, beside the English sentence with its values.
+//! The program's messages in a person's language: what a code means and what to do, beside the English sentence
+//! with its values.
 
 use super::guard::{By, not_found};
 use super::reading::Answer;

@@ -1,5 +1,5 @@
-//! Whether a session's account is as it was when the session began: it may have been disabled, or given another role or password, at
-//! another page, at the terminal, or while the person was logging in.
+//! Whether a session's account is as it was when the session began: it may have been disabled, or given another
+//! role or password, at another page, at the terminal, or while the person was logging in.
 
 use super::visitor::Person;
 use crate::daemon::people::{People, stamp};

@@ -1,4 +1,5 @@
-//! The versions of a recipe: who approved each, when and why, and what it changed, line by line. They come from the audit trail.
+//! The versions of a recipe: who approved each, when and why, and what it changed, line by line. They come from the
+//! audit trail.
 
 use super::layout::local;
 use super::words::Language;

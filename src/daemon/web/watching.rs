@@ -1,4 +1,5 @@
-//! Looks at the cell once a minute, for the alarms between cycles (`daemon::alarms`), and counts what was refused in a flood.
+//! Looks at the cell once a minute, for the alarms between cycles (`daemon::alarms`), and counts what was refused
+//! in a flood.
 
 use super::state::{Web, blocking};
 use std::sync::Arc;

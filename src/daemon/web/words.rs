@@ -1,8 +1,8 @@
 //! The page's words: one table, a column for each language. A further language is a further column, without code.
 //!
-//! Messages of the program are English sentences with their values, each with a code. What a code means and what to do is a part of
-//! the table too (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of messages; a further table may leave those
-//! keys out and has them in English then.
+//! Messages of the program are English sentences with their values, each with a code. What a code means and what to
+//! do is a part of the table too (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of
+//! messages; a further table may leave those keys out and has them in English then.
 
 use crate::history::{codes, row};
 use std::collections::BTreeMap;

@@ -1,4 +1,5 @@
-//! The simulated flange camera behind a colour sensor's filters: each pixel sees one colour, and the other two are estimated.
+//! The simulated flange camera behind a colour sensor's filters: each pixel sees one colour, and the other two are
+//! estimated.
 
 use super::{CameraError, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
 use crate::devices::gige::{PixelFormat, demosaic, mosaic};

@@ -1,8 +1,8 @@
 //! The quality of a shot, in numbers that a person can act on: sharpness, saturation, darkness, missing points.
 //!
 //! Sharpness is the steepness of edges: the gradient of grey levels, √(gᵤ² + gᵥ²) by central differences, at the
-//! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on what is in view. It can therefore
-//! compare two focus settings before the same scene and cannot judge one alone.
+//! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on what is in view.
+//! It can therefore compare two focus settings before the same scene and cannot judge one alone.
 
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 
@@ -89,8 +89,8 @@ fn below(values: &mut [f64], share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// By hand: an upright edge from 40 to 200 has a slope of 80 grey levels a pixel in two columns of twenty; blurred over four
-    /// pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
+    /// By hand: an upright edge from 40 to 200 has a slope of 80 grey levels a pixel in two columns of twenty;
+    /// blurred over four pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
     #[test]
     fn an_edge_is_as_steep_as_it_is_sharp() {
         let picture = |levels: [u8; 20]| {

@@ -2,8 +2,8 @@
 //!
 //! Of a scanner's folder `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in its
 //! order and with its times. Of a flange camera's folder each picture `NAME.png` has its pose in `NAME.json`; other
-//! pictures in it are refused, since a corner is measured in each. What has no recorded time counts captures instead, 0, 1, 2 … s. Only names are read ahead, so that a
-//! folder may be long.
+//! pictures in it are refused, since a corner is measured in each. What has no recorded time counts captures
+//! instead, 0, 1, 2 … s. Only names are read ahead, so that a folder may be long.
 
 use super::{CameraError, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
 use crate::disk;

@@ -1,5 +1,6 @@
 //! The simulated world's cameras: each capture asks the arm for its time and pose, then has the world rendered as
-//! it is at that time. The arm is a mock controller in this process, or one in another process that is followed by its messages.
+//! it is at that time. The arm is a mock controller in this process, or one in another process that is followed by
+//! its messages.
 
 use super::{CameraError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
 use crate::devices::mock::{MockHandle, Sample};

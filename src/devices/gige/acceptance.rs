@@ -347,8 +347,8 @@ mod tests {
     }
 
     proptest! {
-        /// From any start, by any losses, across both wraps: what is taken is always newer, nothing is taken twice, and of a
-        /// stream every missing number is counted.
+        /// From any start, by any losses, across both wraps: what is taken is always newer, nothing is taken twice,
+        /// and of a stream every missing number is counted.
         #[test]
         fn a_stream_is_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),
             fates in prop::collection::vec(0u8..8, 1..400)) {

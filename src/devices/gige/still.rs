@@ -1,8 +1,8 @@
 //! One picture on demand: trigger, wait, judge; a bounded number of times.
 //!
-//! After a frame that did not come, one may still be on its way, and would be taken for the next trigger's. So each try that
-//! failed ends with a new stream, into which no older exposure can come. A camera that shows an old scene twice in a row is
-//! frozen; that is not tried a third time.
+//! After a frame that did not come, one may still be on its way, and would be taken for the next trigger's. So each
+//! try that failed ends with a new stream, into which no older exposure can come. A camera that shows an old scene
+//! twice in a row is frozen; that is not tried a third time.
 
 use super::acceptance::{Acceptance, Facts, Refused};
 use super::statistics::Statistics;

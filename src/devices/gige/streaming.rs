@@ -25,7 +25,8 @@ const POLL: Duration = Duration::from_millis(2);
 const ARMED: &str = "TriggerArmed";
 /// Some models report ready only after the first trigger, and some never: the maximum number of waits.
 const MOST_UNARMED: u64 = 3;
-/// Room for pictures of two bytes a pixel, so that one of a deeper format than was set arrives complete and reports its name.
+/// Room for pictures of two bytes a pixel, so that one of a deeper format than was set arrives complete and reports
+/// its name.
 const ROOM: usize = 2;
 /// The node of the camera's temperature, of cameras that have one.
 const TEMPERATURE: &str = "DeviceTemperature";

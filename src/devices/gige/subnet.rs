@@ -70,8 +70,8 @@ pub fn told(subnets: &[Subnet]) -> String {
 mod tests {
     use super::*;
 
-    /// As Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The first line is the way
-    /// out through a router and makes nothing a neighbour.
+    /// As Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The first line
+    /// is the way out through a router and makes nothing a neighbour.
     #[cfg(target_endian = "little")]
     const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
         eth0\t00000000\t01011FAC\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\

@@ -201,7 +201,8 @@ impl Controller {
         self.epoch.refusal.get_or_insert((refusal, id));
     }
 
-    /// Silence while something is queued, or while tool or water is on, ends the epoch; so does another override in contact.
+    /// Silence while something is queued, or while tool or water is on, ends the epoch; so does another override in
+    /// contact.
     pub(super) fn watch(&mut self) {
         if self.epoch.open && self.troubles.override_percent() != 100 && self.contact.touches(self.mover.front()) {
             self.refuse(self.epoch.done + 1, Refusal::Override, String::new());

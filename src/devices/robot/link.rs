@@ -70,7 +70,8 @@ impl LineOutputs {
     }
 }
 
-/// The shortest way to a stop: the abort frame goes out at once, whatever the rest of the program waits for. Clones are the same one.
+/// The shortest way to a stop: the abort frame goes out at once, whatever the rest of the program waits for. Clones
+/// are the same one.
 #[derive(Debug, Clone)]
 pub struct StopLine(mpsc::WeakUnboundedSender<LinkRequest>);
 

@@ -254,8 +254,8 @@ impl SimulatedWorld {
         Picture { picture, time_s: seconds(now.time_ms) }
     }
 
-    /// The film of what is greasy now on the panel as it looks now, made if it is another one than the last. Made with the world let go: a
-    /// controller must not wait for it.
+    /// The film of what is greasy now on the panel as it looks now, made if it is another one than the last. Made
+    /// with the world let go: a controller must not wait for it.
     fn film(&self) -> Arc<Film> {
         let (healed, Sanded { sanding, passes, .. }, last) = {
             let state = self.lock();

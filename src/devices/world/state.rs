@@ -46,7 +46,8 @@ pub(super) struct State {
     pub sanded: Sanded,
     /// The film with these spots gone, after this number of passes.
     pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
-    /// Each wetting of this part that was watched: when its water came on, its film, and the film's time in the last picture, s.
+    /// Each wetting of this part that was watched: when its water came on, its film, and the film's time in the
+    /// last picture, s.
     pub watched: Vec<(u64, Arc<Film>, f64)>,
     pub shots: u64,
     pub disc_diameter_mm: f64,

@@ -151,8 +151,8 @@ mod tests {
         times.map(|at_s| Reading { at_s, lens_c: lens_c(at_s) }).collect()
     }
 
-    /// By hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 · 30² · 55 = 99,000 s², its
-    /// root 314.64 s; the least error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C a minute.
+    /// By hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 · 30² · 55 =
+    /// 99,000 s², its root 314.64 s; the least error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C a minute.
     #[test]
     fn a_straight_rise_is_found_with_its_error() {
         let line = told(600.0, |at_s| 30.0 + 0.001 * at_s);

@@ -1,8 +1,9 @@
 //! Compares base and tool as they were sent with the ones that the controller reports.
 //!
-//! A lost `set_base` leads to a collision although every pose looks plausible, so no straight line is sent before the state shows the frame
-//! that was set, in this epoch. Rotations are compared, not angles: near B = ±90° angles are noise. The controller
-//! keeps single-precision numbers: below 8 m that is half the tolerance at most, and angles are far finer.
+//! A lost `set_base` leads to a collision although every pose looks plausible, so no straight line is sent before
+//! the state shows the frame that was set, in this epoch. Rotations are compared, not angles: near B = ±90° angles
+//! are noise. The controller keeps single-precision numbers: below 8 m that is half the tolerance at most, and
+//! angles are far finer.
 
 use crate::eki::ids::CommandId;
 use crate::eki::report::EchoMismatch;

@@ -87,8 +87,8 @@ impl Session {
         Ok(())
     }
 
-    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise nothing is at stake, and no number is used up by
-    /// stops that are pressed again and again.
+    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise nothing is at stake,
+    /// and no number is used up by stops that are pressed again and again.
     pub fn stop_now(&mut self) {
         let is_at_work = self.moving || matches!(self.phase, Phase::Open(_) | Phase::Opening { .. });
         if is_at_work && self.is_connected() {

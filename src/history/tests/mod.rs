@@ -145,7 +145,8 @@ fn the_heat_map_counts_first_films() {
     assert_eq!((map.grids[3].row, map.grids[3].column), (2, 2));
 }
 
-/// Twelve residuals that change between 0.05 and 0.06, then one of 0.20: the scatter is about 0.02 / 1.128, and 0.20 is far off.
+/// Twelve residuals that change between 0.05 and 0.06, then one of 0.20: the scatter is about 0.02 / 1.128, and
+/// 0.20 is far off.
 #[test]
 fn a_trend_has_its_limits_and_hints() {
     let mut cycles: Vec<PastCycle> =

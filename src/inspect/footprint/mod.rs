@@ -23,8 +23,8 @@ use samples::{Sample, mean_areas, region_samples};
 /// A grid of which less than this share of its surface is in the picture was not looked at; the rest is rounding at edges.
 const SEEN_SHARE: f64 = 0.99;
 
-/// A break of this number of pixels is found by either method; fewer may be lost in its rim. `make bench-inspect` prints the
-/// miss rate against size.
+/// A break of this number of pixels is found by either method; fewer may be lost in its rim. `make bench-inspect`
+/// prints the miss rate against size.
 const SURE_PX: f64 = 12.0;
 
 /// Side of the squares over which the surface of a pixel is averaged, px.
@@ -383,8 +383,9 @@ mod tests {
     use crate::panel::flat::{Flat, taught};
     use crate::recipe::Recipe;
 
-    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region lies. What is seen beyond
-    /// the edge or through a hole, 160 mm behind, is no surface of the panel: pixels beside it would be up to 27 mm² each.
+    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
+    /// lies. What is seen beyond the edge or through a hole, 160 mm behind, is no surface of the panel: pixels
+    /// beside it would be up to 27 mm² each.
     #[test]
     fn the_background_is_no_surface() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\

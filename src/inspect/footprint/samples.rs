@@ -41,7 +41,8 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded:
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }
 
-/// Are the neighbours that give a pixel's surface on the panel? What lies behind its edge, or is seen through a hole, is far off.
+/// Are the neighbours that give a pixel's surface on the panel? What lies behind its edge, or is seen through a
+/// hole, is far off.
 fn is_surrounded(mask: &Mask, column: usize, row: usize) -> bool {
     let reach = AREA_REACH_PX as isize;
     [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().all(|(right, down)| {

@@ -37,7 +37,8 @@ fn codes(observation: &Observation) -> Vec<String> {
     judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
 }
 
-/// By hand: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times the noise, and a fifth of the edge are enough.
+/// By hand: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times the noise, and a fifth of the
+/// edge are enough.
 #[test]
 fn each_demand_is_kept_at_its_limit_and_not_beyond() {
     let usable = |usable_s: f64, longest_unseen_s: f64| {

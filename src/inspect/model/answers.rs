@@ -5,7 +5,8 @@ use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN
 use super::{Model, Shimmer};
 use crate::geometry::median;
 
-/// A pixel that showed nothing for a larger share of the film was not seen, nor was one that shows nothing for longer than [`MOVES_ON_S`] at the end.
+/// A pixel that showed nothing for a larger share of the film was not seen, nor was one that shows nothing for
+/// longer than [`MOVES_ON_S`] at the end.
 const MOST_UNSEEN: f64 = 0.5;
 /// A film that changes a place by less than this many times the noise is not distinguished from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
@@ -71,7 +72,8 @@ impl Model {
         self.shimmer.as_ref()
     }
 
-    /// The variance of the sensor's noise in a site of the shimmer at a film of this look, levels²; `None` if it was not measured.
+    /// The variance of the sensor's noise in a site of the shimmer at a film of this look, levels²; `None` if it
+    /// was not measured.
     pub fn site_variance(&self, index: usize, look_levels: f64) -> Option<f64> {
         let (block, _) = self.at(index);
         let view = self.views.chosen[self.views.tile_of(block)];
@@ -169,7 +171,8 @@ impl Model {
         (self.wet_levels(index) / self.whole_levels(index)) as f32
     }
 
-    /// The standard deviation of [`Model::bare_look`], in the same shares: that of a mean look, and of the look that it is held against.
+    /// The standard deviation of [`Model::bare_look`], in the same shares: that of a mean look, and of the look
+    /// that it is held against.
     pub fn bare_look_noise(&self, index: usize) -> f32 {
         let of_whole = match self.is_without_dry(index) {
             true => self.wet_variance,
@@ -180,8 +183,8 @@ impl Model {
         (self.noise_levels() * variance.sqrt() / self.whole_levels(index)) as f32
     }
 
-    /// What the film leaves of the dry look, from the 20th to the last but the 20th part of the region's known film; `None` if nothing is
-    /// known.
+    /// What the film leaves of the dry look, from the 20th to the last but the 20th part of the region's known
+    /// film; `None` if nothing is known.
     pub fn film_range(&self) -> Option<[f64; 2]> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
         let all = (0..self.window.width * self.window.height).step_by(FILM_EVERY).filter(counts);

@@ -80,8 +80,8 @@ pub struct Past {
     pub since: Block,
     /// The picture in which its film closed again, if it broke before.
     pub until: Block,
-    /// How far from its dry look it was while it looked bare, or from its wet look if it has no dry one: a mean that forgets,
-    /// 1/64 level; signed.
+    /// How far from its dry look it was while it looked bare, or from its wet look if it has no dry one: a mean
+    /// that forgets, 1/64 level; signed.
     pub off: Block,
     /// For how long it showed neither film nor a bare place, ticks …
     pub unseen: Block,
@@ -169,8 +169,8 @@ fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &Rule) -> Bounds {
     Bounds { bare: [low, high_end], half, near, gap }
 }
 
-/// Adds those of a row's blocks, the first of them `first`, that must be judged: not every pixel of the region is film, looks as its
-/// film does, and did so before.
+/// Adds those of a row's blocks, the first of them `first`, that must be judged: not every pixel of the region is
+/// film, looks as its film does, and did so before.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn stirred(first: usize, rows: Row<'_>, rule: &Rule, found: &mut Vec<usize>) {
     for index in 0..rows.look.len() {
@@ -237,7 +237,8 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
-        // Nearer to bare than to its film; if it is not bare, it is a break that is damper than stated, or a film that thins out.
+        // Nearer to bare than to its film; if it is not bare, it is a break that is damper than stated, or a film
+        // that thins out.
         let is_nearer = mask(s >= half[0]) & mask(s <= half[1]) & !is_near & has_dry & visible;
         let is_between = is_nearer & !is_bare;
         let is_bright = mask(s > lit(w, rule.bright_q12));
@@ -283,7 +284,8 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
         let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_nearer;
-        // A place that keeps a look nearer to bare than to its film is not passed, however it came there; if it is bare all the time, it breaks.
+        // A place that keeps a look nearer to bare than to its film is not passed, however it came there; if it is
+        // bare all the time, it breaks.
         let stepped = took_another | is_between & mask(away[i] >= BETWEEN_TICKS);
         let anchors = (reached & !stepped & !is_nearer) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));

@@ -31,7 +31,8 @@ const SATURATED: u8 = 250;
 const NEAR: f64 = 0.08;
 /// This share of the places around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.5;
-/// On a light that changed by more than [`NEAR`] the places agree to this share of what they did before, or it is a shadow on most of them.
+/// On a light that changed by more than [`NEAR`] the places agree to this share of what they did before, or it is a
+/// shadow on most of them.
 const STILL_AGREE: f64 = 0.9;
 
 /// What lies around the panel, in the dry picture.
@@ -159,8 +160,9 @@ impl Lamp {
 }
 
 impl Lamp {
-    /// The sensor's noise in the means of squares of [`Lamp::SIDE_PX`]: of one channel, and of the mean of all three. Neighbours and channels of
-    /// a colour picture are not independent, so that neither follows from the noise of a pixel.
+    /// The sensor's noise in the means of squares of [`Lamp::SIDE_PX`]: of one channel, and of the mean of all
+    /// three. Neighbours and channels of a colour picture are not independent, so that neither follows from the
+    /// noise of a pixel.
     pub fn sensor(&self) -> [&SensorNoise; 2] {
         self.sensor.each_ref()
     }
@@ -205,7 +207,8 @@ impl Lamp {
     }
 }
 
-/// The ratio that most places have: the median of those near to the median of all, and to that one. What became wet is beyond.
+/// The ratio that most places have: the median of those near to the median of all, and to that one. What became wet
+/// is beyond.
 fn most(ratios: &mut [f64]) -> f64 {
     let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
     (0..2).fold(first, |gain, _| {
@@ -243,7 +246,8 @@ mod tests {
         assert_eq!(none, Lit::UNKNOWN, "nothing lies around the panel");
     }
 
-    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, at least 1.34 times.
+    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, at least
+    /// 1.34 times.
     #[test]
     fn an_exposure_that_changed_is_no_lamp_and_no_water() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
@@ -254,8 +258,8 @@ mod tests {
         }
     }
 
-    /// By hand: of five places two became wet, and the others are 3 % darker, as bright, and 3 % brighter: the median of all is 0.97, that
-    /// of those near to it 1, with which three of five agree.
+    /// By hand: of five places two became wet, and the others are 3 % darker, as bright, and 3 % brighter: the
+    /// median of all is 0.97, that of those near to it 1, with which three of five agree.
     #[test]
     fn what_became_wet_does_not_count_for_light() {
         let window = Window { left: 0, top: 40, width: 100, height: 20 };

@@ -89,7 +89,8 @@ impl Light {
         Light { columns: self.columns, tiles: (0..sums.len()).map(smooth).collect(), global, without_lamp }
     }
 
-    /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to tile centre.
+    /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to
+    /// tile centre.
     pub fn blocks_q12(&self, row: usize) -> Vec<Block> {
         let (rows, columns) = (self.tiles.len() / self.columns, self.columns);
         let mut blocks = vec![[0; BLOCK_PX]; CELLS * columns];
@@ -162,8 +163,8 @@ mod tests {
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
-    /// By hand: beside a lamp that is known, a film that is 1.3 times as bright as it was has 1.08 at most, and a bare place has the
-    /// lamp's light; in a shadow of 0.8 both have 0.8.
+    /// By hand: beside a lamp that is known, a film that is 1.3 times as bright as it was has 1.08 at most, and a
+    /// bare place has the lamp's light; in a shadow of 0.8 both have 0.8.
     #[test]
     fn beside_a_known_lamp_no_film_is_light() {
         let of = |found: u32| Light::even(3, 3).found(&[sum(found); 9], &[100; 9], true);
@@ -185,7 +186,8 @@ mod tests {
         assert!((nothing.global - 0.9).abs() < 1e-12, "the light of before");
     }
 
-    /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres go from one to the other.
+    /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres go from
+    /// one to the other.
     #[test]
     fn light_goes_smoothly_from_tile_to_tile() {
         let light = Light { tiles: vec![1.0, 2.0], ..Light::even(2, 1) };

@@ -60,7 +60,8 @@ const MAX_DRY_LEVELS: u8 = 249;
 const LEARNT_S: f64 = 1.0;
 /// While water comes, a place is wet that differs from each bare look by this share of its dry look.
 const SPRAYED_SHARE: f64 = 0.1;
-/// A film leaves more or less of a sanded place's look than of the panel's by such a power, which the simulators draw from 0.85 to 1.25.
+/// A film leaves more or less of a sanded place's look than of the panel's by such a power, which the simulators
+/// draw from 0.85 to 1.25.
 pub const FILM_POWER: f64 = 1.3;
 /// Looks are compared up to this many times a film's.
 const MOST_BRIGHT: f64 = 3.9;
@@ -334,7 +335,8 @@ impl Model {
             away_q16: q16(self.away_share()),
             bright_q12: light::q12(self.brightest_break()),
             noise: (self.noise.levels() * f64::from(LEVEL)).round() as u16,
-            // What looks bare from one picture to another was so for a step longer on average: half a step before and after.
+            // What looks bare from one picture to another was so for a step longer on average: half a step before
+            // and after.
             persist: ticks(self.terms.persist_s).saturating_sub(step).max(1),
             step,
             ticks: ticks(since_wet_s),
@@ -359,7 +361,8 @@ impl Model {
 
     /// Half of what a break that is as damp as allowed changes a film by, as a share of the film's look.
     pub fn away_share(&self) -> f64 {
-        // A shadow on the first picture is no film, which is taken in the brightest light so far: a break is rather too near than too far.
+        // A shadow on the first picture is no film, which is taken in the brightest light so far: a break is rather
+        // too near than too far.
         let film = self.film_left.unwrap_or(FILM_ASSUMED);
         let film = if film < 1.0 { (film * self.brightest).min(1.0) } else { film };
         ((self.terms.damp / film - 1.0).abs() / 2.0).min(0.5)
@@ -401,8 +404,8 @@ impl Model {
         self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, tint))
     }
 
-    /// What looks bare is a reflection: it did not break, and since it looks bare it has shown nothing of its film. Its run stays one
-    /// picture short, so that the next one is looked at as well.
+    /// What looks bare is a reflection: it did not break, and since it looks bare it has shown nothing of its film.
+    /// Its run stays one picture short, so that the next one is looked at as well.
     fn take_back(&mut self, index: usize) {
         let (block, at) = self.at(index);
         let past = &mut self.past[block];

@@ -1,7 +1,8 @@
 //! The clip's own noise: how much a pixel of the film differs from picture to picture.
 //!
-//! The difference of two pictures has √2 of one picture's standard deviation σ. Water that moves makes some of the differences larger,
-//! so the lower third of their distribution counts: of a normal distribution 30 % of the absolute differences are below 0.385 √2 σ.
+//! The difference of two pictures has √2 of one picture's standard deviation σ. Water that moves makes some of the
+//! differences larger, so the lower third of their distribution counts: of a normal distribution 30 % of the
+//! absolute differences are below 0.385 √2 σ.
 
 use super::kernel::{Block, INSIDE, LEVEL, LOOK, NO_DRY, OVEREXPOSED};
 
@@ -70,8 +71,9 @@ mod tests {
     use super::super::kernel::BLOCK_PX;
     use super::*;
 
-    /// Sums of twelve uniform numbers are nearly normal: of σ = 2 levels 2 are found. If a quarter of the pixels moves by 20, 30 % of all are
-    /// 40 % of the others, which lie below 0.524 √2 σ: by hand 2 · 0.524/0.385 = 2.72 are found.
+    /// Sums of twelve uniform numbers are nearly normal: of σ = 2 levels 2 are found. If a quarter of the pixels
+    /// moves by 20, 30 % of all are 40 % of the others, which lie below 0.524 √2 σ: by hand 2 · 0.524/0.385 = 2.72
+    /// are found.
     #[test]
     fn noise_is_found_beside_what_moves() {
         for moving in [0, 4] {

@@ -50,8 +50,8 @@ impl SensorNoise {
         // Noise does not fall with the light, and is never less than what rounding leaves of the mean of 48 numbers.
         let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
         let at = |levels: f64| (variance + slope * (levels - level)).max(LEAST);
-        // Beyond what was seen the slope is not sure, and with a and b ≥ 0 the variance is at least in proportion to s below it, and at most
-        // above it: the larger one counts, so that noise is never taken for water.
+        // Beyond what was seen the slope is not sure, and with a and b ≥ 0 the variance is at least in proportion
+        // to s below it, and at most above it: the larger one counts, so that noise is never taken for water.
         let nearest =
             known.iter().map(|it| it.1).min_by(|a, b| (a - levels).abs().total_cmp(&(b - levels).abs()))?;
         let seen = known.iter().fold([f64::INFINITY, 0.0], |[low, high], it| [it.1.min(low), it.1.max(high)]);
@@ -64,8 +64,9 @@ impl SensorNoise {
 mod tests {
     use super::*;
 
-    /// By hand: differences of ±1 at 40 levels are a variance of 1/2, of ±2 at 100 levels one of 2; between them at 70 it is 1.25, at
-    /// 10 levels it would be −0.25, and is a quarter of that at 40. At 200 the line gives 4.5, twice that at 100 is less.
+    /// By hand: differences of ±1 at 40 levels are a variance of 1/2, of ±2 at 100 levels one of 2; between them at
+    /// 70 it is 1.25, at 10 levels it would be −0.25, and is a quarter of that at 40. At 200 the line gives 4.5,
+    /// twice that at 100 is less.
     #[test]
     fn noise_grows_with_the_light() {
         let mut noise = SensorNoise::default();

@@ -15,8 +15,8 @@ use rayon::prelude::*;
 
 /// A site is a square of this side, px: water moves on a scale of millimetres, and the noise of its mean is smaller.
 const EVERY: usize = Lamp::SIDE_PX;
-/// The number of spans. A span begins with a picture and holds those of this time, s, a second but for what clocks round: at
-/// less than a picture a second each picture is a span.
+/// The number of spans. A span begins with a picture and holds those of this time, s, a second but for what clocks
+/// round: at less than a picture a second each picture is a span.
 const SPANS: usize = 24;
 const SPAN_S: f64 = 0.99;
 /// This share of a site's pixels and pictures must be seen in a span.
@@ -162,8 +162,9 @@ mod tests {
     use super::super::kernel::LEVEL;
     use super::*;
 
-    /// By hand: 60 levels that rise by 0.1 in each span of 1 s show nothing. A place that is 1 level brighter in every second span has second
-    /// differences of 2 levels: with a noise of 1 level and 10 pictures a span z is 2 / √((1 + 4 + 1)/10) = 2.58.
+    /// By hand: 60 levels that rise by 0.1 in each span of 1 s show nothing. A place that is 1 level brighter in
+    /// every second span has second differences of 2 levels: with a noise of 1 level and 10 pictures a span z is 2
+    /// / √((1 + 4 + 1)/10) = 2.58.
     #[test]
     fn what_a_film_shows_and_a_place_that_dries_does_not() {
         const ROWS: usize = 32;

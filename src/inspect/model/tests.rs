@@ -1,7 +1,8 @@
 //! The model by itself, on 64 × 64 px: dry 100 levels, wet 60.
 //!
-//! The numbers by hand: a break comes back to 80 levels at least (`damp` 0.8), the gap to the film is 20 levels, and the noise is what
-//! rounding leaves, 0.35 levels; six times of that below 80, from 77.9 levels on, a place looks bare, up to 9/8 of 100 and the rounding.
+//! The numbers by hand: a break comes back to 80 levels at least (`damp` 0.8), the gap to the film is 20 levels,
+//! and the noise is what rounding leaves, 0.35 levels; six times of that below 80, from 77.9 levels on, a place
+//! looks bare, up to 9/8 of 100 and the rounding.
 
 use super::*;
 
@@ -75,8 +76,9 @@ fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     assert!(seen(2.0) && !seen(5.0));
 }
 
-/// By hand: of a film at 60 of 100 levels a break changes the look by (80/60 − 1)/2 = 1/6 at half of its way, which is 10 levels, up or down; brighter than (1/0.6)^1.3 · 9/8 = 2.186
-/// times its film, 131 levels, no bare place can be.
+/// By hand: of a film at 60 of 100 levels a break changes the look by (80/60 − 1)/2 = 1/6 at half of its way, which
+/// is 10 levels, up or down; brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, 131 levels, no bare place can
+/// be.
 #[test]
 fn a_sanded_place_is_held_against_its_wet_look_alone() {
     let sanded: Vec<bool> = (0..SIDE * SIDE).map(|index| index / SIDE >= 20).collect();
@@ -91,7 +93,8 @@ fn a_sanded_place_is_held_against_its_wet_look_alone() {
     assert_eq!((show(&mut dark, times_s, |_| 100), dark.ever_wet(35 * SIDE + 35)), (0, true));
 }
 
-/// A break from 4 s to 8 s of a film, in 1 to 30 pictures a second, evenly or not: it is found, and begins at 4 s to a picture.
+/// A break from 4 s to 8 s of a film, in 1 to 30 pictures a second, evenly or not: it is found, and begins at 4 s
+/// to a picture.
 #[test]
 fn times_are_those_of_the_time_stamps() {
     for rate in [1.0, 2.0, 5.0, 12.0, 30.0] {
@@ -161,9 +164,9 @@ fn what_is_hidden_is_not_seen() {
     assert!(seen(9.2, 12.0) && !seen(8.4, 12.0), "at the end");
 }
 
-/// A red primer of (100, 35, 35) that the film makes (58, 13, 13). By hand, in the mean of the channels 57 and 28: a place that mirrors
-/// 25 levels of white is as bright as (83, 38, 38), 53, nearly dry, and has not its colour. It does not break and was not seen, while
-/// one that is dry again breaks, also under a lamp of 0.9.
+/// A red primer of (100, 35, 35) that the film makes (58, 13, 13). By hand, in the mean of the channels 57 and 28:
+/// a place that mirrors 25 levels of white is as bright as (83, 38, 38), 53, nearly dry, and has not its colour. It
+/// does not break and was not seen, while one that is dry again breaks, also under a lamp of 0.9.
 #[test]
 fn a_white_reflection_on_a_coloured_panel_is_no_break() {
     let broke = |place: [u8; 3], lamp: f64| {

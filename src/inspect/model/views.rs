@@ -33,7 +33,8 @@ impl Views {
         Views { weights, columns, chosen: vec![0; tiles] }
     }
 
-    /// Chooses by the change from dry to wet of some of the region's pixels: the pixel's block, and its change in each channel.
+    /// Chooses by the change from dry to wet of some of the region's pixels: the pixel's block, and its change in
+    /// each channel.
     pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
         let mut said = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
         for (block, change) in changes {
@@ -79,8 +80,9 @@ pub fn columns(width: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in one channel alone is 10 of the mean, 17 against
-    /// its noise: the channel is looked at. A change of 20 in each is 20 of the mean, 35 against its noise.
+    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in one channel alone is 10
+    /// of the mean, 17 against its noise: the channel is looked at. A change of 20 in each is 20 of the mean, 35
+    /// against its noise.
     #[test]
     fn a_tile_looks_at_what_changes_most_against_its_noise() {
         let chosen = |change: [f64; 3], weights: [f64; 3]| {

@@ -132,8 +132,8 @@ fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
     assert_eq!(film.settled(), (0, 113));
 }
 
-/// What looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right moved on, and is as small as a glint. The same place open
-/// at one time broke, and closed.
+/// What looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right moved on, and is as small as a
+/// glint. The same place open at one time broke, and closed.
 #[test]
 fn a_glint_that_moves_on_is_no_break() {
     let place = |column: usize, row: usize| (10..16).contains(&column) && (10..16).contains(&row);
@@ -149,9 +149,10 @@ fn a_glint_that_moves_on_is_no_break() {
     assert_eq!(closed.settled(), (113, 0));
 }
 
-/// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may be of one trail. Of specks that open one after
-/// another and close 0.6 s later, the first is film at 1.6 − 0.5 + 0.4 = 1.5 s, before the last opens at 2.5 s; of those that open at once, or stay
-/// open for 4 s, and of one alone, nothing is known; nor of two of 16 px, each of which is as large as a break.
+/// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may be of one trail.
+/// Of specks that open one after another and close 0.6 s later, the first is film at 1.6 − 0.5 + 0.4 = 1.5 s,
+/// before the last opens at 2.5 s; of those that open at once, or stay open for 4 s, and of one alone, nothing is
+/// known; nor of two of 16 px, each of which is as large as a break.
 #[test]
 fn places_of_one_trail_are_judged_together() {
     let specks = |count: usize, step_s: f32, open_s: f32| {
@@ -176,8 +177,8 @@ fn places_of_one_trail_are_judged_together() {
     assert_eq!(large.settled(), (0, 32));
 }
 
-/// At a picture a second a break that opened between 4 s and 6 s and closed again 1 s later shows no part that was film before another
-/// was bare: by hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5 s.
+/// At a picture a second a break that opened between 4 s and 6 s and closed again 1 s later shows no part that was
+/// film before another was bare: by hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5 s.
 #[test]
 fn a_break_between_two_pictures_did_not_move_on() {
     let place = |column: usize, row: usize| (10..14).contains(&column) && (10..14).contains(&row);
@@ -190,7 +191,8 @@ fn a_break_between_two_pictures_did_not_move_on() {
     assert_eq!(Film { longest_step_s: 0.2, ..film }.settled(), (0, 0));
 }
 
-/// By hand: film of 22 and of 66 levels, breaks of 34 and of 88 in them. Their mean of 61 is within 8 % of the brighter film, and no pixel is.
+/// By hand: film of 22 and of 66 levels, breaks of 34 and of 88 in them. Their mean of 61 is within 8 % of the
+/// brighter film, and no pixel is.
 #[test]
 fn a_break_over_two_kinds_of_film_did_not_become_film() {
     let mut film = Film { is_sanded: true, ..Film::with(disc) };
@@ -212,8 +214,8 @@ fn a_bead_belongs_to_its_break() {
     assert_eq!(with_hole(3).settled().0, 113 - 9);
 }
 
-/// Beside an edge of what was sanded: by hand, 0.62 is the film's look on the right, and 0.62/0.36 = 1.72 times that on the left, as a break of that
-/// film would be. Nothing is known of the place then.
+/// Beside an edge of what was sanded: by hand, 0.62 is the film's look on the right, and 0.62/0.36 = 1.72 times
+/// that on the left, as a break of that film would be. Nothing is known of the place then.
 #[test]
 fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_unsure() {
     let beside = |left: f32| {
@@ -224,9 +226,9 @@ fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_u
     assert_eq!((beside(0.36), beside(0.6)), ((0, 113), (0, 0)));
 }
 
-/// A sanded place: by hand 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0 and broke; 0.62 is within 8 % of the film around it, which it
-/// became after a glint; 0.45, and any look if nothing is known of the film, is neither. A mean of 0.7 that is 0.62 in the last picture became
-/// film, too.
+/// A sanded place: by hand 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0 and broke; 0.62 is within 8 % of
+/// the film around it, which it became after a glint; 0.45, and any look if nothing is known of the film, is
+/// neither. A mean of 0.7 that is 0.62 in the last picture became film, too.
 #[test]
 fn a_sanded_place_is_held_against_the_film_around_it() {
     let sanded = |bare: f32| Film { is_sanded: true, bare: vec![bare; SIDE * SIDE], ..Film::with(disc) };

@@ -55,7 +55,8 @@ fn light_is_made_up_for_within_its_limit() {
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
-/// A film that goes from all of the panel at once looks like more light: by hand 100/70 = 1.43 times as bright, and no test passes.
+/// A film that goes from all of the panel at once looks like more light: by hand 100/70 = 1.43 times as bright, and
+/// no test passes.
 #[test]
 fn a_film_that_goes_all_at_once_is_no_light() {
     let shown = |level: u8| {
@@ -156,8 +157,9 @@ fn a_reflection_that_stands_still_hides_its_grid() {
     assert_eq!((codes(&shone(4)), shone(2).judgement.verdict), (vec!["not_seen"], Verdict::Pass));
 }
 
-/// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for as long: all 300 px are the break, those too
-/// that lie within two cells of the rim. The same rim without a break beside it makes none, though it hides its place.
+/// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for as long: all 300 px are the break,
+/// those too that lie within two cells of the rim. The same rim without a break beside it makes none, though it
+/// hides its place.
 #[test]
 fn a_bright_rim_beside_a_break_hides_none_of_it() {
     let broke = shone([90, 30, 93, 45], 6, &[[70, 30, 90, 45]]);
@@ -167,8 +169,9 @@ fn a_bright_rim_beside_a_break_hides_none_of_it() {
     assert_eq!((codes(&clean), clean.mask().count()), (vec!["not_seen"], 0));
 }
 
-/// By hand: a reflection of 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: it failed, whatever is hidden. Of 10 px that
-/// are hidden and 12 px that broke, 40 and 48 mm², neither would make a grid fail, and both together would.
+/// By hand: a reflection of 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: it failed, whatever is hidden.
+/// Of 10 px that are hidden and 12 px that broke, 40 and 48 mm², neither would make a grid fail, and both together
+/// would.
 #[test]
 fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_what_is_hidden() {
     let failed = shone([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
@@ -237,8 +240,8 @@ fn a_film_that_mirrors_is_told_by_either_sign_and_in_tinted_light() {
     assert_eq!(mirrored(levels, &[]).judgement.verdict, Verdict::Pass);
 }
 
-/// On the right grids the film mirrors what makes it 1 level brighter than the dry panel: there a break would not show, and they
-/// do not pass, whatever breaks elsewhere.
+/// On the right grids the film mirrors what makes it 1 level brighter than the dry panel: there a break would not
+/// show, and they do not pass, whatever breaks elsewhere.
 #[test]
 fn where_the_film_looks_dry_nothing_is_told() {
     for blocks in [vec![], vec![[30, 30, 50, 45]]] {
@@ -278,8 +281,8 @@ fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     watch.finish().expect("wet pictures")
 }
 
-/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. Of 4 levels these differ by 1.1, of 16 by 4.4: three and
-/// twelve times the noise that rounding leaves, 0.35 levels. Four times is needed.
+/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. Of 4 levels these differ by
+/// 1.1, of 16 by 4.4: three and twelve times the noise that rounding leaves, 0.35 levels. Four times is needed.
 #[test]
 fn a_part_that_the_film_hardly_changes_cannot_be_judged() {
     let codes_with = |level: u8| {

@@ -190,8 +190,8 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }
 
-/// Pictures of a whole film in which no water moves: if its places were sanded since the dry picture nothing shows that they were ever wet,
-/// and neither method passes them.
+/// Pictures of a whole film in which no water moves: if its places were sanded since the dry picture nothing shows
+/// that they were ever wet, and neither method passes them.
 #[test]
 fn a_sanded_place_needs_evidence_of_water_by_either_method() {
     for method in [FILM, SHARP] {

@@ -14,8 +14,8 @@ use crate::words::{apart, fixed};
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
 /// The least ratio of the support of a pose to that of any other.
 pub const MIN_MARGIN: f64 = 2.0;
-/// The stated error of a pose that is fit for use, mm, anywhere on the panel: that of 0.25 mm at one place, times 2.35 / 1.7
-/// (`geometry/statistics`).
+/// The stated error of a pose that is fit for use, mm, anywhere on the panel: that of 0.25 mm at one place, times
+/// 2.35 / 1.7 (`geometry/statistics`).
 pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
 /// Checks whether the panel's pose is known well enough.
@@ -110,7 +110,8 @@ mod tests {
     use super::*;
     use crate::verdict::Judgement;
 
-    /// 0.41 mm are too much. What would be allowed without one of the causes, 0.35 mm at most, was made too much by that cause.
+    /// 0.41 mm are too much. What would be allowed without one of the causes, 0.35 mm at most, was made too much by
+    /// that cause.
     #[test]
     fn an_uncertain_pose_names_its_cause_and_what_helps_against_that() {
         let words = |uncertainty_at_taught_place_mm, uncertainty_without_scale_mm| {

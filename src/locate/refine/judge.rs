@@ -1,5 +1,6 @@
-//! Judges a correction by corners: is it within the recipe's limits, consistent with one rigid panel, and in agreement with the 3D scan?
-//! Every corner is compared with its limit individually and named by its number among the taught ones. A value that is not a number fails.
+//! Judges a correction by corners: is it within the recipe's limits, consistent with one rigid panel, and in
+//! agreement with the 3D scan? Every corner is compared with its limit individually and named by its number among
+//! the taught ones. A value that is not a number fails.
 
 use super::super::gate::exceeds;
 use super::correction::{CornerReport, Refined};

@@ -1,4 +1,4 @@
-// The page of `panelprep teach`: what the recipe says is drawn, and what was drawn is saved in it.
+// The page of `panelprep teach`: it draws the recipe's content and saves the drawing in the recipe.
 
 import { begin, now } from "./sheet.js";
 

@@ -1,16 +1,16 @@
-// The region, its grids, the masks, the panel's outline and what holds it, drawn over the taught scan's picture. Places are pixels of the picture.
-// It draws and nothing else: the page around it brings what the recipe says, and takes what was drawn.
+// The region, its grids, the masks, the panel's outline and its holders, drawn over the taught scan's picture. Places are pixels of the picture.
+// It only draws: the page around it supplies the recipe's content and receives the drawing.
 
 const SVG = "http://www.w3.org/2000/svg";
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay");
 const words = JSON.parse(at("sheet").dataset.words);
-/** The page's word for a key; `{1}` stands for the first of what is put in. */
+/** The page's word for a key; `{1}` is replaced by the first value. */
 const word = (key, ...put) => put.reduce((text, one, index) => text.replace(`{${index + 1}}`, one), words[`draw.${key}`] ?? key);
 
 let size = [1, 1];
 let drawn = null;
-// Which corner is selected: the shape's kind, its place among those of its kind, and the corner.
+// The selected corner: the shape's kind, its index within its kind, and the corner.
 let chosen = null;
 let dragged = null;
 let hearsChanges = () => {};
@@ -22,7 +22,7 @@ const KINDS = {
   held: { name: (index) => word("held_number", index + 1), label: (index) => `h${index + 1}` },
 };
 
-// Every shape: the region last, so that its corners lie on top.
+// All shapes: the region last, so that its corners are on top.
 const shapes = () => [
   ...(drawn.outline_px.length > 0 ? [{ kind: "outline", index: 0, corners: drawn.outline_px }] : []),
   ...drawn.held_px.map((corners, index) => ({ kind: "held", index, corners })),
@@ -41,13 +41,13 @@ function element(name, attributes, parent) {
 
 const points = (corners) => corners.map(([u, v]) => `${u},${v}`).join(" ");
 
-// A place inside four corners, by its shares along the first and the last side.
+// A place inside four corners, by its fractions along the first and the last side.
 function inside([a, b, c, d], across, down) {
   const mix = (p, q, share) => [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share];
   return mix(mix(a, b, across), mix(d, c, across), down);
 }
 
-// The size of one pixel of the screen, in pixels of the picture.
+// The size of one screen pixel, in pixels of the picture.
 const perScreenPixel = () => size[0] / Math.max(1, overlay.getBoundingClientRect().width);
 
 function draw() {
@@ -183,7 +183,7 @@ at("hold").addEventListener("click", () => {
   changed();
 });
 
-// The outline begins as the region made larger.
+// The first outline is the enlarged region.
 at("outline").addEventListener("click", () => {
   const larger = [[-0.2, -0.2], [1.2, -0.2], [1.2, 1.2], [-0.2, 1.2]];
   drawn.outline_px = larger
@@ -224,7 +224,7 @@ at("whole").addEventListener("change", () => {
 });
 window.addEventListener("resize", () => { if (drawn) draw(); });
 
-/** Begins to draw what the recipe says on the picture, once it is loaded; `changes` is called at each change. */
+/** Draws the recipe's content on the picture, once it is loaded; `changes` is called at each change. */
 export async function begin(recipe, changes) {
   await at("picture").decode();
   drawn = recipe;
@@ -235,5 +235,5 @@ export async function begin(recipe, changes) {
   draw();
 }
 
-/** What is drawn now. */
+/** The present drawing. */
 export const now = () => drawn;

@@ -1,4 +1,4 @@
-// The clip's pictures on a canvas: kept once they are loaded, the next ones loaded ahead.
+// The clip's pictures on a canvas: loaded pictures are kept, the next ones are loaded ahead.
 
 const KEPT = 60;
 const AHEAD = 6;
@@ -10,14 +10,14 @@ export class Film {
     this.dry = shots.findLastIndex((shot) => shot.phase === "dry");
   }
 
-  // A picture by its place, from 0.
+  // A picture by its index, from 0.
   image(index) {
     let loading = this.kept.get(index);
     if (!loading) {
       loading = this.load(index);
       loading.catch(() => this.kept.delete(index));
     }
-    // The one that was asked for last is given up last.
+    // The picture that was requested last is dropped last.
     this.kept.delete(index);
     this.kept.set(index, loading);
     for (const old of this.kept.keys()) {
@@ -44,7 +44,7 @@ export class Film {
     return image;
   }
 
-  // Shows a picture, unless another one is wanted by the time it is loaded.
+  // Shows a picture, unless another one is requested before it is loaded.
   async show(index, how) {
     this.wanted = index;
     const isDry = how === "dry" && this.dry >= 0;

@@ -1,8 +1,8 @@
-// The keyboard: what a key does is in a table; what a focused control does with it stays its own.
+// The keyboard: a table has the action of each key; a focused control keeps its own actions.
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-// `table` has an action for each key; `step(pictures)` goes on in time, `move(du, dv)` moves what is selected, `undo` takes back.
+// `table` has an action for each key; `step(pictures)` moves in time, `move(du, dv)` moves the selection, `undo` reverts a change.
 function actionOf(event, { table, step, move, undo }) {
   const arrow = ARROWS[event.key];
   const times = event.shiftKey ? 10 : 1;
@@ -25,7 +25,7 @@ export function onKeys(actions) {
     act();
   });
   document.addEventListener("keyup", (event) => actions.released[event.key.toLowerCase()]?.());
-  // After a click the keys are the clip's again.
+  // After a click the keys control the clip again.
   document.addEventListener("click", (event) => {
     if (event.detail > 0 && event.target.closest("button, input[type=checkbox], input[type=range]")) document.activeElement?.blur();
   });

@@ -1,4 +1,4 @@
-// Marking what broke in a clip. What a person says is `said`; every change of it is kept as a draft by the program, so that a reload
+// Marking the breaks in a clip. `said` holds a person's labels; the program keeps every change as a draft, so that a reload
 // loses nothing. Places are pixels of the clip's pictures, whole numbers at pixel centres; times are those of the clip.
 
 import { beginAt, closeAt, cornersAt, isOpen, rounded, seconds, shapeFrom } from "./breaks.js";
@@ -14,7 +14,7 @@ const MOST_UNDONE = 200;
 
 let [clip, film, said] = [null, null, null];
 let [index, zoom, wetFrom] = [0, 1, 0];
-// Which break and which of its corners are selected; what is being drawn; what a pointer drags.
+// The selected break and its selected corner; the break that is being drawn; the object that a pointer drags.
 let [chosen, corner, drawn, dragged] = [-1, -1, null, null];
 let [playing, holdsDry] = [null, false];
 const undone = [];
@@ -30,14 +30,14 @@ function tell(words, isWrong = false) {
 
 const drafts = new Drafts((problem) => tell(`What is drawn is not kept: ${problem}`, true));
 
-// --- what is said
+// --- labels
 
 function remember() {
   undone.push(JSON.stringify(said));
   if (undone.length > MOST_UNDONE) undone.shift();
 }
 
-// Changes what the person says.
+// Changes the person's labels.
 function change(how) {
   remember();
   how();
@@ -52,7 +52,7 @@ function changed() {
   if (!dragged) drafts.keep(said);
 }
 
-// --- what is shown
+// --- rendering
 
 function render() {
   const view = {
@@ -113,7 +113,7 @@ function step(pictures) {
   goTo(index + pictures);
 }
 
-// The picture whose number stands in the address, which a reload keeps; else the first wet one.
+// The picture with the number in the address, which a reload keeps; otherwise the first wet one.
 function goToAsked() {
   const asked = Number.parseInt(location.hash.slice(1), 10);
   if (asked >= 1) goTo(asked - 1);
@@ -126,7 +126,7 @@ function pause() {
   at("play").textContent = "Play";
 }
 
-// Plays by the clip's own times; pictures that are not loaded in time are left out.
+// Plays by the clip's own times; pictures that are loaded too late are left out.
 function play() {
   if (index === clip.shots.length - 1) goTo(0);
   playing = { since: performance.now(), from: now(), request: 0 };
@@ -160,7 +160,7 @@ function setZoom(wanted, [x, y] = [0.5, 0.5]) {
   render();
 }
 
-// Shows the grids as large as they fit, or without grids the whole picture.
+// Shows the grids as large as possible, or without grids the whole picture.
 function lookAtGrids() {
   setZoom();
   const edges = clip.grids.flatMap(({ edge_px }) => edge_px);
@@ -222,7 +222,7 @@ function insertCorner() {
   choose(chosen, corner + 1);
 }
 
-// Moves one corner, or with none the whole break, of the shape that begins now.
+// Moves the selected corner, or without one the whole break, of the shape that begins now.
 function moveBy(du, dv) {
   const shape = shapeFrom(selected(), now());
   const moved = ([u, v]) => rounded([within(u + du, clip.size_px[0]), within(v + dv, clip.size_px[1])]);
@@ -247,7 +247,7 @@ function place(event) {
   ]);
 }
 
-// A further corner; a click on the first corner, or a second one on the last, ends the break.
+// Adds a corner; a click on the first corner, or a second click on the last, ends the break.
 function drawTo(event) {
   const [u, v] = place(event);
   const last = drawn.corners_px.at(-1);
@@ -328,7 +328,7 @@ const table = {
   d: () => { if (!holdsDry) { holdsDry = true; show(); } },
 };
 
-// Moves the selected corner or break, where it is open now.
+// Moves the selected corner or break, if it is open now.
 function nudge(du, dv) {
   if (selected() && isOpen(selected(), now())) change(() => moveBy(du, dv));
 }
@@ -390,7 +390,7 @@ at("done").addEventListener("click", async () => {
   }
 });
 
-// --- the beginning
+// --- start
 
 function tellWhatIsKept({ saved_at, is_draft, note }) {
   at("kept").textContent = saved_at ? `labelled, saved ${saved_at}` : "not labelled yet";

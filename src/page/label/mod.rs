@@ -165,8 +165,9 @@ async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) 
     }
 }
 
-/// A picture as browsers show it, its pixels as the program reads them: PNG and JPEG as they are, TIFF as PNG. A browser turns a picture
-/// by its EXIF data, and what is drawn on it would lie elsewhere in the pixels: one that may have any is packed again.
+/// A picture as browsers show it, its pixels as the program reads them: PNG and JPEG as they are, TIFF as PNG. A
+/// browser turns a picture by its EXIF data, and what is drawn on it would lie elsewhere in the pixels: one that
+/// may have any is packed again.
 fn shown(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     let has = |name: &[u8]| bytes.windows(name.len()).any(|part| part == name);
     if bytes.starts_with(b"\x89PNG") && !has(b"eXIf") {

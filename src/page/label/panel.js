@@ -35,7 +35,7 @@ function shapeLine(shape, { isShown, isOnly, onGo, onRemove }) {
   return item;
 }
 
-// The selected break, where there is one, and what can be done with it at this time.
+// The selected break, if there is one, and its possible actions at this time.
 export function drawSelected({ one, number, corner, time, wetFrom, onGo, onRemove }) {
   at("selected").hidden = !one;
   at("unselected").hidden = Boolean(one);

@@ -1,4 +1,4 @@
-// Asking the program, and keeping drafts there.
+// Requests to the program, which also keeps the drafts.
 
 export async function ask(path, options) {
   const answer = await fetch(path, options);
@@ -9,7 +9,7 @@ export async function ask(path, options) {
 
 export const posted = (body) => ({ method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
 
-// Keeps what is drawn. While one draft is on its way, the newest one waits for it.
+// Keeps the drawing. While one draft is being sent, the newest one waits for it.
 export class Drafts {
   constructor(tellProblem) {
     Object.assign(this, { tellProblem, sending: null, waiting: null });

@@ -14,8 +14,9 @@ fn a_region_on_the_panel_is_on_it() {
     assert_eq!(found(Flat { region_right_px: 250.0, ..Flat::default() }), []);
 }
 
-/// By hand: a pixel is 1 mm at 700 mm. A notch of 20 × 12 px comes into the panel from above, columns 140 to 159; the region begins in row
-/// 45, seven rows above the notch's end, row 52. The place that is farthest from the panel lies in the notch's middle on the region's edge.
+/// By hand: a pixel is 1 mm at 700 mm. A notch of 20 × 12 px comes into the panel from above, columns 140 to 159;
+/// the region begins in row 45, seven rows above the notch's end, row 52. The place that is farthest from the panel
+/// lies in the notch's middle on the region's edge.
 #[test]
 fn a_region_over_the_edge_is_measured_and_named() {
     let off = found(Flat { notch: Some(140), ..Flat::default() });

@@ -22,8 +22,8 @@ settings! {
         drain_s: f64, 0.0..=600.0, default 10.0;
         /// From light on to steady light, s.
         light_settle_s: f64, 0.0..=60.0, default 1.0;
-        /// The procedure by which the panel is tested, with its edition, such as "ASTM F22-21, PS 4711 rev. C"; unstated, ASTM F22
-        /// without an edition.
+        /// The procedure by which the panel is tested, with its edition, such as "ASTM F22-21, PS 4711 rev. C";
+        /// unstated, ASTM F22 without an edition.
         procedure: Option<String>, (), default None;
         /// The water that is sprayed, as the inspector signs it, such as "deionised, 2 µS/cm"; unstated, a line to fill in.
         water: Option<String>, (), default None;
@@ -112,8 +112,8 @@ settings! {
     pub struct Inspect {
         /// The method.
         method: Method, (), default Method::Film;
-        /// What a place is held against that was sanded since the dry picture: its own wet look, or a new dry picture for which a person
-        /// dries the panel after each abrasion.
+        /// What a place is held against that was sanded since the dry picture: its own wet look, or a new dry
+        /// picture for which a person dries the panel after each abrasion.
         reference: SandedReference, (), default SandedReference::Wet;
         /// What red, green and blue count: both methods weigh the channels by it. A channel in which the film changes
         /// the panel little adds noise alone (thesis 4.2).

@@ -21,7 +21,8 @@ impl Choice for Registration {
 settings! {
     /// `[locate]`: where the panel is searched, and the limits for acceptance (thesis 3.8).
     pub struct Locate {
-        /// How the pose is refined. The thesis's method states no error of its own: its distance from the other one counts as error.
+        /// How the pose is refined. The thesis's method states no error of its own: its distance from the other one
+        /// counts as error.
         method: Registration, (), default Registration::PointToPlane;
         /// Lower corner of the search box in the base frame, mm.
         box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;

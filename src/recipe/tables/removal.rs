@@ -24,7 +24,8 @@ settings! {
         method: RemovalMethod, (), default RemovalMethod::Constant;
         /// Depth to remove, µm.
         target_um: f64, 0.1..=5_000.0, required;
-        /// Depth that is removed nowhere, µm: of the coating, or of the first ply. Its 95 % bound is held against it, over all passes.
+        /// Depth that is removed nowhere, µm: of the coating, or of the first ply. Its 95 % bound is held against
+        /// it, over all passes.
         max_um: f64, 0.1..=10_000.0, required;
         /// Largest deviation from the target for 95 % of the treated area, percent of the target.
         even_percent: f64, 1.0..=100.0, default 20.0;
@@ -37,8 +38,8 @@ settings! {
     }
 }
 
-/// The table, if the recipe has one; the outer `None` if it has problems. What it must have beside a `[path]` with problems,
-/// which is no `path` here, is not known.
+/// The table, if the recipe has one; the outer `None` if it has problems. What it must have beside a `[path]` with
+/// problems, which is no `path` here, is not known.
 pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
     if !section.is_present() {
         return Some(None);

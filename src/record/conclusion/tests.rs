@@ -145,7 +145,8 @@ fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4_000))]
 
-    /// Never better than the worst finding that counts, with the reasons of all that count; and only what a pass needs makes a pass.
+    /// Never better than the worst finding that counts, with the reasons of all that count; and only what a pass
+    /// needs makes a pass.
     #[test]
     fn no_verdict_is_better_than_its_worst_finding(
         findings in findings(),
@@ -182,8 +183,8 @@ proptest! {
     }
 }
 
-/// A pass is shown by a film after the last abrasion. A record without findings, with good ones of other kinds alone, or with an abrasion
-/// after its film shows none; a run in the air needs none.
+/// A pass is shown by a film after the last abrasion. A record without findings, with good ones of other kinds
+/// alone, or with an abrasion after its film shows none; a run in the air needs none.
 #[test]
 fn a_pass_needs_a_film_that_passed() {
     let pass = Judgement { verdict: Verdict::Pass, reasons: vec![] };

@@ -114,8 +114,8 @@ fn found(export: &Export, head: Option<&Signed>) -> Vec<String> {
     verify_export(export, &[key().public()], head).found
 }
 
-/// RFC 8785, 3.2.3 and its appendix B by hand: names in order of UTF-16, the shortest digits, no spaces; and 2⁵³, which a double
-/// holds, but not apart from its neighbour, as a text.
+/// RFC 8785, 3.2.3 and its appendix B by hand: names in order of UTF-16, the shortest digits, no spaces; and 2⁵³,
+/// which a double holds, but not apart from its neighbour, as a text.
 #[test]
 fn the_canonical_form_is_that_of_the_standard() {
     let value = json!({"b": [1.0, 1e21, 333_333_333.333_333_3, -0.0], "a": "é\n", "plan": u64::MAX, "most": (1_u64 << 53) - 1});
@@ -125,7 +125,8 @@ fn the_canonical_form_is_that_of_the_standard() {
     assert_eq!(text, expected);
 }
 
-/// A cell's key signs whatever it is given. A pass over a finding that forbids it is found by the public key and the record alone.
+/// A cell's key signs whatever it is given. A pass over a finding that forbids it is found by the public key and
+/// the record alone.
 #[test]
 fn a_pass_that_its_findings_forbid_is_refused() {
     let judged = |verdict, code: &'static str| {
@@ -239,7 +240,8 @@ fn what_is_no_canonical_record_is_refused() {
     assert!(refused.contains("\"panelprep-record-9\", known is \"panelprep-record-1\""), "{refused}");
 }
 
-/// Canonical JSON holds the number of a plan as a text; the record reads back as it was, and a serial number of digits stays a text.
+/// Canonical JSON holds the number of a plan as a text; the record reads back as it was, and a serial number of
+/// digits stays a text.
 #[test]
 fn a_signed_record_reads_back_with_every_digit() {
     let motion = Motion { epoch: 1, path: Path::Contact, plan: 13_988_697_933_614_533_883, waypoints: 138 };

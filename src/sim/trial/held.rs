@@ -31,7 +31,8 @@ const PATCH_MM: f64 = 55.0;
 /// A person draws a corner of the outline this far off, px, one standard deviation.
 const DRAWN_PX: f64 = 1.0;
 
-/// A straight side of the panel's outline on its sheet: the middle, the directions along it and outwards, and its length, mm.
+/// A straight side of the panel's outline on its sheet: the middle, the directions along it and outwards, and its
+/// length, mm.
 struct Side {
     middle: Vector2<f64>,
     along: Vector2<f64>,

@@ -1,9 +1,9 @@
-//! Trials of a localization: a panel of any shape, anywhere in a search box, before a cluttered fixture; and the defects that
-//! such a scene can have. The calibration is the true one: only the localization is measured.
+//! Trials of a localization: a panel of any shape, anywhere in a search box, before a cluttered fixture; and the
+//! defects that such a scene can have. The calibration is the true one: only the localization is measured.
 //!
-//! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to 30°, with
-//! at most 20 % without points: occluded, in shadow, or outside of the camera's or the projector's field of view. Glints remove points and
-//! overexpose the picture.
+//! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to
+//! 30°, with at most 20 % without points: occluded, in shadow, or outside of the camera's or the projector's field
+//! of view. Glints remove points and overexpose the picture.
 
 mod bends;
 mod capture;

@@ -1,4 +1,5 @@
-//! Draws the panel's pose of a trial: in the box, before the fixture, among other objects, and visible as far as it should be.
+//! Draws the panel's pose of a trial: in the box, before the fixture, among other objects, and visible as far as it
+//! should be.
 
 use super::Trial;
 use super::space::{TRIAL_BOX_MM, lattice};

@@ -61,8 +61,8 @@ fn metric<'p>(payload: &'p Payload, name: &str) -> &'p Metric {
     payload.metrics.iter().find(|metric| metric.name.as_deref() == Some(name)).expect("it is there")
 }
 
-/// By hand, from the specification's protobuf: the time (08) 1 700 000 000 000 is 80 D0 95 FF BC 31 as a varint; a metric (12) has
-/// name (0A), time (18), type 4 (20 04) and long value 0 (58 00).
+/// By hand, from the specification's protobuf: the time (08) 1 700 000 000 000 is 80 D0 95 FF BC 31 as a varint; a
+/// metric (12) has name (0A), time (18), type 4 (20 04) and long value 0 (58 00).
 #[test]
 fn a_death_is_these_bytes() {
     let mut node = node(None, false, true);
@@ -74,7 +74,8 @@ fn a_death_is_these_bytes() {
     assert_eq!((will.topic.as_str(), will.qos, will.payload), ("spBv1.0/G/NDEATH/cell", 1, bytes));
 }
 
-/// Every metric with name, type, time, and a value or the word that there is none; aliases are all different, and a rebirth has none.
+/// Every metric with name, type, time, and a value or the word that there is none; aliases are all different, and a
+/// rebirth has none.
 #[test]
 fn a_birth_has_everything() {
     for (aliases, commands_allowed) in [(true, true), (true, false), (false, true)] {

@@ -98,8 +98,8 @@ fn a_restored_store_begins_a_new_epoch_once() {
     assert_eq!(store.outbox_epochs().expect("epochs").iter().map(|last| last.number).collect::<Vec<_>>(), [1, 0]);
 }
 
-/// Of cycle 1 there is a backup; the store that it replaces had come to cycle 12. The cell rests in Aborted until a person has
-/// looked, at every start, and no number is used twice, by this restore nor by one more.
+/// Of cycle 1 there is a backup; the store that it replaces had come to cycle 12. The cell rests in Aborted until a
+/// person has looked, at every start, and no number is used twice, by this restore nor by one more.
 #[test]
 fn a_restored_store_asks_a_person_and_goes_on_above_the_last_number() {
     use crate::cycle::{At, Cause};

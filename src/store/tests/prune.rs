@@ -119,7 +119,8 @@ fn days_are_counted_to_the_newest_cycle() {
     assert_eq!((kept(&folder, &old), kept(&folder, &failed)), (0, 4));
 }
 
-/// A process that ends between the rows and the files has removed them in the chain; the next one removes them from the disk.
+/// A process that ends between the rows and the files has removed them in the chain; the next one removes them from
+/// the disk.
 #[test]
 fn what_a_killed_process_left_is_removed_by_the_next() {
     let (folder, mut store) = new_store();

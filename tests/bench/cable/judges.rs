@@ -40,7 +40,8 @@ const LIGHT_MS: f64 = 60_000.0;
 pub struct Judged {
     pub violations: Vec<String>,
     pub worst_stop_ms: Option<f64>,
-    /// Commands in contact that were changed on their way and executed, in a cycle that passed: nothing in the protocol shows it.
+    /// Commands in contact that were changed on their way and executed, in a cycle that passed: nothing in the
+    /// protocol shows it.
     pub unnoticed: usize,
 }
 

@@ -1,5 +1,6 @@
-//! Messages as text: a stream cut into documents, and single values read and replaced. The bench's own reader, so that the program's
-//! cannot hide its mistakes behind it; it trusts that each document ends with the end tag of its root, as both sides write it.
+//! Messages as text: a stream cut into documents, and single values read and replaced. The bench's own reader, so
+//! that the program's cannot hide its mistakes behind it; it trusts that each document ends with the end tag of its
+//! root, as both sides write it.
 
 const ENDS: [&[u8]; 4] = [b"</Cmd>", b"</Ack>", b"</Req>", b"</St>"];
 /// More than any message; what is longer and has no end is thrown away.

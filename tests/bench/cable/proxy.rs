@@ -1,5 +1,6 @@
-//! The cable: two real TCP connections between the service and the controller, cut into messages, through the liar, and on. Each
-//! direction has a thread that reads and one that writes what is due; what is late holds up what comes behind it, as in TCP.
+//! The cable: two real TCP connections between the service and the controller, cut into messages, through the liar,
+//! and on. Each direction has a thread that reads and one that writes what is due; what is late holds up what comes
+//! behind it, as in TCP.
 
 use super::liar::{Liar, Piece};
 use super::lie::Way;

@@ -6,7 +6,8 @@ use panelprep::panel::GridId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A place has contrast if its film differs by this many times the noise from each break that is as damp as the recipe allows.
+/// A place has contrast if its film differs by this many times the noise from each break that is as damp as the
+/// recipe allows.
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
 /// What the recipes allow.
 const DAMP: f64 = 0.8;
@@ -23,8 +24,8 @@ pub struct Truth<'a> {
     pub contrast: &'a [f64],
 }
 
-/// By how many times the noise a film differs from the nearest look of a break, in the channel in which it does so most or in their mean;
-/// `noise` is that of one channel at its level.
+/// By how many times the noise a film differs from the nearest look of a break, in the channel in which it does so
+/// most or in their mean; `noise` is that of one channel at its level.
 pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) -> f64 {
     let gap = |dry: f64, wet: f64| (DAMP * dry - wet).max(wet - dry);
     let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;

@@ -1,5 +1,5 @@
-//! From an abort at one of the service's fronts to the frame at the controller: at its socket while two hundred clients do harm, and
-//! on the operator's page while others look on.
+//! From an abort at one of the service's fronts to the frame at the controller: at its socket while two hundred
+//! clients do harm, and on the operator's page while others look on.
 
 use super::peer::Peer;
 use crate::clients::harass;

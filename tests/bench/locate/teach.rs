@@ -1,5 +1,5 @@
-//! Teaching from scans with large parts missing: how many panels are taught, and how far the edges of their grids lie from those that the whole
-//! scan teaches, at the same pixels.
+//! Teaching from scans with large parts missing: how many panels are taught, and how far the edges of their grids
+//! lie from those that the whole scan teaches, at the same pixels.
 
 use super::held::{Said, keys};
 use super::{recipe, reduction, row, share};

@@ -1,5 +1,6 @@
-//! Edges, curvature and tilt beside a finer reference of our own: still discs every 0.1 mm, each on 24 places of its orbit, the force
-//! balanced over a square net of 0.15 mm. It shares the formulas of the pad with what it tests, and none of its code.
+//! Edges, curvature and tilt beside a finer reference of our own: still discs every 0.1 mm, each on 24 places of
+//! its orbit, the force balanced over a square net of 0.15 mm. It shares the formulas of the pad with what it
+//! tests, and none of its code.
 
 use super::held;
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};

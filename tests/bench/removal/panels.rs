@@ -29,8 +29,8 @@ const WITHIN_PERCENT: f64 = 10.0;
 const SHARE: f64 = 0.95;
 const HELD: [f64; 2] = [0.90, 0.99];
 const COUPONS: usize = 12;
-/// σ by which one piece differs from another, coupon or panel; of a measured depth; of the force's bias from panel to panel; and of its
-/// noise from pose to pose.
+/// σ by which one piece differs from another, coupon or panel; of a measured depth; of the force's bias from panel
+/// to panel; and of its noise from pose to pose.
 const PIECE_DEVIATION: f64 = 0.02;
 const MEASURED_DEVIATION: f64 = 0.022;
 const FORCE_BIAS: f64 = 0.015;

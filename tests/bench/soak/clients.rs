@@ -186,7 +186,8 @@ fn does_not_read(cell: &Prepared, counts: &Counts) {
     count(&counts.silent);
 }
 
-/// A person logs in, looks at everything some times, and logs in anew: the session that was left is forgotten by the service.
+/// A person logs in, looks at everything some times, and logs in anew: the session that was left is forgotten by
+/// the service.
 fn read_pages(cell: &Prepared, counts: &Counts) {
     let (name, password) = VIEWER;
     let words = format!("{{\"name\":\"{name}\",\"password\":\"{password}\"}}");

@@ -1,4 +1,5 @@
-//! What a process holds, sampled, and how that grows: the least of each period, since what is held for a cycle or a client goes again.
+//! What a process holds, sampled, and how that grows: the least of each period, since what is held for a cycle or a
+//! client goes again.
 
 use std::fmt;
 use std::fs;
@@ -42,7 +43,8 @@ pub struct Period {
 type Named = (&'static str, &'static str, Option<f64>, fn(&Sample) -> f64);
 
 impl Period {
-    /// What is held on to. Of the resident memory that of files goes back to the system when it is needed, so it is not judged.
+    /// What is held on to. Of the resident memory that of files goes back to the system when it is needed, so it is
+    /// not judged.
     pub const LOWEST: [Named; 3] = [
         ("memory of its own", "kB", None, |sample| sample.anonymous_kb),
         ("descriptors", "", Some(1.0), |sample| sample.descriptors),

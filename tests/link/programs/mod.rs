@@ -92,7 +92,8 @@ pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, Str
     (found, covered)
 }
 
-/// More walks: `KRL_WALKS=20000`, from a seed on: `KRL_FROM=5000`. What one looks like at its end: `KRL_SEED=148`. In fewer meanings: `KRL_MASK=0`.
+/// More walks: `KRL_WALKS=20000`, from a seed on: `KRL_FROM=5000`. What one looks like at its end: `KRL_SEED=148`.
+/// In fewer meanings: `KRL_MASK=0`.
 #[test]
 fn no_walk_of_the_shipped_programs_violates_a_rule() {
     let shipped = texts("config/kuka");

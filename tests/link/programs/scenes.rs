@@ -345,7 +345,8 @@ fn scenes_miss_the_mends_that_the_model_has_asked_for() {
     }
 }
 
-/// The PC computes from the files what the controller computes of what it has: with the files as they ship, and with edited ones.
+/// The PC computes from the files what the controller computes of what it has: with the files as they ship, and
+/// with edited ones.
 #[test]
 fn the_sum_of_the_files_is_that_of_the_programs() {
     for (from, to) in [("CELL_OUT[1]=17", "CELL_OUT[1]=17"), ("CELL_OFF_MS[1]=60000", "CELL_OFF_MS[1]=61000")] {

@@ -34,8 +34,8 @@ pub struct Truth {
     pub faulty_until_ms: u64,
     /// The last command that sets base or tool.
     frames: Option<(Epoch, CommandId)>,
-    /// The first line of a path that waits to be sent, and the command that sets its base or tool. A controller that is started again
-    /// counts from zero.
+    /// The first line of a path that waits to be sent, and the command that sets its base or tool. A controller
+    /// that is started again counts from zero.
     lines: Option<(Epoch, CommandId, CommandId)>,
     /// Bytes to the controller were changed: what comes behind them may be taken for a part of the same message.
     pub is_garbled: bool,

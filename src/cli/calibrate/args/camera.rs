@@ -62,7 +62,8 @@ pub struct Intrinsics {
     /// The board.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Read the lens from a scan of the 3D camera itself: each of its points lies on the ray of its pixel. No board is needed.
+    /// Read the lens from a scan of the 3D camera itself: each of its points lies on the ray of its pixel. No board
+    /// is needed.
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
     pub from_scan: Option<PathBuf>,
     /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request what OpenCV does. With
@@ -166,7 +167,8 @@ pub struct Scanner {
     /// The file to write: the lens and the errors; it may be the same.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Write a picture of what was found: what is the same in each scan, and what is left in each part of the camera's picture.
+    /// Write a picture of what was found: what is the same in each scan, and what is left in each part of the
+    /// camera's picture.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// Scans of the board.

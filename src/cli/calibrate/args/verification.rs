@@ -27,8 +27,8 @@ pub struct Verify {
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
-    /// Many pictures of the still board by the camera on the flange, in this file's folder: what is left of the error over the
-    /// working volume, with a map.
+    /// Many pictures of the still board by the camera on the flange, in this file's folder: what is left of the
+    /// error over the working volume, with a map.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
     pub poses: Option<PathBuf>,
     /// The flange's pose at that picture, for the camera on the flange.

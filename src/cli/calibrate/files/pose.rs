@@ -13,8 +13,9 @@ pub(super) const AXIS_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
 
 pub(super) const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
-/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and what follows it, `{E6POS: …, S 2, T 35}`;
-/// or as other programs write it (`Data` of Zivid's YAML): four rows of four numbers, a rotation and a translation in mm.
+/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and what
+/// follows it, `{E6POS: …, S 2, T 35}`; or as other programs write it (`Data` of Zivid's YAML): four rows of four
+/// numbers, a rotation and a translation in mm.
 struct WrittenPose(KukaPose);
 
 /// The columns of a rotation are this near to unit length and to right angles: files state seven digits.

@@ -1,4 +1,5 @@
-//! `panelprep calibrate verify --live`: the picture of the target is taken now. A simulated person has put the target in its place.
+//! `panelprep calibrate verify --live`: the picture of the target is taken now. A simulated person has put the
+//! target in its place.
 
 use super::super::super::args::{Common, Shot};
 use super::super::super::disk;

@@ -257,7 +257,8 @@ impl Cell {
         }
     }
 
-    /// The next command finds no epoch, as after a stop that is on the wire before the loop has taken it; true once it came.
+    /// The next command finds no epoch, as after a stop that is on the wire before the loop has taken it; true once
+    /// it came.
     pub fn stops_before_a_command(&self) -> impl FnMut() -> bool + use<> {
         let world = self.world.clone();
         let mut has_stopped = false;

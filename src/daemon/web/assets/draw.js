@@ -1,4 +1,4 @@
-// Drawing on the taught picture: what was drawn becomes a proposed text of the recipe with its difference, to be approved.
+// Drawing on the taught picture: the drawing becomes a proposed text of the recipe with its difference, for approval.
 
 import { send, tell, word } from "./PAGE_JS";
 import { begin, now } from "./SHEET_JS";
@@ -23,11 +23,11 @@ try {
   const response = await fetch(`${recipe}/drawing.json`, { cache: "no-store" });
   const found = await response.json();
   if (!response.ok) throw new Error(found.message);
-  // The picture says why it is not there, where it is not.
+  // If there is no picture, the answer states the reason.
   const picture = await fetch(`${recipe}/picture.png`, { method: "GET", cache: "no-store" });
   if (!picture.ok) throw new Error((await picture.json()).message);
   await begin(found, () => {
-    // What was proposed is not what is drawn any more.
+    // The drawing differs from the proposal now.
     id("proposal").hidden = true;
     tell(id("told"), { ok: true, message: word("draw.changed") });
   });

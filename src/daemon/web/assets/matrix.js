@@ -1,8 +1,8 @@
-// Matrices of four by four, column by column, as WebGL has them.
+// Matrices of four by four, column by column, as in WebGL.
 
 export const identity = () => new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
 
-/** First the right one, then the left one. */
+/** The product: applies the right one first, then the left one. */
 export function multiplied(a, b) {
   const c = new Float32Array(16);
   for (let column = 0; column < 4; column += 1) {
@@ -19,7 +19,7 @@ export function shifted(x, y, z) {
   return made;
 }
 
-/** About the axis with this number, by radians. */
+/** A rotation about the axis with this number, radians. */
 export function rotated(axis, angle) {
   const made = identity();
   const [i, j] = [(axis + 1) % 3, (axis + 2) % 3];

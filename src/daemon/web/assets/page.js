@@ -1,4 +1,4 @@
-// What every page has: stop and abort, logging out, times in local time with offset, and how a change is sent.
+// The functions of every page: stop and abort, logging out, times in local time with offset, sending a change.
 
 const meta = (name) => document.querySelector(`meta[name="${name}"]`)?.content ?? "";
 const words = JSON.parse(meta("words") || "{}");
@@ -9,7 +9,7 @@ export const word = (key) => words[`js.${key}`] ?? key;
 /** The word on a button. */
 export const action = (key) => words[`action.${key}`] ?? key;
 
-/** Sends a change; what came of it as { ok, status, message }. It never throws. */
+/** Sends a change and returns its result as { ok, status, message }. It never throws. */
 export async function send(path, body = {}) {
   try {
     const headers = { "content-type": "application/json", "x-csrf-token": meta("csrf") };
@@ -24,7 +24,7 @@ export async function send(path, body = {}) {
   }
 }
 
-/** A time of day with the offset, as this computer has it. */
+/** A date and time with the offset of this computer. */
 export function localTime(ms) {
   const at = new Date(ms);
   const pad = (n) => String(Math.abs(n)).padStart(2, "0");
@@ -34,7 +34,7 @@ export function localTime(ms) {
   return `${day} ${pad(at.getHours())}:${pad(at.getMinutes())}:${pad(at.getSeconds())} ${offset}`;
 }
 
-/** Shows what came of a change. */
+/** Shows the result of a change. */
 export function tell(place, { ok, message }) {
   if (!place) return;
   place.textContent = message;

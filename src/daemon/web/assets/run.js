@@ -1,9 +1,9 @@
-// The page of the cell as it runs, kept up to date by the service's events.
+// The page of the running cell, kept up to date by the service's events.
 
 import { action, localTime, send, tell, word } from "./PAGE_JS";
 
 const id = (name) => document.getElementById(name);
-const STALE_MS = 3000; // the service says something at least once a second
+const STALE_MS = 3000; // the service sends an event at least once a second
 const set = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
 
 let now = null;
@@ -15,7 +15,7 @@ let reviewOf = "";
 let reviewStep = null;
 let path = null;
 
-/** How a state is shown: abnormal ones alone have a colour, and a sign beside it. */
+/** How a state is shown: only abnormal states have a colour, and a sign beside it. */
 function looks(now) {
   if (!now.answers || now.state === "aborted" || now.state === "aborting") return "bad";
   if (now.state === "complete") return { pass: "good", accept: "good", fail: "bad", reject: "bad" }[now.verdict] ?? "doubt";
@@ -23,19 +23,19 @@ function looks(now) {
   return "";
 }
 
-/** The commands that a message names, and the buttons that do the same. */
+/** The commands that a message names, and the buttons with the same function. */
 const COMMANDS = [["unhold --dried", "unhold_dried"], ["unhold", "unhold"], ["accept", "accept"], ["clear", "clear"], ["reset", "reset"]];
 
-/** What a person decides upon what is shown; it names the step. */
+/** Decisions that depend on the shown state; they name the step. */
 const DECISIONS = new Set(["unhold", "accept", "clear"]);
 
-/** A text of the program for this page: with buttons in place of commands, and without the marks around names. */
+/** A text of the program for this page: with buttons instead of commands, and without the marks around names. */
 const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
 
-/** What the codes mean that were asked for, by code: { cause, remedy }, or null where there is no answer yet. */
+/** The meanings of the requested codes, by code: { cause, remedy }, or null if there is no answer yet. */
 const meanings = new Map();
 
-/** What a code means and what to do, in the page's language; it is fetched once, and the state is shown again when it came. */
+/** The meaning of a code and its remedy, in the page's language; fetched once, and the state is shown again when it arrives. */
 function meaning(code) {
   if (!meanings.has(code)) {
     meanings.set(code, null);
@@ -47,7 +47,7 @@ function meaning(code) {
   return meanings.get(code);
 }
 
-/** What a reason says on this page, { text, sentence, remedy }: in the page's language, the program's English sentence with its values beside it. */
+/** The texts of a reason on this page, { text, sentence, remedy }: in the page's language, with the program's English sentence and its values beside it. */
 function said(reason) {
   const key = `why.${now.state}.${reason.code}`;
   if (word(key) !== key) return { text: word(key), sentence: "", remedy: "" };
@@ -67,7 +67,7 @@ function showState() {
   set(id("state-word"), now.state ? word(`state.${now.state}`) + (ended ? verdict : "") : "…");
   const part = record.part ?? {};
   set(id("panel"), [now.panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
-  // What a review is about stands beside its pictures and buttons.
+  // The reasons of a review are shown beside its pictures and buttons.
   const list = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
   const first = list[0] ?? { text: "", sentence: "", remedy: "" };
   set(id("why"), first.text);
@@ -83,7 +83,7 @@ function showState() {
   }
 }
 
-/** Seconds that are left of the film, or of the path by its speed so far. */
+/** Remaining seconds of the film, or of the path by its speed so far. */
 function left() {
   if (now.film_s !== null && now.film_total_s) return Math.max(0, now.film_total_s - now.film_s);
   if (now.waypoint === null || !now.of) { path = null; return null; }
@@ -118,7 +118,7 @@ function showProgress() {
 function showButtons() {
   const possible = new Set(now.answers ? now.possible : []);
   for (const button of document.querySelectorAll("button[data-request]")) button.disabled = !possible.has(button.dataset.request);
-  // A result is accepted once it is shown.
+  // A result can be accepted only when it is shown.
   const isShown = reviewStep !== null && reviewStep === now.step;
   for (const button of document.querySelectorAll('button[data-request="accept"]')) button.disabled ||= !isShown;
   for (const button of document.querySelectorAll("button[data-needs]")) button.disabled = !possible.has(button.dataset.needs);
@@ -207,14 +207,14 @@ async function readReview() {
 async function ask(button) {
   button.disabled = true;
   const body = button.dataset.body ? JSON.parse(button.dataset.body) : {};
-  // Upon what the person decided: the state that is shown, or the review beside the button.
+  // The step that the person decided on: of the shown state, or of the review beside the button.
   if (DECISIONS.has(button.dataset.request)) body.step = button.dataset.request === "accept" ? reviewStep : now?.step ?? null;
   if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
   tell(id("told"), await send(`/request/${button.dataset.request}`, body));
   if (now) showButtons();
 }
 
-// The next part is another one: nothing of the last start stays in the form.
+// The next part is another one: the form keeps nothing from the last start.
 id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) { field.value = ""; field.checked = false; } });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
@@ -227,7 +227,7 @@ function show(event) {
   showStale();
 }
 
-/** What is shown is old when the service is silent, or when the cell's loop does not answer it. */
+/** The shown state is old when the service is silent, or when the cell's loop does not answer the service. */
 function showStale() {
   const silent = Date.now() - heard > STALE_MS;
   const isStale = silent || (now && !now.answers);

@@ -1,11 +1,11 @@
-// The newest cycle in three dimensions: the scan's points and the paths, by pass. Dragging turns, two fingers or Shift move, the
-// wheel and + and - come nearer; arrow keys turn, with Shift they move. What it shows stands beside it as text, too.
+// The newest cycle in three dimensions: the scan's points and the paths, by pass. Dragging rotates, two fingers or Shift move, the
+// wheel and + and - zoom; arrow keys rotate, with Shift they move. The same content is also shown as text.
 
 import { word } from "./PAGE_JS";
 import { identity, multiplied, perspective, rotated, shifted } from "./MATRIX_JS";
 
-const AGAIN_MS = 2000; // how often progress is asked for while a cycle runs
-// Told apart without colour by their dashes in the legend and by what is written beside them.
+const AGAIN_MS = 2000; // interval of the requests for progress while a cycle runs
+// Without colour they differ by their dashes in the legend and by the text beside them.
 const COLOURS = [[0.34, 0.71, 0.91], [0.90, 0.62, 0], [0, 0.62, 0.45], [0.80, 0.47, 0.65], [0.94, 0.89, 0.26]];
 const AIR = [0.55, 0.55, 0.55];
 const LIFT_MM = 2; // a line in the surface itself would be hidden by its points
@@ -32,7 +32,7 @@ function program(gl) {
   return made;
 }
 
-/** Points of 16 bytes each, three floats and a colour, as the graphics processor has them. */
+/** Points of 16 bytes each, three floats and a colour, in the format of the graphics processor. */
 function upload(gl, bytes) {
   const array = gl.createVertexArray();
   gl.bindVertexArray(array);
@@ -50,7 +50,7 @@ function forget(gl, parts) {
   for (const part of parts.filter(Boolean)) { gl.deleteVertexArray(part.array); gl.deleteBuffer(part.buffer); }
 }
 
-/** The lines of a path; what is not executed yet is paler. */
+/** The lines of a path; moves that are not executed yet are paler. */
 function lines(path, facing) {
   const count = path.contact.length;
   const bytes = new ArrayBuffer(Math.max(0, count - 1) * 32);
@@ -68,7 +68,7 @@ function lines(path, facing) {
   return bytes;
 }
 
-/** The middle of what is shown and its size, mm: of the paths where there are any, else of the points. */
+/** The middle and the size of the shown objects, mm: of the paths if there are any, otherwise of the points. */
 function extent(points, paths) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   const add = (x, axis) => { low[axis] = Math.min(low[axis], x); high[axis] = Math.max(high[axis], x); };
@@ -141,7 +141,7 @@ class Scene {
 
   view() {
     const { middle, size } = this.extent;
-    // The face of the panel looks along z, whichever way it stands in the cell: first about z, then about y.
+    // The face of the panel points along z, whatever its direction in the cell: first about z, then about y.
     const [x, y, z] = this.facing;
     const upright = multiplied(rotated(2, Math.PI / 2), multiplied(rotated(1, -Math.acos(Math.max(-1, Math.min(1, z)))), rotated(2, -Math.atan2(y, x))));
     const { turn, tilt, away, shift } = this.eye;
@@ -173,7 +173,7 @@ class Scene {
     canvas.dataset.drawn = String((this.points?.count ?? 0) + (this.lines ?? []).reduce((sum, one) => sum + one.count, 0));
   }
 
-  /** Reads what is new of this cycle; the points once they are there, the paths each time. */
+  /** Reads the new data of this cycle: the points once when they exist, the paths each time. */
   async read(cycle) {
     if (cycle !== this.cycle) {
       if (this.gl) forget(this.gl, [this.points, ...(this.lines ?? [])]);
@@ -217,7 +217,7 @@ class Scene {
   }
 }
 
-/** Shows the scene in this part of a page once it is opened; `newest` says of which cycle. */
+/** Shows the scene in this part of a page once it is opened; `newest` returns the cycle to show. */
 function begin(place, newest) {
   let scene = null;
   const again = async () => {

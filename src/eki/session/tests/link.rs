@@ -168,8 +168,8 @@ fn another_clients_epoch_is_told_and_left_behind() {
     assert_eq!(cell.controller.epoch, 21);
 }
 
-/// Before its first word: a channel that closes has another client, and the other channel's message came by exchanged ports. Afterwards
-/// both are what they are.
+/// Before its first word: a channel that closes has another client, and the other channel's message came by
+/// exchanged ports. Afterwards both are what they are.
 #[test]
 fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
     let losses = |after_a_word: bool| {

@@ -1,17 +1,17 @@
-//! What the panel and the water reflect: a diffuser above the cell with dark gaps, the hole for the camera, the robot, the
-//! room, and the laws of reflection.
+//! What the panel and the water reflect: a diffuser above the cell with dark gaps, the hole for the camera, the
+//! robot, the room, and the laws of reflection.
 //!
-//! Everything lies in one plane above the panel, which a mirrored ray meets. Radiance is relative to the diffuser's middle.
+//! Everything lies in one plane above the panel, which a mirrored ray meets. Radiance is relative to the diffuser's
+//! middle.
 //!
-//! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55 (range 1.50–1.57,
-//!   Hull and Clyne, An Introduction to Composite Materials, 1996).
+//! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55 (range
+//!   1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
 //! - Fresnel's equations for unpolarised light (Born and Wolf, Principles of Optics, 1.5.2).
-//! - Of light inside of water that comes diffusely from below, 0.474 is thrown back at the surface, and of diffuse light from
-//!   above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet surface of diffuse
-//!   reflectance ρ has  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
-//! - A rough surface mirrors a scene as blurred as its slopes scatter, twice their angle (Beckmann and Spizzichino 1963; Cook
-//!   and Torrance 1982); a tool
-//!   leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
+//! - Of light inside of water that comes diffusely from below, 0.474 is thrown back at the surface, and of diffuse
+//!   light from above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet
+//!   surface of diffuse reflectance ρ has  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
+//! - A rough surface mirrors a scene as blurred as its slopes scatter, twice their angle (Beckmann and Spizzichino
+//!   1963; Cook and Torrance 1982); a tool leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
 
 use super::random::Random;
 
