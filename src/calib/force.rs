@@ -177,7 +177,7 @@ mod tests {
         assert!(says(&[read(1.0, 1.0), read(0.9, 2.0), read(0.8, 2.0)]).contains("0.80 to 1.00"));
         assert!(says(&[read(1.0, 1.0), read(f64::NAN, 2.0), read(0.0, 2.0)]).starts_with("reading 2"));
         let touched = [read(1.0, -8.0), read(0.5, -3.0), read(0.0, 22.0), read(-1.0, 12.0)];
-        assert!(says(&touched).starts_with("reading 3 lies"), "{}", says(&touched));
+        assert!(says(&touched).starts_with("reading 3 is 14.9 N"), "{}", says(&touched));
         assert!(says(&[read(1.0, 12.0), read(0.0, 2.0), read(-1.0, -8.0)]).contains("payload of -1.0"));
     }
 

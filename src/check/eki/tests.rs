@@ -142,7 +142,7 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         (received("<ELEMENT Tag=\"/A/B\" Type=\"INT\"/>"), "6 RECEIVE/XML/ELEMENT[/A/B]/@Tag: is \"/A/B\"; a path"),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" type=\"REAL\"/>"),
-            "6 RECEIVE/XML/ELEMENT[A/B]/@type: stands twice",
+            "6 RECEIVE/XML/ELEMENT[A/B]/@type: appears twice in one element",
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\"/>\n<ELEMENT Tag=\"A/B\" Type=\"REAL\"/>"),

@@ -97,7 +97,7 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
                 }
             }
             td { @for counted in &cell.day { div { (counted.count) " × " (verdict(&counted.verdict)) } } }
-            td { @match cell.behind { Some(0) => "none", Some(behind) => { "⚠ " (behind) }, None => "not told" } }
+            td { @match cell.behind { Some(0) => "none", Some(behind) => { "⚠ " (behind) }, None => "not reported" } }
         }
     }
 }

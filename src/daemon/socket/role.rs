@@ -131,7 +131,10 @@ mod tests {
         let nobody = Who { front: Front::Socket, uid: None, user: None };
         assert!(refusal(Some(Role::Viewer), &nobody, &What::NewDisc).is_some(), "an unknown user is not root");
         let told = refusal(Some(Role::Viewer), &who(1_001), &What::Table(Request::Hold)).expect("refused");
-        assert!(told.code == "not_permitted" && told.message.contains("allowed is operator, engineer"), "{told:?}");
+        assert!(
+            told.code == "not_permitted" && told.message.contains("allowed for: operator, engineer"),
+            "{told:?}"
+        );
         assert_eq!(Role::VARIANTS.len(), 5);
     }
 

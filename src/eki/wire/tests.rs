@@ -132,7 +132,7 @@ fn hostile_acknowledgements_get_exact_verdicts() {
     let cases = [
         (with(" Free=\"97\"", ""), "Ack/@Free is missing".to_owned()),
         (with("Rx=\"20\"", ""), "Ack/@Rx is missing".into()),
-        (with("Rx=\"20\"", "Rx=\"20\" Rx=\"20\""), "Ack/@Rx stands twice".into()),
+        (with("Rx=\"20\"", "Rx=\"20\" Rx=\"20\""), "Ack/@Rx appears twice".into()),
         (with("Rx=\"20\"", "Rx=\"20\" Ry=\"1\""), "Ack/@Ry is not in the channel's file".into()),
         (with("Rx=", "rx="), "Ack/@rx is not in the channel's file".into()),
         (with("Rx=\"20\"", "Rx=\"\""), "Ack/@Rx is empty: it was not set on the controller".into()),

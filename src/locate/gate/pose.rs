@@ -129,7 +129,7 @@ mod tests {
         };
         let far = words(0.27, 0.26);
         assert!(
-            far.contains("stands 20 mm from") && far.contains("would be 0.27 mm") && far.contains("nearer"),
+            far.contains("is 20 mm from") && far.contains("would be 0.27 mm") && far.contains("nearer"),
             "{far}"
         );
         let from_scan_to_scan = words(0.40, 0.26);

@@ -37,7 +37,7 @@ fn allowed_commands_are_asked_for() {
     }
     for name in ["Node Control/Start", "Node Control/Reset", "Node Control/Clear", "Node Control/Unhold", "Start"] {
         let why = refusal(&told(&mut born(true), &yes(name), 1));
-        assert!(why.contains("allowed are: Node Control/Rebirth, Node Control/Hold"), "{why}");
+        assert!(why.contains("valid: Node Control/Rebirth, Node Control/Hold"), "{why}");
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::config::{Section, Setting};
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, KukaPose, Rigid};
+use crate::words::apart;
 use toml::de::DeValue;
 
 pub(super) const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
@@ -40,11 +41,17 @@ fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     let rotation: nalgebra::Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into_owned();
     let off = (rotation.transpose() * rotation - nalgebra::Matrix3::identity()).abs().max();
     let last = matrix.row(3).into_owned() - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0);
-    if off > ORTHONORMAL || rotation.determinant() < 0.0 || last.abs().max() > 1e-9 {
+    if last.abs().max() > 1e-9 {
+        return Err("the last row of the matrix is not 0, 0, 0, 1; is it transposed?".to_owned());
+    }
+    if off > ORTHONORMAL {
+        let [off, limit] = apart(off, ORTHONORMAL, 4);
         return Err(format!(
-            "the matrix is no pose: its rotation is off a right-handed, orthonormal one by {off:.4} (limit {ORTHONORMAL}), its last row must be \
-             0, 0, 0, 1; is it transposed?"
+            "the matrix is no pose: its rotation deviates from an orthonormal one by {off} (limit {limit})"
         ));
+    }
+    if rotation.determinant() < 0.0 {
+        return Err("the matrix is no pose: its axes are left-handed".to_owned());
     }
     let rotation = nalgebra::Rotation3::from_matrix_eps(&rotation, 1e-12, 100, nalgebra::Rotation3::identity());
     let place = nalgebra::Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);
