@@ -54,7 +54,7 @@ struct Paths {
 }
 
 impl Paths {
-    fn of(code: &str, module: &[&str]) -> Vec<String> {
+    fn collect(code: &str, module: &[&str]) -> Vec<String> {
         let file = syn::parse_file(code).expect("the code parses");
         let mut paths = Paths { module: module.iter().map(|&part| part.to_owned()).collect(), found: Vec::new() };
         paths.visit_file(&file);
@@ -124,7 +124,7 @@ fn wrongs(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<
     let home = module[0];
     let is_pure = !EDGE.contains(&home);
     let mut wrongs = Vec::new();
-    for path in Paths::of(code, module) {
+    for path in Paths::collect(code, module) {
         if let Some(named) = path.strip_prefix("crate::").and_then(|rest| rest.split("::").next())
             && let Some(&layer) = layers.get(named)
             && named != home

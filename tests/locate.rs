@@ -72,7 +72,8 @@ impl Bench {
             let find = |base_from_flange: &Rigid<Base, Flange>, place: PanelPosition| {
                 let picture = self.cell.flange_picture(base_from_flange, place).to_gray();
                 let px_per_mm = self.cell.flange_camera().px_per_mm_at(235.0).0;
-                let found = corner::find(&picture, recipe.corner(), recipe.corner().which().of(0), px_per_mm);
+                let found =
+                    corner::find(&picture, recipe.corner(), recipe.corner().which().for_picture(0), px_per_mm);
                 let base_from_camera = *base_from_flange * self.cell.calibrated_flange_from_camera();
                 (base_from_camera, found.unwrap_or_else(|error| panic!("{}: {error}", view.name)).corner_px)
             };
@@ -125,7 +126,7 @@ fn verdict(bench: &Bench, scan: &OrganizedCloud<Camera>) -> Judgement {
 fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
     let bench = Bench::new(1, Scene::Good, 2);
     let fit = bench.locate(&bench.cell.scan()).expect("a panel");
-    assert_eq!(gate::judge(&fit, &bench.recipe), Judgement::of(vec![], vec![]));
+    assert_eq!(gate::judge(&fit, &bench.recipe), Judgement::new(vec![], vec![]));
     let error = bench.error(&fit.base_from_panel);
     assert!(error.max_mm < 0.3 && error.max_mm < fit.uncertainty_mm, "{error:?}, {fit:?}");
     let corners = bench.corners();
@@ -201,7 +202,7 @@ fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let view = View { scan: &scan, camera, base_from_camera, range: range() };
-    let model = TaughtModel::of(&taught, view.range).expect("a panel was taught");
+    let model = TaughtModel::from_panel(&taught, view.range).expect("a panel was taught");
     let prepared = Prepared::new((&taught, &model), &view, recipe.locate());
     let picture = scan.picture();
     let drawn = report::reason_pictures(&taught, (&picture, &view), (&prepared.explain(fit), fit), judgement);
@@ -298,7 +299,7 @@ fn a_drawn_outline_stands_in_for_missing_points() {
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
     let (scan, base_from_camera) = (Trial::flat(3, 2).taught_scan(), trial.base_from_camera());
     let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range: range() };
-    let model = TaughtModel::of(&drawn, view.range).expect("a model");
+    let model = TaughtModel::from_panel(&drawn, view.range).expect("a model");
     let prepared = Prepared::new((&drawn, &model), &view, recipe.locate());
     let seen = prepared.outline_seen();
     assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");

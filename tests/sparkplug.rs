@@ -40,7 +40,7 @@ struct Known {
 }
 
 impl Known {
-    fn of(messages: &[Value]) -> Self {
+    fn from_messages(messages: &[Value]) -> Self {
         let mut known = Known::default();
         messages.iter().for_each(|message| known.hears(message));
         known
@@ -115,7 +115,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let log = || fs::read_to_string(folder.join("mosquitto.log")).unwrap_or_default();
     service.wait("the node has subscribed", |_| log().contains(&format!("{subscribed} (QoS 1)")));
     std::thread::sleep(Duration::from_secs(2));
-    assert_eq!(Known::of(host.so_far()).seq, None, "nothing without the primary host");
+    assert_eq!(Known::from_messages(host.so_far()).seq, None, "nothing without the primary host");
     host.does("state {\"online\": true, \"timestamp\": 1000}");
     let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
     assert_eq!(birth["metrics"]["Node Control/Rebirth"]["value"], false, "{birth}");
@@ -129,7 +129,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     service.done(START);
     service.reach("complete");
     host.until("the verdict", is("LastCycle/verdict", json!("pass")));
-    let known = Known::of(&host.heard);
+    let known = Known::from_messages(&host.heard);
     assert!(known.saw(&["stopped", "idle", "execute", "complete"]), "{:?}", known.words);
     let numbers = ["Cycle/number", "LastCycle/number", "Counters/cycles", "Counters/passed"];
     assert_eq!(
@@ -201,7 +201,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     assert_eq!(birth["metrics"]["bdSeq"]["value"], 0);
     service.killed();
     host.until("the death", |message| message["kind"] == "NDEATH");
-    assert_eq!(Known::of(&host.heard).deaths.len(), 3);
+    assert_eq!(Known::from_messages(&host.heard).deaths.len(), 3);
 }
 
 /// A host that knows no aliases receives names; its commands are accepted as well.

@@ -40,7 +40,7 @@ mod tests {
     #[test]
     fn a_store_that_was_brought_back_is_one_cell_and_two_stores_in_turn_are_two() {
         let told = |epochs: &[&str]| {
-            let mut state = CellState::of(&CellName::new("a").expect("a name"));
+            let mut state = CellState::new(&CellName::new("a").expect("a name"));
             let position = |epoch: &&str| Position { epoch: (*epoch).to_owned(), number: 1 };
             state.last = epochs.iter().map(position).collect();
             state

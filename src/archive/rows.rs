@@ -72,7 +72,7 @@ fn quantities(cycle: &SignedCycle) -> Option<Quantities> {
         return None;
     }
     let value = |known: Known| {
-        let (value, limit) = Quantity::Known(known).of(&past)?;
+        let (value, limit) = Quantity::Known(known).value_and_limit(&past)?;
         value.is_finite().then(|| (known.word(), value, serde_json::to_string(&limit).unwrap_or_default()))
     };
     let values = Known::iter().filter_map(value).collect();

@@ -143,7 +143,7 @@ impl Reasons {
     }
 
     fn judgement(self) -> Judgement {
-        Judgement::of(self.reject, self.review)
+        Judgement::new(self.reject, self.review)
     }
 }
 

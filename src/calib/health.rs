@@ -220,12 +220,12 @@ pub fn health(
 ) -> Judgement {
     let Some(last) = last else {
         let message = format!("{subject} was never verified; {}", advice(subject));
-        return Judgement::of(vec![Reason::new("not_verified", message)], vec![]);
+        return Judgement::new(vec![Reason::new("not_verified", message)], vec![]);
     };
     if let Some(Strike { by, why, .. }) = &last.struck {
         let message =
             format!("the last verification of {subject} was struck out by {by} ({why}); {}", advice(subject));
-        return Judgement::of(vec![Reason::new("verification_struck", message)], vec![]);
+        return Judgement::new(vec![Reason::new("verification_struck", message)], vec![]);
     }
     let mut reject = Vec::new();
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
@@ -245,7 +245,7 @@ pub fn health(
             format!("{subject} was verified with other calibration files than today's; {}", advice(subject));
         reject.push(Reason::new("verification_other", message));
     }
-    Judgement::of(reject, vec![])
+    Judgement::new(reject, vec![])
 }
 
 /// The last tenth of a verification's time.
@@ -297,7 +297,7 @@ pub fn may_start(
         health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
     };
     let of_touch = touch.and_then(|touch| beyond(touch, demands));
-    Judgement::of(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
+    Judgement::new(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
 }
 
 #[cfg(test)]

@@ -27,7 +27,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     let recipe = load::recipe(&args.recipe)?;
     let placed = Placed::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let demands = Demands::of(&recipe, files.cell.limits());
+    let demands = Demands::from_recipe(&recipe, files.cell.limits());
     let clip = match (&args.clip, &args.truth) {
         (Some(clip), _) => clip,
         (None, Some(set)) => {

@@ -25,7 +25,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     // Data that depends on the taught panel alone is ready before a scan is taken; in a cycle it is made while the
     // camera exposes.
-    let model = TaughtModel::of(&taught.panel, errors.range);
+    let model = TaughtModel::from_panel(&taught.panel, errors.range);
     let begin = Instant::now();
     let scan = errors.corrected(scan);
     let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };

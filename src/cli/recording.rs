@@ -225,7 +225,7 @@ impl RecordedCycle {
         let scanner = parts.intrinsics("scanner.toml")?;
         let calibrations = Calibrations {
             scanner: scanner.camera,
-            scan_errors: ScanErrors::of(scanner.errors.as_ref()),
+            scan_errors: ScanErrors::from_measured(scanner.errors.as_ref()),
             base_from_camera: parts.mount::<ScannerMount>("base_from_camera.toml")?,
             flange_camera: flange_camera.camera,
             flange_from_camera: parts.mount::<FlangeCameraMount>("flange_from_camera.toml")?,

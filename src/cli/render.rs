@@ -269,7 +269,7 @@ const DISPLACED: f64 = 1.2;
 fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) -> Result<String, Fault> {
     let text = plain_recipe(cell, seconds);
     let plain = Recipe::check("recipe.toml", &text)?;
-    let demanded_mm2 = Demands::of(&plain, cell::Cell::check("cell.toml", CELL)?.limits()).min_break_mm2;
+    let demanded_mm2 = Demands::from_recipe(&plain, cell::Cell::check("cell.toml", CELL)?.limits()).min_break_mm2;
     let panel = TaughtPanel::learn(taught_scan, *cell.scanner(), cell.calibrated_base_from_camera(), &plain);
     let panel = panel.map_err(Fault::stage)?;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&panel, plain.inspect()).map_err(Fault::stage)?;

@@ -166,7 +166,7 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
 pub fn write_scans(args: &Render, distortion: Option<ScannerDistortion>, rendered: &Rendered) -> Result<(), Fault> {
     let print = BoardPrint::chessboard(8, 6, 30.0);
     let cell = BoardCell::new(args.seed, print, ROBOT).with_reduction(args.reduction as usize);
-    let distortion = distortion.unwrap_or_else(|| ScannerDistortion::of(args.seed, 0.0));
+    let distortion = distortion.unwrap_or_else(|| ScannerDistortion::new(args.seed, 0.0));
     let shots = cell.scanner_shots(args.board_scans as usize);
     shots.par_iter().enumerate().try_for_each(|(index, shot)| {
         let file = rendered.file(&format!("boards/scanner/{:02}.pcd", index + 1));

@@ -41,7 +41,7 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     };
     let done = action.perform(&mut single, &files.cell);
     let judgement = match done {
-        Ok(()) => Judgement::of(vec![], vec![]),
+        Ok(()) => Judgement::new(vec![], vec![]),
         Err(error) => judgement(error)?,
     };
     let mut outcome = Outcome::of(&judgement);
@@ -146,7 +146,7 @@ impl RobotAction {
 
 /// The state is shown all the same, and no motion passes its gate.
 fn not_this_arm(reason: Reason) -> SingleError {
-    SingleError::Gate(Judgement::of(vec![reason], vec![]))
+    SingleError::Gate(Judgement::new(vec![reason], vec![]))
 }
 
 /// The lowest speed that is requested from a controller, mm/s.

@@ -37,7 +37,7 @@ pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
     let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());
     let equipment = equipment(store, record)?;
     let signatures = signatures(store, record)?;
-    Ok(Sheet::of(&Sources {
+    Ok(Sheet::from_sources(&Sources {
         record,
         part: part.as_ref(),
         recipe: recipe.as_ref(),

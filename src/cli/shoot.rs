@@ -39,7 +39,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     if args.what == Shot::Scan {
         return scans(args, &files, progress);
     }
-    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
     match args.what {
         Shot::Scan => {}
         Shot::Picture => pictures(args, &files, &mut outcome, progress)?,
@@ -61,7 +61,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
     let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
     let (mut all, mut doubts) = (Vec::new(), Vec::new());
-    let mut said = Outcome::of(&Judgement::of(vec![], vec![]));
+    let mut said = Outcome::of(&Judgement::new(vec![], vec![]));
     said.words.clear();
     let outcome = &mut said;
     for _ in 0..args.count {
@@ -102,7 +102,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
         all.push(told);
     }
     listed(outcome, all);
-    let mut outcome = Outcome::of(&Judgement::of(doubts, vec![]));
+    let mut outcome = Outcome::of(&Judgement::new(doubts, vec![]));
     outcome.words.append(&mut said.words);
     said.json.retain(|key, _| key != "verdict" && key != "reasons");
     outcome.json.append(&mut said.json);

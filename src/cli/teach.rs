@@ -50,7 +50,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     if let Some(folder) = &args.pictures {
         pictures::save(folder, "taught", &picture(&taught)?)?;
     }
-    let min_break_mm2 = Demands::of(&recipe, cell_files.cell.limits()).min_break_mm2;
+    let min_break_mm2 = Demands::from_recipe(&recipe, cell_files.cell.limits()).min_break_mm2;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
     taught.version = cell_files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
     let off_panel = off_panel(&taught.panel, &recipe);
@@ -65,7 +65,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cut = taught.panel.box_cut(recipe.locate()).map(|cut| cut.reason());
     let review: Vec<Reason> =
         off.chain(too_coarse(limit_mm2, min_break_mm2)).chain(cut).chain(held.reasons(&recipe)).collect();
-    let mut outcome = outcome(&taught, recipe.panel(), &Judgement::of(vec![], review));
+    let mut outcome = outcome(&taught, recipe.panel(), &Judgement::new(vec![], review));
     outcome.say(format!(
         "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
     ));
@@ -161,7 +161,7 @@ struct Held {
 
 impl Held {
     fn of(panel: &TaughtPanel, view: &locate::View<'_>, recipe: &Recipe) -> Self {
-        let model = locate::TaughtModel::of(panel, view.range);
+        let model = locate::TaughtModel::from_panel(panel, view.range);
         let prepared = model.as_ref().map(|model| locate::Prepared::new((panel, model), view, recipe.locate()));
         let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
         let marks_mm = prepared.as_ref().map_or(0.0, locate::Prepared::marks_mm);

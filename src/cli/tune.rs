@@ -35,7 +35,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let clip = read_clip(&args.clip)?;
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
-    let demands = Demands::of(&recipe, files.cell.limits());
+    let demands = Demands::from_recipe(&recipe, files.cell.limits());
     // For its region, and for the checks of what is pushed.
     let view = View { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
     let mut watch = Watch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;

@@ -100,7 +100,7 @@ impl Abrasion {
             *at_s += waypoint.seconds;
             Some(*at_s)
         });
-        let wears_mm2 = DiscUse::of(plan, cycle.recipe.path(), 0.0).swept_mm2;
+        let wears_mm2 = DiscUse::compute(plan, cycle.recipe.path(), 0.0).swept_mm2;
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 

@@ -170,7 +170,7 @@ impl Running<'_> {
     /// A finding that is not a stage's: a trouble of the cell, in words, which a person looks at. It is no
     /// judgement of the panel.
     pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
-        let judgement = Judgement::of(vec![], reasons);
+        let judgement = Judgement::new(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
 

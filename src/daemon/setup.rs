@@ -141,7 +141,7 @@ impl CycleSetup {
     /// The taught panel as the localization uses it, or why it is none; the first call makes it.
     pub fn taught_model(&self) -> &Result<TaughtModel, LocateError> {
         let range = self.calibrations.scan_errors.range;
-        self.taught_model.get_or_init(|| TaughtModel::of(&self.panel, range))
+        self.taught_model.get_or_init(|| TaughtModel::from_panel(&self.panel, range))
     }
 
     /// The panel's name.
@@ -169,6 +169,6 @@ impl CycleSetup {
 
     /// Returns the demands on a film.
     pub fn demands(&self) -> Demands {
-        Demands::of(&self.recipe, &self.cell.limits)
+        Demands::from_recipe(&self.recipe, &self.cell.limits)
     }
 }

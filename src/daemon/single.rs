@@ -300,7 +300,7 @@ impl<'r> Single<'r> {
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
         let reasons = open.map(|(_, code, message)| Reason::new(code, message)).collect();
-        accepted(Judgement::of(reasons, vec![]))
+        accepted(Judgement::new(reasons, vec![]))
     }
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
@@ -400,7 +400,7 @@ fn broken(fault: ThreadFault) -> SingleError {
 }
 
 fn gate(reason: Reason) -> SingleError {
-    SingleError::Gate(Judgement::of(vec![reason], vec![]))
+    SingleError::Gate(Judgement::new(vec![reason], vec![]))
 }
 
 fn accepted(judgement: Judgement) -> Result<(), SingleError> {

@@ -39,7 +39,7 @@ pub(super) fn motion(path: Path) -> Act {
 pub(super) fn judge(name: &str, act: Act, state: &State, cell: &Cell) -> Judgement {
     let open = open_interlocks(act, &facts(state, cell));
     let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
-    Judgement::of(open.iter().map(reason).collect(), vec![])
+    Judgement::new(open.iter().map(reason).collect(), vec![])
 }
 
 /// Returns the facts that a single function has about the cell: its epoch is open, and base and tool were echoed in

@@ -108,7 +108,7 @@ pub enum PictureError {
 /// # Errors
 /// If the bytes are not a complete PNG, JPEG or TIFF with 8 bits per channel, or it is larger than any camera's.
 pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
-    Ok(color(decode(Kind::of(bytes)?, bytes, None)?))
+    Ok(color(decode(Kind::detect(bytes)?, bytes, None)?))
 }
 
 /// Reads a grey picture of any size; a colour one is weighed as [`ColorPicture::to_gray`] does.
@@ -116,7 +116,7 @@ pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
 /// # Errors
 /// As [`read_color`].
 pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
-    Ok(gray(decode(Kind::of(bytes)?, bytes, None)?))
+    Ok(gray(decode(Kind::detect(bytes)?, bytes, None)?))
 }
 
 /// Reads a colour picture of the camera with this calibration.
@@ -124,7 +124,7 @@ pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
 /// # Errors
 /// As [`read_color`], and if its size is not the camera's.
 pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
-    Ok(color(decode(Kind::of(bytes)?, bytes, Some(camera))?))
+    Ok(color(decode(Kind::detect(bytes)?, bytes, Some(camera))?))
 }
 
 /// Reads a picture of the camera with this calibration in which the position of something is measured.
@@ -132,7 +132,7 @@ pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPictur
 /// # Errors
 /// As [`read_color_of`], and if it is not a PNG.
 pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
-    Ok(color(decode(Kind::of(bytes)?.with_checksum()?, bytes, Some(camera))?))
+    Ok(color(decode(Kind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
 
 /// The same in grey, as [`read_gray`] gives it.
@@ -140,7 +140,7 @@ pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPictur
 /// # Errors
 /// As [`read_measured`].
 pub fn read_measured_gray(bytes: &[u8], camera: &PinholeCamera) -> Result<GrayPicture, PictureError> {
-    Ok(gray(decode(Kind::of(bytes)?.with_checksum()?, bytes, Some(camera))?))
+    Ok(gray(decode(Kind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
 
 fn color(picture: DynamicImage) -> ColorPicture {
@@ -202,7 +202,7 @@ struct Kind {
 }
 
 impl Kind {
-    fn of(bytes: &[u8]) -> Result<Self, PictureError> {
+    fn detect(bytes: &[u8]) -> Result<Self, PictureError> {
         let found = match image::guess_format(bytes) {
             Ok(format @ ImageFormat::Png) => return Ok(Kind { format, name: "PNG" }),
             Ok(format @ ImageFormat::Jpeg) => return Ok(Kind { format, name: "JPEG" }),

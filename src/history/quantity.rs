@@ -121,7 +121,7 @@ impl Known {
     }
 
     /// The value in a cycle, and what was allowed. A number of verifications has none in a cycle.
-    fn of(self, past: &PastCycle) -> Option<(f64, Limit)> {
+    fn value_and_limit(self, past: &PastCycle) -> Option<(f64, Limit)> {
         let unlimited = |value: f64| (value, Limit::Unlimited);
         match self {
             Known::LocalizationResidual => picked(past, Kind::Locate, name::RESIDUAL, Pick::Last),
@@ -169,9 +169,9 @@ impl Quantity {
     }
 
     /// The value in a cycle and its limit; `None` if the cycle has none.
-    pub fn of(&self, past: &PastCycle) -> Option<(f64, Limit)> {
+    pub fn value_and_limit(&self, past: &PastCycle) -> Option<(f64, Limit)> {
         match self {
-            Quantity::Known(known) => known.of(past),
+            Quantity::Known(known) => known.value_and_limit(past),
             Quantity::Check(name) => self.check(past, name).and_then(|check| Some((check.value?, check.limit))),
         }
     }

@@ -53,7 +53,7 @@ impl Trend {
 pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     let over_panels: Vec<&PastCycle> = cycles.iter().filter(|past| !past.record.is_air_run()).collect();
     let point = |past: &&PastCycle| {
-        let (value, limit) = quantity.of(past)?;
+        let (value, limit) = quantity.value_and_limit(past)?;
         Some(TrendPoint {
             cycle: Some(past.record.id),
             at_unix_s: past.record.started_unix_s,

@@ -38,7 +38,7 @@ pub struct Demands {
 
 impl Demands {
     /// The demands of a recipe in a cell with these limits.
-    pub fn of(recipe: &Recipe, limits: &Limits) -> Self {
+    pub fn from_recipe(recipe: &Recipe, limits: &Limits) -> Self {
         Demands {
             observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
             frames_per_second: recipe.process().frames_per_second(),

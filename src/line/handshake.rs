@@ -81,7 +81,7 @@ impl Handshake {
             None => true,
         };
         if !is_over {
-            return Told::of(&[LineSignal::Fault]);
+            return Told::from_signals(&[LineSignal::Fault]);
         }
         self.refused = None;
         told(look.cell.as_ref())

@@ -29,7 +29,7 @@ pub struct Told(pub u32);
 
 impl Told {
     /// These signals.
-    pub fn of(signals: &[LineSignal]) -> Self {
+    pub fn from_signals(signals: &[LineSignal]) -> Self {
         Told(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
     }
 
@@ -42,16 +42,16 @@ impl Told {
 /// The signals to the line. If the loop does not answer, the only signal is that a person is needed.
 pub fn told(cell: Option<&CellStands>) -> Told {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
-    let Some(cell) = cell else { return Told::of(&[Fault]) };
+    let Some(cell) = cell else { return Told::from_signals(&[Fault]) };
     match (cell.state.as_str(), cell.verdict) {
-        ("idle", _) => Told::of(&[Ready]),
-        ("complete", Some(Verdict::Pass)) => Told::of(&[CycleDone, Pass]),
-        ("complete", Some(_)) => Told::of(&[CycleDone, Fail]),
+        ("idle", _) => Told::from_signals(&[Ready]),
+        ("complete", Some(Verdict::Pass)) => Told::from_signals(&[CycleDone, Pass]),
+        ("complete", Some(_)) => Told::from_signals(&[CycleDone, Fail]),
         // A line must not continue after a cycle without a verdict.
-        ("complete", None) => Told::of(&[Fault]),
-        ("held", _) if cell.is_review => Told::of(&[Review]),
+        ("complete", None) => Told::from_signals(&[Fault]),
+        ("held", _) if cell.is_review => Told::from_signals(&[Review]),
         ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => Told(0),
         // Stopped, held for trouble, aborted: a person has to do something.
-        _ => Told::of(&[Fault]),
+        _ => Told::from_signals(&[Fault]),
     }
 }

@@ -116,22 +116,22 @@ fn a_reset_needs_a_part_that_went() {
 fn a_refusal_is_told() {
     let mut handshake = Handshake::default();
     let (low, high) = (look("idle", true, false), look("idle", true, true));
-    assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]));
+    assert_eq!(handshake.told(&high), Told::from_signals(&[LineSignal::Ready]));
     handshake.refused(LineRequest::Start);
     for _ in 0..3 {
-        assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Fault]));
+        assert_eq!(handshake.told(&high), Told::from_signals(&[LineSignal::Fault]));
     }
-    assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
-    assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]), "it was taken back");
+    assert_eq!(handshake.told(&low), Told::from_signals(&[LineSignal::Ready]));
+    assert_eq!(handshake.told(&high), Told::from_signals(&[LineSignal::Ready]), "it was taken back");
     handshake.refused(LineRequest::Reset);
     let silent = Look { cell: None, ..low.clone() };
     for look in
         [look("complete", false, false), look("complete", true, true), silent, look("complete", false, false)]
     {
-        assert_eq!(handshake.told(&look), Told::of(&[LineSignal::Fault]));
+        assert_eq!(handshake.told(&look), Told::from_signals(&[LineSignal::Fault]));
     }
     assert_eq!(handshake.told(&look("resetting", false, false)), Told(0));
-    assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
+    assert_eq!(handshake.told(&low), Told::from_signals(&[LineSignal::Ready]));
 }
 
 /// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle
@@ -152,10 +152,10 @@ fn what_is_told_is_never_two_things() {
             }
         }
     }
-    assert_eq!(told(None), Told::of(&[Fault]));
+    assert_eq!(told(None), Told::from_signals(&[Fault]));
     let held = |is_review| CellStands { state: "held".to_owned(), is_review, verdict: None };
-    assert_eq!(told(Some(&held(true))), Told::of(&[Review]));
-    assert_eq!(told(Some(&held(false))), Told::of(&[Fault]));
+    assert_eq!(told(Some(&held(true))), Told::from_signals(&[Review]));
+    assert_eq!(told(Some(&held(false))), Told::from_signals(&[Fault]));
     let bits: Vec<u32> = LineSignal::VARIANTS.iter().map(|signal| signal.bit()).collect();
     assert_eq!(bits, [1, 2, 4, 8, 16, 32], "as the controller has them");
 }

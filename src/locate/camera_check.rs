@@ -91,7 +91,7 @@ fn compared<F: Frame>(
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
-    let still = StaticScene::of(taught, grid, inside);
+    let still = StaticScene::new(taught, grid, inside);
     let faces = still.faces(grid);
     if faces.len() < MIN_FACES {
         return None;
@@ -100,7 +100,7 @@ fn compared<F: Frame>(
         faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
     let (edges, same_edges) = still.edges(panel, (grid, scan));
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
-    let centre = Motion::of(placed).point(&model.centre);
+    let centre = Motion::from_rigid(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
     let (mut moved, mut information) = (identity, Matrix6::zeros());
     let mut twist = nalgebra::Vector6::zeros();
@@ -133,7 +133,7 @@ fn compared<F: Frame>(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WHOLE_PANEL_95 * worst_mm(&covariance, model, &Motion::of(placed)),
+        uncertainty_mm: WHOLE_PANEL_95 * worst_mm(&covariance, model, &Motion::from_rigid(placed)),
         same,
     })
 }
@@ -146,7 +146,7 @@ struct StaticScene<'a> {
 }
 
 impl<'a> StaticScene<'a> {
-    fn of(taught: &'a Grid, grid: &Grid, inside: &[bool]) -> StaticScene<'a> {
+    fn new(taught: &'a Grid, grid: &Grid, inside: &[bool]) -> StaticScene<'a> {
         let both =
             |block: usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
         let is_still: Vec<bool> = (0..grid.columns * grid.rows).map(both).collect();
@@ -292,11 +292,11 @@ pub(super) fn fixture(
         return Vec::new();
     }
     let (taught, inside_taught) = (fixture, inside_at_teaching(panel, fixture, settings));
-    let looked = StaticScene::of(taught, grid, inside).looked(panel, (grid, scan));
+    let looked = StaticScene::new(taught, grid, inside).looked(panel, (grid, scan));
     let shown = looked.into_iter().map(|(steep, now)| {
         (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
     });
-    let all = StaticScene::of(taught, taught, &inside_taught).looked(panel, (taught, &panel.scan));
+    let all = StaticScene::new(taught, taught, &inside_taught).looked(panel, (taught, &panel.scan));
     let is_unseen = |steep: &Steep| {
         let apart_mm =
             taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());

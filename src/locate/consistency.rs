@@ -28,8 +28,8 @@ pub(super) struct ConsistencyScore {
 
 impl ConsistencyScore {
     /// At a pose.
-    pub fn of(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
-        let motion = Motion::of(placed);
+    pub fn compute(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
+        let motion = Motion::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let outline = (0..model.outline.len())
             .into_par_iter()

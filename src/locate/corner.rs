@@ -96,7 +96,7 @@ pub fn find_taught(
     camera: &PinholeCamera,
     expected: Point<FlangeCamera>,
 ) -> Result<CornerFound, CornerError> {
-    find(picture, settings, settings.which().of(corner), camera.px_per_mm_at(expected.mm.z).0)
+    find(picture, settings, settings.which().for_picture(corner), camera.px_per_mm_at(expected.mm.z).0)
 }
 
 fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Vec<Pixel>, CornerError> {

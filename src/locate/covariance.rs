@@ -112,7 +112,7 @@ pub(super) fn covariance(
     model: &Model,
     (motion, deviation): (&Motion, Option<&Deviation>),
 ) -> Option<PoseCovariance> {
-    let plane = PanelPlane::of(model)?;
+    let plane = PanelPlane::from_model(model)?;
     let cell = |point: &Vector3<f64>, side_mm: f64| {
         let [x, y] = plane.place(point).map(|mm| (mm / side_mm).floor() as i64);
         (x, y)
@@ -140,7 +140,7 @@ pub(super) fn covariance(
         of_edges += if k == SURFACE { Matrix6::zeros() } else { of_kind * factors[k] };
     }
     let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let surface = SurfaceMoves::of(places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
+    let surface = SurfaceMoves::new(places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
     let of_edges = inverse * of_edges * inverse;
     let variances =
         [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
@@ -150,7 +150,7 @@ pub(super) fn covariance(
         .into_iter()
         .max_by(|a, b| worst_mm(a, model, motion).total_cmp(&worst_mm(b, model, motion)))
         .filter(|covariance| covariance.iter().all(|value| value.is_finite()))?;
-    let taught_place = Motion::of(&model.camera_from_panel);
+    let taught_place = Motion::from_rigid(&model.camera_from_panel);
     let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
     let [shared, between_scans] = of_scale([&taught, &residuals.centre], &turn, model.range);
     let at_taught_place = with_shift(without_scale, between_scans);
@@ -219,7 +219,7 @@ fn places(
 
 impl SurfaceMoves {
     /// The moves of a fit with this inverse of its information.
-    fn of(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
+    fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
         let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.pull).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
         let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -331,7 +331,7 @@ mod tests {
         let places: Vec<SurfacePlace> = (0..25 * 17).map(place).collect();
         let of_surface: Matrix6<f64> = places.iter().map(|place| place.pull * place.pull.transpose()).sum();
         let outline = Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1e4, 1.0, 1.0, 0.0)) * of_outline;
-        SurfaceMoves::of(places, &(of_surface + outline).try_inverse().expect("held"))
+        SurfaceMoves::new(places, &(of_surface + outline).try_inverse().expect("held"))
     }
 
     /// By hand: an error that is the same all over the panel shifts it by just that and tilts it by nothing; one

@@ -43,7 +43,9 @@ pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>, samples: &Samples) -
     for _ in 0..ROUNDS {
         let now = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
         let residuals = Residuals::at(&bent.fitted.camera_from_panel, now, &of_surface);
-        let Some(deviation) = Deviation::of(&residuals, inputs.model, bent.deviation.as_ref()) else { break };
+        let Some(deviation) = Deviation::from_residuals(&residuals, inputs.model, bent.deviation.as_ref()) else {
+            break;
+        };
         let model = deviation.bent(inputs.model);
         let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
         else {
@@ -64,7 +66,7 @@ pub(super) struct PanelPlane {
 
 impl PanelPlane {
     /// Through the middle of the panel, across its mean normal; `None` of a panel without outline.
-    pub fn of(model: &Model) -> Option<Self> {
+    pub fn from_model(model: &Model) -> Option<Self> {
         let first = model.outline.first()?.point - model.centre;
         let across = (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?;
         Some(PanelPlane { centre: model.centre, axes: [across, model.normal.cross(&across), model.normal] })
@@ -103,8 +105,8 @@ pub(super) struct Deviation {
 impl Deviation {
     /// Computes the deviation from the surface's residuals, of a panel that is bent by `bent` already; `None` if
     /// too little of the surface is seen.
-    pub fn of(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
-        let plane = PanelPlane::of(model)?;
+    pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
+        let plane = PanelPlane::from_model(model)?;
         let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.place(point)).collect();
         let [low_mm, high_mm] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| {
             places.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]).unwrap_or_default()

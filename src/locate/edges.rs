@@ -74,7 +74,7 @@ pub(super) struct Tangent {
 }
 
 impl Tangent {
-    pub fn of(camera: &PinholeCamera, at: Pixel, point: &Vector3<f64>, normal: &Vector3<f64>) -> Tangent {
+    pub fn new(camera: &PinholeCamera, at: Pixel, point: &Vector3<f64>, normal: &Vector3<f64>) -> Tangent {
         let distance = normal.dot(point);
         Tangent {
             at,
@@ -100,7 +100,7 @@ pub(super) fn beside(
     (pixel, across): (Pixel, Vector2<f64>),
     (point, normal): (&Vector3<f64>, &Vector3<f64>),
 ) -> Edge {
-    edge(scan, (pixel, across), &Tangent::of(camera, pixel, point, normal), true)
+    edge(scan, (pixel, across), &Tangent::new(camera, pixel, point, normal), true)
 }
 
 pub(super) fn edge(

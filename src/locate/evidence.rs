@@ -165,7 +165,7 @@ pub(super) fn weigh(
 ) -> Result<Fit, LocateError> {
     let FitInputs { model, grid, .. } = inputs;
     let placed = fitted.camera_from_panel;
-    let motion = Motion::of(&placed);
+    let motion = Motion::from_rigid(&placed);
     let samples = Samples::all(model);
     let residuals = Residuals::at(&placed, inputs, &samples);
     let weighing = residuals.weighing(model, &samples);
@@ -177,8 +177,8 @@ pub(super) fn weigh(
             },
         )?;
     let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
-    let surface = SurfaceShares::of(&motion, inputs);
-    let outline = OutlineShares::of(&residuals, model);
+    let surface = SurfaceShares::compute(&motion, inputs);
+    let outline = OutlineShares::compute(&residuals, model);
     // The places of missing points at teaching and now are independent of each other.
     let of_expected = |share: f64| (share / model.given).min(1.0);
     let base_from_panel = base_from_camera * placed;

@@ -93,7 +93,7 @@ impl Prepared<'_> {
         };
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
-        let deviation = Deviation::of(
+        let deviation = Deviation::from_residuals(
             &Residuals::at(&placed, inputs, &Samples::all(inputs.model).of_surface()),
             inputs.model,
             None,
@@ -126,7 +126,7 @@ fn surface(
     inputs: FitInputs<'_>,
     bend_mm: impl Fn(usize) -> f64,
 ) -> Vec<(Pixel, SurfaceMark)> {
-    let motion = Motion::of(placed);
+    let motion = Motion::from_rigid(placed);
     let mark = |i: usize| {
         let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
         let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
@@ -156,7 +156,7 @@ fn marks(
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> Vec<([Pixel; 2], OutlineMark)> {
-    let motion = Motion::of(placed);
+    let motion = Motion::from_rigid(placed);
     let stretch = |(k, edge): &(usize, Edge)| {
         let mark = &inputs.model.marks.points[*k];
         let end = |way_mm: f64| {
@@ -172,7 +172,7 @@ fn outline(
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
-    let motion = Motion::of(placed);
+    let motion = Motion::from_rigid(placed);
     let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
     let mark = |(k, edge): &(usize, Edge)| Some((pixel(*k)?, told(edge)));
     let width = |(k, edge): &(usize, Edge)| match edge {
@@ -185,10 +185,10 @@ fn outline(
 
 /// The outline moved by the stated error along its largest direction.
 fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
-    let motion = Motion::of(placed);
+    let motion = Motion::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
     let twist = covariance::weakest(&fit.covariance, inputs.model).twist * (WITHIN_95 * ENLARGED);
-    let moved = Motion::of(&twisted(placed, &centre, &twist));
+    let moved = Motion::from_rigid(&twisted(placed, &centre, &twist));
     let project = |motion: &Motion, k: usize| {
         inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))
     };
@@ -215,7 +215,7 @@ mod tests {
             base_from_camera,
             range: crate::locate::RangeErrors::default(),
         };
-        let model = TaughtModel::of(&panel, view.range).expect("a panel");
+        let model = TaughtModel::from_panel(&panel, view.range).expect("a panel");
         let fit = Prepared::new((&panel, &model), &view, recipe.locate()).locate().expect("a panel");
         let nearer = scan.raw_points_mm().iter().map(|point| {
             let way_mm = f64::from(point[0]).hypot(f64::from(point[1])).hypot(f64::from(point[2]));

@@ -94,7 +94,7 @@ impl Samples {
 impl Residuals {
     /// At a pose.
     pub fn at(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
-        let motion = Motion::of(placed);
+        let motion = Motion::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let surface: Vec<Option<Constraint>> = samples
             .surface

@@ -239,7 +239,7 @@ pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
 
 /// The verdict if nothing was found: a bad panel is a verdict, not a fault.
 pub fn refusal(error: &LocateError) -> Judgement {
-    Judgement::of(vec![Reason::new("no_panel", error.to_string())], Vec::new())
+    Judgement::new(vec![Reason::new("no_panel", error.to_string())], Vec::new())
 }
 
 /// NaN exceeds every limit.

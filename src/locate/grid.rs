@@ -57,7 +57,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Makes a scan small.
-    pub fn of(scan: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Grid {
+    pub fn from_scan(scan: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Grid {
         let points = scan.raw_points_mm();
         // NaN is not above 0.
         Self::of_depths((scan.width(), scan.height()), camera, |index| Some(points[index][2]).filter(|&z| z > 0.0))
@@ -225,7 +225,7 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub fn of<To: crate::geometry::Frame, From: crate::geometry::Frame>(rigid: &Rigid<To, From>) -> Motion {
+    pub fn from_rigid<To: crate::geometry::Frame, From: crate::geometry::Frame>(rigid: &Rigid<To, From>) -> Motion {
         Motion { turn: *rigid.rotation().matrix(), shift: rigid.origin().mm.coords }
     }
 
@@ -246,7 +246,7 @@ pub(super) fn in_box(
     low: [f64; 3],
     high: [f64; 3],
 ) -> Vec<bool> {
-    let motion = Motion::of(base_from_camera);
+    let motion = Motion::from_rigid(base_from_camera);
     let mut inside = vec![false; grid.columns * grid.rows];
     inside.par_chunks_mut(grid.columns).enumerate().for_each(|(row, line)| {
         for (column, inside) in line.iter_mut().enumerate() {
@@ -295,7 +295,7 @@ mod tests {
     /// By hand: pixel (25, 10) has x = 0.055; the plane is at z = 700/(1 − 0.0275) there, also between blocks.
     #[test]
     fn a_plane_is_met_between_blocks_and_an_edge_is_rough() {
-        let grid = Grid::of(&scan(), &CAMERA);
+        let grid = Grid::from_scan(&scan(), &CAMERA);
         assert_eq!((grid.factor, grid.columns), (1, 40));
         let DepthReading::Smooth(depth_mm) = grid.look(Pixel::at(25.25, 10.5)) else { panic!("a plane") };
         assert!((depth_mm - 700.0 / (1.0 - 5.75 / 200.0)).abs() < 1e-3, "{depth_mm}");

@@ -34,7 +34,7 @@ pub(super) fn observe(
     let gradient = slope.transpose() * across;
     let normal = motion.turn * mark.normal;
     let is_averted = normal.dot(&point) > -MIN_COS * point.norm();
-    let edge = if is_averted || is_covered(scan, pixel, &Tangent::of(camera, pixel, &point, &normal)) {
+    let edge = if is_averted || is_covered(scan, pixel, &Tangent::new(camera, pixel, &point, &normal)) {
         Edge::Hidden
     } else {
         step_beside(scan, pixel, [across.x, across.y])

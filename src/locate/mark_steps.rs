@@ -58,7 +58,7 @@ pub(super) struct MarkSteps {
 
 impl MarkSteps {
     /// The steps of at least this many grey levels in the rectangle that these pieces span.
-    pub fn of(scan: &Scan, grid: &Grid, pieces: &[Piece], least_levels: f64) -> MarkSteps {
+    pub fn detect(scan: &Scan, grid: &Grid, pieces: &[Piece], least_levels: f64) -> MarkSteps {
         let place = |block: &u32| [*block as usize % grid.columns, *block as usize / grid.columns];
         let spans = |axis: usize| {
             let along = || pieces.iter().flat_map(|piece| &piece.blocks).map(|block| place(block)[axis]);
@@ -109,12 +109,12 @@ mod tests {
         let color = |i: usize| if i % SIDE < 32 { [40; 3] } else { [200; 3] };
         let all = || 0..SIDE * SIDE;
         let scan = Scan::new(SIDE, SIDE, all().map(point).collect(), all().map(color).collect()).expect("counts");
-        let grid = Grid::of(&scan, &camera);
+        let grid = Grid::from_scan(&scan, &camera);
         let found = pieces(&grid, &[true; SIDE * SIDE]);
-        let steps = MarkSteps::of(&scan, &grid, &found, 14.0);
+        let steps = MarkSteps::detect(&scan, &grid, &found, 14.0);
         assert_eq!(steps.way([20.0, 30.0], &Vector2::new(1.0, 0.0)), Some([10.0, 0.0]));
         assert_eq!(steps.way([20.0, 30.0], &Vector2::new(-1.0, 0.0)), None);
         assert_eq!(steps.way([40.0, 30.0], &Vector2::new(1.0, 0.0)), Some([-7.0, 0.0]));
-        assert_eq!(MarkSteps::of(&scan, &grid, &found, 161.0).way([20.0, 30.0], &Vector2::new(1.0, 0.0)), None);
+        assert_eq!(MarkSteps::detect(&scan, &grid, &found, 161.0).way([20.0, 30.0], &Vector2::new(1.0, 0.0)), None);
     }
 }

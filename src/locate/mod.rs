@@ -105,9 +105,9 @@ pub struct Prepared<'a> {
 /// Finds the taught panel in a scan.
 ///
 /// # Errors
-/// As [`TaughtModel::of`] and [`Prepared::locate`].
+/// As [`TaughtModel::from_panel`] and [`Prepared::locate`].
 pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
-    let model = TaughtModel::of(taught, view.range)?;
+    let model = TaughtModel::from_panel(taught, view.range)?;
     Prepared::new((taught, &model), view, settings).locate()
 }
 
@@ -118,7 +118,7 @@ impl<'a> Prepared<'a> {
         view: &View<'a>,
         settings: &'a recipe::Locate,
     ) -> Self {
-        let grid = Grid::of(view.scan, view.camera);
+        let grid = Grid::from_scan(view.scan, view.camera);
         let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
         let pieces = pieces::pieces(&grid, &inside);
         Prepared { taught, view: *view, settings, taught_model, grid, inside, pieces }
@@ -213,7 +213,7 @@ enum Panels {
 /// Is the panel bent there by more than what lies on the taught surface?
 fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
     let residuals = Residuals::at(placed, inputs, &Samples::some(inputs.model, WEIGHING_SAMPLES).of_surface());
-    let deviation = Deviation::of(&residuals, inputs.model, None);
+    let deviation = Deviation::from_residuals(&residuals, inputs.model, None);
     deviation.is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
 }
 
@@ -233,7 +233,7 @@ fn choose(
             let bent = if panels == Panels::AsBent { deviation::follow(fitted, inputs, &samples) } else { taught };
             let end = bent.fitted.camera_from_panel;
             let inputs = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
-            Some((end, ConsistencyScore::of(&end, inputs)))
+            Some((end, ConsistencyScore::compute(&end, inputs)))
         })
         .collect();
     let mut fitted: Vec<(Rigid<Camera, Panel>, ConsistencyScore)> = fitted.into_iter().flatten().collect();
@@ -264,7 +264,7 @@ fn choose(
 /// The largest distance between the results of independent starts, mm; infinite if one does not converge.
 fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
     let shift_mm = START_SHIFT * search::reach_mm(inputs.model);
-    let centre = Motion::of(&fitted.camera_from_panel).point(&inputs.model.centre);
+    let centre = Motion::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
     // Three starts around the end, each aside and rotated about another axis.
     let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
         let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());

@@ -54,7 +54,7 @@ pub(super) struct Model {
 
 /// The depths of the taught scan: of its panel, or of all else.
 pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
-    let motion = Motion::of(&panel.panel_from_camera.inverse());
+    let motion = Motion::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
     let raw = panel.scan.raw_points_mm();
     let depth = |index: usize| {
@@ -67,13 +67,13 @@ pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
 
 impl Model {
     /// Derives the model of a taught panel, for scans with these errors.
-    pub fn of(panel: &TaughtPanel, range: RangeErrors) -> Result<Model, LocateError> {
+    pub fn from_panel(panel: &TaughtPanel, range: RangeErrors) -> Result<Model, LocateError> {
         let camera_from_panel = panel.panel_from_camera.inverse();
         let grid = taught_grid(panel, true);
-        let surface = Surface::of(&grid);
+        let surface = Surface::from_grid(&grid);
         let (TaughtOutline { points: outline, edge_width_px, seen: outline_seen }, marks) = rayon::join(
-            || TaughtOutline::of(panel, &grid, &surface),
-            || TaughtMarks::of(panel, (&grid, &surface), range.correlation_mm),
+            || TaughtOutline::detect(panel, &grid, &surface),
+            || TaughtMarks::detect(panel, (&grid, &surface), range.correlation_mm),
         );
         let few = LocateError::Degenerate { surface: surface.samples.len(), outline: outline.len() };
         if surface.samples.len() < MIN_SURFACE || outline.len() < MIN_OUTLINE {
@@ -123,14 +123,14 @@ impl Model {
 
     /// The sine of the angle between the taught view of the panel and the one at a pose.
     pub fn view_change(&self, placed: &Motion) -> f64 {
-        let taught = Motion::of(&self.camera_from_panel);
+        let taught = Motion::from_rigid(&self.camera_from_panel);
         let view = |motion: &Motion| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
         view(&taught).cross(&view(placed)).norm()
     }
 
     /// How far two guesses put the same point of the outline apart, at most, mm.
     pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
-        let (a, b) = (Motion::of(a), Motion::of(b));
+        let (a, b) = (Motion::from_rigid(a), Motion::from_rigid(b));
         let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();
         self.outline.iter().step_by(4).map(apart).fold(0.0, f64::max)
     }

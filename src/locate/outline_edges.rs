@@ -34,7 +34,7 @@ pub(super) fn observe(
     let edge = if looks_away {
         Edge::Hidden
     } else {
-        let tangent = Tangent::of(camera, pixel, &point, &(motion.turn * sample.normal));
+        let tangent = Tangent::new(camera, pixel, &point, &(motion.turn * sample.normal));
         edge(scan, (pixel, across), &tangent, model.is_patchy())
     };
     Some(EdgeObservation { point, gradient, edge })

@@ -45,14 +45,14 @@ pub(super) fn pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
     };
     let pieces = raster.joined_pieces(&BESIDE, |block| inside[block], joined);
     let large = pieces.into_iter().filter(|blocks| blocks.len() >= MIN_BLOCKS);
-    let of = |blocks: Vec<usize>| Piece::of(grid, blocks.into_iter().map(|block| block as u32).collect());
+    let of = |blocks: Vec<usize>| Piece::from_blocks(grid, blocks.into_iter().map(|block| block as u32).collect());
     let mut found: Vec<Piece> = large.filter_map(of).collect();
     found.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     found
 }
 
 impl Piece {
-    fn of(grid: &Grid, blocks: Vec<u32>) -> Option<Piece> {
+    fn from_blocks(grid: &Grid, blocks: Vec<u32>) -> Option<Piece> {
         let stride = (blocks.len() / 600).max(1);
         let at = |&block: &u32| grid.point(block as usize % grid.columns, block as usize / grid.columns);
         let points: Vec<Vector3<f64>> = blocks.iter().step_by(stride).filter_map(at).collect();
@@ -70,7 +70,7 @@ impl Piece {
 
     /// Several pieces as one.
     pub fn joined(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
-        Piece::of(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
+        Piece::from_blocks(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
     }
 }
 
@@ -83,7 +83,7 @@ pub(super) struct Border {
 
 impl Border {
     /// The border of a piece, which may have holes at missing points.
-    pub fn of(grid: &Grid, piece: &Piece, may_have_holes: bool) -> Border {
+    pub fn from_piece(grid: &Grid, piece: &Piece, may_have_holes: bool) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut inside = vec![false; columns * rows];
         for &block in &piece.blocks {

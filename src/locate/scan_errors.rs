@@ -81,7 +81,7 @@ const BOARD_SHARE: f64 = 0.000_25;
 
 impl ScanErrors {
     /// The errors as measured, if there was a measurement.
-    pub fn of(measured: Option<&MeasuredScanner>) -> Self {
+    pub fn from_measured(measured: Option<&MeasuredScanner>) -> Self {
         let Some(measured) = measured else { return ScanErrors::default() };
         let range = RangeErrors {
             correlation_mm: measured.correlation_mm,
@@ -133,7 +133,7 @@ mod tests {
             date: None,
             provenance: Provenance::default(),
         };
-        let errors = ScanErrors::of(Some(&measured));
+        let errors = ScanErrors::from_measured(Some(&measured));
         let cloud = OrganizedCloud::new(2, 2, vec![[10.02, 0.0, 701.4]; 4], vec![[0; 3]; 4]).expect("four points");
         let point = errors.corrected(cloud).point_at(0).expect("there").mm;
         assert!((point.z - 700.0).abs() < 1e-3 && (point.x - 10.0).abs() < 1e-3, "{point}");

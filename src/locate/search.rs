@@ -117,9 +117,9 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piec
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
     let by_marks = model.is_patchy() && !model.marks.points.is_empty();
-    let steps = by_marks.then(|| MarkSteps::of(scan, grid, pieces, LEAST_STEP));
+    let steps = by_marks.then(|| MarkSteps::detect(scan, grid, pieces, LEAST_STEP));
     for piece in pieces {
-        let lines = Lines { border: Border::of(grid, piece, model.is_patchy()), steps: steps.as_ref() };
+        let lines = Lines { border: Border::from_piece(grid, piece, model.is_patchy()), steps: steps.as_ref() };
         let begun = |turn: usize| best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm);
         let ended = |start: Rigid<Camera, Panel>, by: By<'_>| {
             let camera_from_panel = move_onto(start, model, grid, by)?;
@@ -209,7 +209,7 @@ fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>
     let mut placed = start;
     for round in first_round..ROUNDS {
         let shrunk = SHRINK.powi(round as i32);
-        let motion = Motion::of(&placed);
+        let motion = Motion::from_rigid(&placed);
         let centre = motion.point(&model.centre);
         let surface = surface_at(&motion, model, grid, &on_surface);
         let line_at = |&k: &usize| match by {
@@ -269,7 +269,7 @@ fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> b
 
 /// How well a pose explains the scan, in both directions.
 fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, lines: &Lines<'_>) -> f64 {
-    let motion = Motion::of(placed);
+    let motion = Motion::from_rigid(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
         PointObservation::On(_) => 1.0,
@@ -332,7 +332,7 @@ pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample:
 /// The share of a piece's points that the taught panel covers at a pose.
 pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
     let back = motion.inverse();
-    let taught = Motion::of(&model.camera_from_panel);
+    let taught = Motion::from_rigid(&model.camera_from_panel);
     let (mut asked, mut held) = (0usize, 0usize);
     for point in points(grid, piece, piece.blocks.len() / wanted) {
         asked += 1;

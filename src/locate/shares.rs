@@ -31,7 +31,7 @@ pub(super) struct SurfaceShares {
 }
 
 impl SurfaceShares {
-    pub fn of(motion: &Motion, inputs: FitInputs<'_>) -> SurfaceShares {
+    pub fn compute(motion: &Motion, inputs: FitInputs<'_>) -> SurfaceShares {
         let FitInputs { model, grid, scan } = inputs;
         let look = |i: usize| {
             let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
@@ -75,7 +75,7 @@ pub(super) struct OutlineShares {
 }
 
 impl OutlineShares {
-    pub fn of(residuals: &Residuals, model: &Model) -> OutlineShares {
+    pub fn compute(residuals: &Residuals, model: &Model) -> OutlineShares {
         let (mut found, mut absent, mut in_view, mut squares, mut near) = (0.0, 0.0, 0.0, 0.0, 0usize);
         let mut widths = Vec::new();
         for (k, edge) in &residuals.edges {
@@ -148,7 +148,7 @@ fn share_of(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
 /// The pieces without the blocks that lie in a held place of the taught picture.
 fn cut_where_held(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
     let FitInputs { model, grid, .. } = inputs;
-    let (back, taught) = (motion.inverse(), Motion::of(&model.camera_from_panel));
+    let (back, taught) = (motion.inverse(), Motion::from_rigid(&model.camera_from_panel));
     let is_held = |block: usize| {
         let point = grid.point(block % grid.columns, block / grid.columns);
         let pixel =

@@ -54,9 +54,10 @@ pub(super) struct TaughtMarks {
 impl TaughtMarks {
     /// Finds the marks of a taught panel with these depths and this surface. Errors are correlated over this
     /// length, mm: the largest error is the depth that the taught scan gives a mark.
-    pub fn of(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
+    pub fn detect(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
-        let search = MarkSearch { panel, grid, surface, panel_from_camera: Motion::of(&panel.panel_from_camera) };
+        let search =
+            MarkSearch { panel, grid, surface, panel_from_camera: Motion::from_rigid(&panel.panel_from_camera) };
         let points: Vec<MarkPoint> = (0..columns * rows)
             .into_par_iter()
             .with_min_len(512)

@@ -20,8 +20,8 @@ impl TaughtModel {
     ///
     /// # Errors
     /// If the taught panel has too little surface or outline.
-    pub fn of(panel: &TaughtPanel, range: RangeErrors) -> Result<Self, LocateError> {
-        let (model, fixture) = rayon::join(|| Model::of(panel, range), || taught_grid(panel, false));
+    pub fn from_panel(panel: &TaughtPanel, range: RangeErrors) -> Result<Self, LocateError> {
+        let (model, fixture) = rayon::join(|| Model::from_panel(panel, range), || taught_grid(panel, false));
         Ok(TaughtModel { model: model?, fixture })
     }
 }

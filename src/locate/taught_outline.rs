@@ -89,7 +89,7 @@ struct OutlineContext<'a> {
 
 impl TaughtOutline {
     /// Finds the outline of a taught panel with these depths and this surface.
-    pub fn of(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
+    pub fn detect(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
         let contour = &panel.outline_px;
         if contour.len() < 8 * CONTOUR_REACH {
             return TaughtOutline::nothing();
@@ -209,7 +209,7 @@ impl OutlineContext<'_> {
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
         // In the camera's frame v is down as well: the same side.
         let outward = along.cross(&normal) * -self.side;
-        let panel_from_camera = Motion::of(&self.panel.panel_from_camera);
+        let panel_from_camera = Motion::from_rigid(&self.panel.panel_from_camera);
         let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;
         Some(OutlinePoint {
             point: panel_from_camera.point(&here),

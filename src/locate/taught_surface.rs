@@ -29,7 +29,7 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    pub fn of(grid: &Grid) -> Surface {
+    pub fn from_grid(grid: &Grid) -> Surface {
         let count = grid.columns * grid.rows;
         let points: Vec<Option<Vector3<f64>>> = (0..count)
             .into_par_iter()

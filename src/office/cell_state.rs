@@ -49,7 +49,7 @@ pub struct Told {
 
 impl CellState {
     /// Returns the state of this cell, with nothing reported yet.
-    pub fn of(cell: &CellName) -> Self {
+    pub fn new(cell: &CellName) -> Self {
         CellState { form: FORM.to_owned(), cell: cell.as_str().to_owned(), ..CellState::default() }
     }
 

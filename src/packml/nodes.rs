@@ -41,11 +41,11 @@ fn text(value: Option<&String>) -> Value {
 }
 
 fn unit_state(now: &Snapshot) -> Option<UnitState> {
-    now.state.map(|state| UnitState::of(state.at))
+    now.state.map(|state| UnitState::from_state(state.at))
 }
 
 fn unit_mode(now: &Snapshot) -> Option<UnitMode> {
-    now.state.as_ref().map(UnitMode::of)
+    now.state.as_ref().map(UnitMode::from_state)
 }
 
 fn robot(now: &Snapshot) -> Value {

@@ -39,7 +39,7 @@ fn value(path: &str, now: &Snapshot) -> Value {
 #[test]
 fn each_state_has_its_number_of_the_standard() {
     for (state, number, name, is_acting) in STATES {
-        let unit = UnitState::of(state);
+        let unit = UnitState::from_state(state);
         assert_eq!((unit.number(), unit.name(), unit.is_acting()), (number, name, is_acting), "{state:?}");
         assert_eq!(name.to_lowercase(), state.word(), "the name is the cycle's own");
         assert_eq!(unit.is_acting(), !state.rests(), "{state:?}");
@@ -55,7 +55,7 @@ fn the_mode_follows_the_robots_switch_and_what_the_cycle_is_for() {
     let mode = |robot, running, air| {
         let mut state = State::NEW;
         (state.facts.robot, state.job.running, state.job.air) = (robot, running, air);
-        UnitMode::of(&state)
+        UnitMode::from_state(&state)
     };
     for (robot, running, air, expected) in [
         (Robot::Ready, false, false, (1, "Production")),

@@ -27,7 +27,7 @@ pub enum UnitState {
 
 impl UnitState {
     /// Returns the state of the unit for this state of the cycle.
-    pub fn of(at: At) -> Self {
+    pub fn from_state(at: At) -> Self {
         match at {
             At::Stopped => UnitState::Stopped,
             At::Resetting => UnitState::Resetting,
@@ -76,7 +76,7 @@ pub enum UnitMode {
 
 impl UnitMode {
     /// Returns the mode for this state of the cycle. The robot's switch has priority over the purpose of the cycle.
-    pub fn of(state: &State) -> Self {
+    pub fn from_state(state: &State) -> Self {
         match state.facts.robot {
             Robot::NotAutomatic => UnitMode::Manual,
             _ if state.job.running && state.job.air => UnitMode::Maintenance,

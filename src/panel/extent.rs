@@ -50,7 +50,7 @@ impl Extent {
     ///
     /// # Errors
     /// If no panel lies under the recipe's region, or a corner of the region is not on the panel.
-    pub fn of(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Extent, LearnError> {
+    pub fn detect(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Extent, LearnError> {
         let pixels = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
         let held_px: Vec<[Pixel; 4]> =
             recipe.outline().held_px().iter().map(|corners| corners.map(|[u, v]| Pixel::at(u, v))).collect();

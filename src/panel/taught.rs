@@ -76,7 +76,7 @@ impl TaughtPanel {
         let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
         let scan = scan.moved(&panel_from_camera);
         let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
-        let Extent { mask, outline_px, outline_from, held_px } = Extent::of(&scan, &region, recipe)?;
+        let Extent { mask, outline_px, outline_from, held_px } = Extent::detect(&scan, &region, recipe)?;
         let mut panel = TaughtPanel {
             scan,
             camera,

@@ -79,7 +79,7 @@ fn waypoints(
     stations: &[Station],
     settings: &recipe::Path,
 ) -> Result<Vec<Waypoint>, OrientationError> {
-    let stance = Stance::of(settings);
+    let stance = Stance::from_settings(settings);
     let pose = |station: &Station| panel_from_tool(surface, station.at, station.height_mm, stance);
     let poses = stations.iter().map(pose).collect::<Result<Vec<Rigid<Panel, Tool>>, _>>()?;
     let lengths_mm: Vec<f64> =

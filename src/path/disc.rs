@@ -18,7 +18,7 @@ pub struct DiscUse {
 
 impl DiscUse {
     /// What the plan wears of a disc of which this much is worn already, mm².
-    pub fn of(plan: &Plan, settings: &recipe::Path, worn_mm2: f64) -> Self {
+    pub fn compute(plan: &Plan, settings: &recipe::Path, worn_mm2: f64) -> Self {
         let swept_mm2 = plan.contact_mm * settings.disc_diameter_mm();
         DiscUse { swept_mm2, worn_after_mm2: worn_mm2 + swept_mm2, life_mm2: settings.disc_life_mm2() }
     }

@@ -47,7 +47,7 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
     let treating: Vec<&Line> = lines.iter().flatten().flatten().collect();
     let coarse: Vec<Places> = {
         let spacing_mm = (radius_mm / 5.0).clamp(1.0, 3.0);
-        ids.par_iter().filter_map(|id| patch(id).map(|patch| Places::of(surface, patch, spacing_mm))).collect()
+        ids.par_iter().filter_map(|id| patch(id).map(|patch| Places::new(surface, patch, spacing_mm))).collect()
     };
     let slowness = slowness(&treating, &coarse, radius_mm, settings);
     let mut next = slowness.iter();
@@ -62,7 +62,7 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
         .collect();
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
     let of_grid = |id: &GridId| {
-        let places = Places::of(surface, patch(id)?, spacing_mm);
+        let places = Places::new(surface, patch(id)?, spacing_mm);
         let mut times_s = vec![0.0; places.points.len()];
         for (line, slowness) in treating.iter().zip(&slowness) {
             places.under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
@@ -71,9 +71,9 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
     };
     let times: Vec<(GridId, Vec<(f64, f64)>)> = ids.par_iter().filter_map(of_grid).collect();
     let mut grids: Vec<(GridId, Spread)> =
-        times.iter().filter_map(|(id, times)| Some((*id, Spread::of(times.iter().copied())?))).collect();
+        times.iter().filter_map(|(id, times)| Some((*id, Spread::from_times(times.iter().copied())?))).collect();
     grids.sort_by_key(|(id, _)| *id);
-    Even { feeds_mm_s, all: Spread::of(times.iter().flat_map(|(_, times)| times.iter().copied())), grids }
+    Even { feeds_mm_s, all: Spread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied())), grids }
 }
 
 /// A straight piece of a track in contact.
@@ -113,7 +113,7 @@ struct Places {
 }
 
 impl Places {
-    fn of(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
+    fn new(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
         let net = Net::over(surface, patch, spacing_mm);
         let place = |index: usize| {
             let tangents = surface.tangents(net.at(index));

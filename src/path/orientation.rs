@@ -25,7 +25,7 @@ pub enum Reference {
 
 impl Reference {
     /// The recipe's `reference_axis`; zero is the feed axis.
-    pub fn of(settings: &recipe::Path) -> Self {
+    pub fn from_settings(settings: &recipe::Path) -> Self {
         let axis = Vector::new(Vector3::from(settings.reference_axis()));
         axis.direction().map_or(Reference::Feed, Reference::Axis)
     }
@@ -44,9 +44,9 @@ pub struct Stance {
 
 impl Stance {
     /// The recipe's.
-    pub fn of(settings: &recipe::Path) -> Self {
+    pub fn from_settings(settings: &recipe::Path) -> Self {
         Stance {
-            reference: Reference::of(settings),
+            reference: Reference::from_settings(settings),
             lead: Degrees(settings.lead_deg()),
             tilt: Degrees(settings.tilt_deg()),
         }

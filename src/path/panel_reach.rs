@@ -198,7 +198,7 @@ pub fn of_grids(
         let outcome = with_room(&plan, stand, settings, 0.0).map(|reached| reached.travel.room_deg);
         let mut refused = judged(&plan, settings).0;
         refused.retain(|check| check.severity == Severity::Reject && check.reason().is_some());
-        Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2, refused })
+        Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::compute(&plan, settings, 0.0).swept_mm2, refused })
     };
     let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
     all.into_iter().collect()

@@ -19,7 +19,10 @@ fn the_least_recipe_names_panel_box_and_region() {
     let recipe = Recipe::check("f", LEAST).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!((recipe.panel(), recipe.region().rows(), recipe.region().columns()), ("door", 4, 6));
     assert_eq!((recipe.process().observation_s(), recipe.inspect().min_break_mm2()), (None, None));
-    assert_eq!((recipe.corner().which().of(0), recipe.inspect().method()), (CornerName::TopLeft, Method::Film));
+    assert_eq!(
+        (recipe.corner().which().for_picture(0), recipe.inspect().method()),
+        (CornerName::TopLeft, Method::Film)
+    );
     assert_eq!((recipe.path().disc_diameter_mm(), recipe.surface().max_rms_mm()), (30.0, 0.2));
     assert_eq!(
         says(""),
@@ -74,9 +77,9 @@ fn corners_are_named_for_each_picture() {
         let recipe = Recipe::check("f", &format!("{LEAST}corner.which = {corner}\n"));
         recipe.unwrap_or_else(|problems| panic!("{problems}")).corner().which()
     };
-    assert_eq!(which("'top-right'").of(1), CornerName::TopRight);
+    assert_eq!(which("'top-right'").for_picture(1), CornerName::TopRight);
     let two = which("['top-left', 'bottom-right']");
-    assert_eq!((two.of(0), two.of(1)), (CornerName::TopLeft, CornerName::BottomRight));
+    assert_eq!((two.for_picture(0), two.for_picture(1)), (CornerName::TopLeft, CornerName::BottomRight));
     assert!(Recipe::check("f", &format!("{LEAST}corner.which = []\n")).is_err());
 }
 

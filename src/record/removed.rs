@@ -49,7 +49,7 @@ mod tests {
         let told = |kind: Kind, numbers: [Option<f64>; 2]| {
             let [mean_um, bound_um] = numbers;
             let mean = Check::new(name::REMOVED_MEAN, "µm", mean_um);
-            Finding::new(kind, 1, Judgement::of(vec![], vec![]))
+            Finding::new(kind, 1, Judgement::new(vec![], vec![]))
                 .with([mean, Check::new(name::REMOVED_BOUND, "µm", bound_um)])
         };
         let known = [Some(19.5), Some(24.0)];
@@ -61,7 +61,7 @@ mod tests {
     #[test]
     fn what_was_planned_counts_where_nobody_told_what_was_executed() {
         let told = |kind: Kind, pass: u8, um: Option<f64>| {
-            let judgement = crate::verdict::Judgement::of(vec![], vec![]);
+            let judgement = crate::verdict::Judgement::new(vec![], vec![]);
             Finding::new(kind, pass, judgement).with([crate::verdict::Check::new(name::REMOVED_BOUND, "µm", um)])
         };
         let both = [

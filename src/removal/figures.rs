@@ -27,7 +27,7 @@ pub struct Figures {
 
 impl Figures {
     /// Computes the figures of a map against a target, µm; `None` if nothing is treated.
-    pub fn of(map: &RemovalMap, target_um: f64) -> Option<Self> {
+    pub fn compute(map: &RemovalMap, target_um: f64) -> Option<Self> {
         let treated = || map.grids.iter().filter(|grid| grid.is_treated).flat_map(places);
         let area: f64 = treated().map(|(_, _, area)| area).sum();
         if area <= 0.0 {
@@ -36,8 +36,9 @@ impl Figures {
         let mean = |of: &dyn Fn(f64, f64) -> f64| {
             treated().map(|(depth_um, deviation, area)| area * of(depth_um, deviation)).sum::<f64>() / area
         };
-        let by_area =
-            |of: &dyn Fn(f64) -> f64| ByArea::of(treated().map(|(depth_um, _, area)| (of(depth_um), area)));
+        let by_area = |of: &dyn Fn(f64) -> f64| {
+            ByArea::from_values(treated().map(|(depth_um, _, area)| (of(depth_um), area)))
+        };
         let most = |of: &dyn Fn(f64, f64) -> f64| {
             let all = map.grids.iter().flat_map(places);
             all.fold(0.0, |most, (depth_um, deviation, _)| f64::max(most, of(depth_um, deviation)))
@@ -103,13 +104,13 @@ mod tests {
     #[test]
     fn what_a_map_comes_to() {
         let both = map(vec![grid(1, true, (1..=100u8).map(f32::from).collect()), grid(2, false, vec![120.0])]);
-        let found = Figures::of(&both, 50.0).expect("treated");
+        let found = Figures::compute(&both, 50.0).expect("treated");
         assert_eq!((found.mean_um, found.low_um, found.high_um, found.largest_um), (50.5, 5.0, 95.0, 120.0));
         assert!((found.largest_bound_um - 132.620_5).abs() < 1e-3, "{}", found.largest_bound_um);
         // |d − 50| ≤ 45 holds 5 to 95, which are 91 places; 47 holds 3 to 97, which are 95.
         assert!((found.within_percent - 94.0).abs() < 1e-4, "{}", found.within_percent);
         assert!((found.uncertainty_percent - 10.517).abs() < 1e-3);
         assert!((Figures::share_within(&both, 50.0, 10.001) - 0.11).abs() < 1e-9);
-        assert_eq!(Figures::of(&map(vec![grid(2, false, vec![120.0])]), 50.0), None);
+        assert_eq!(Figures::compute(&map(vec![grid(2, false, vec![120.0])]), 50.0), None);
     }
 }

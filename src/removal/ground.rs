@@ -20,7 +20,7 @@ pub struct PanelGround {
 
 impl PanelGround {
     /// By the outline in the taught picture, closed; without one there is panel everywhere.
-    pub fn of(region: &Region, outline_px: &[Pixel]) -> Self {
+    pub fn new(region: &Region, outline_px: &[Pixel]) -> Self {
         let (low, high) = outline_px
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), pixel| (low.min(pixel.v), high.max(pixel.v)));
@@ -62,10 +62,10 @@ mod tests {
         let corners =
             [(-10.0, -10.0), (70.0, -10.0), (70.0, 20.0), (62.0, 30.0), (70.0, 40.0), (70.0, 70.0), (-10.0, 70.0)];
         let outline: Vec<Pixel> = corners.iter().map(|(u, v)| Pixel::at(*u, *v)).collect();
-        let ground = PanelGround::of(&region(2, 2), &outline);
+        let ground = PanelGround::new(&region(2, 2), &outline);
         let at = |u: f64, v: f64| ground.holds(Parameter { u: u / 60.0, v: v / 60.0 });
         assert!(at(30.0, 30.0) && at(-9.0, 30.0) && at(69.0, 10.0) && at(61.0, 30.0));
         assert!(!at(-11.0, 30.0) && !at(71.0, 10.0) && !at(66.0, 30.0) && !at(30.0, 72.0) && !at(30.0, -400.0));
-        assert!(PanelGround::of(&region(2, 2), &[]).holds(Parameter { u: 9.0, v: 9.0 }), "no outline, no edge");
+        assert!(PanelGround::new(&region(2, 2), &[]).holds(Parameter { u: 9.0, v: 9.0 }), "no outline, no edge");
     }
 }

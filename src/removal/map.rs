@@ -49,7 +49,7 @@ pub fn removed(
 ) -> RemovalMap {
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
-        let samples = Samples::of(surface, region, (*id, spacing_mm), ground)?;
+        let samples = Samples::for_grid(surface, region, (*id, spacing_mm), ground)?;
         let grid = grid(&samples, treated.contains(id), stretches, (model, force_share_95));
         (grid.is_treated || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
     };

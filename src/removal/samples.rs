@@ -21,7 +21,7 @@ pub struct Samples {
 
 impl Samples {
     /// Returns places about this distance apart, mm; `None` if the region has no such grid.
-    pub fn of(
+    pub fn for_grid(
         surface: &BSplineSurface,
         region: &Region,
         (id, spacing_mm): (GridId, f64),

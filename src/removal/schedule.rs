@@ -61,7 +61,7 @@ pub fn schedule(
     let radius_mm = stretches.first().map_or(1.0, |stretch| stretch.stroke.contact.pad.radius_mm);
     let spacing_mm = (SPACING_RADII * radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
     let samples: Vec<Samples> =
-        treated.par_iter().filter_map(|id| Samples::of(surface, region, (*id, spacing_mm), ground)).collect();
+        treated.par_iter().filter_map(|id| Samples::for_grid(surface, region, (*id, spacing_mm), ground)).collect();
     let (columns, places) = columns(&samples, (stretches, moves), model, target.target_um);
     let rubbed = |feed_mm_s: f64| model.orbit.rubbed_per_mm(feed_mm_s);
     let bounds: Vec<[f64; 2]> = moves.iter().map(|own| [1, 0].map(|end| rubbed(own.feeds_mm_s[end]))).collect();
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn scheduled_feeds_remove_the_target_evenly() {
         let (_, scheduled, constant, _) = planned(40.0, [5.0, 120.0], 0.0);
-        let [even, plain] = [&scheduled, &constant].map(|map| Figures::of(map, 40.0).expect("treated"));
+        let [even, plain] = [&scheduled, &constant].map(|map| Figures::compute(map, 40.0).expect("treated"));
         assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
         assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
         // Beyond the treated grids it tapers off: nowhere deeper than inside.

@@ -30,7 +30,7 @@ pub struct TangentFrame {
 
 impl TangentFrame {
     /// Returns the frame at these parameters; `None` if the surface has no normal.
-    pub fn of(surface: &BSplineSurface, at: Parameter) -> Option<Self> {
+    pub fn compute(surface: &BSplineSurface, at: Parameter) -> Option<Self> {
         let there = surface.derivatives(at);
         let normal = surface.normal_of(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
@@ -97,7 +97,7 @@ mod tests {
     /// tan 2° = 0.034 92 per mm.
     #[test]
     fn a_leant_tool_reaches_deeper_on_one_side() {
-        let frame = TangentFrame::of(&net(0.0, &[0.0; 36]), Parameter { u: 0.5, v: 0.5 }).expect("a normal");
+        let frame = TangentFrame::compute(&net(0.0, &[0.0; 36]), Parameter { u: 0.5, v: 0.5 }).expect("a normal");
         let tool = |b_deg: f64| KukaPose { b_deg, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
         assert!(frame.tilt(&tool(0.0)).expect("on it").norm() < 1e-12);
         let leant = frame.tilt(&tool(2.0)).expect("on it");
@@ -114,7 +114,7 @@ mod tests {
         ) {
             let surface = net(lean, &heights);
             let at = Parameter { u, v };
-            let frame = TangentFrame::of(&surface, at).expect("a normal");
+            let frame = TangentFrame::compute(&surface, at).expect("a normal");
             let [high, low] = surface.principal_curvatures(&surface.derivatives(at)).expect("a normal");
             let own = frame.curvature_per_mm.symmetric_eigenvalues();
             prop_assert!((own.max() - high).abs() < 1e-9 && (own.min() - low).abs() < 1e-9, "{} {} {}", own, high, low);

@@ -108,7 +108,7 @@ fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>)
     *guess = at;
     let normal = surface.normal(at)?;
     let height_mm = normal.mm.dot(&(point - surface.point(at)).mm);
-    if height_mm > CONTACT_MM { None } else { TangentFrame::of(surface, at) }
+    if height_mm > CONTACT_MM { None } else { TangentFrame::compute(surface, at) }
 }
 
 /// The contact there; what hangs over bears nothing.

@@ -44,7 +44,7 @@ const SETTINGS: [(&str, ZividUse); 2] =
 /// states what to do.
 pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
     let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS.contains(&key);
-    let correction = Correction::of(cell, read);
+    let correction = Correction::from_cell(cell, read);
     let mut has_advised = false;
     let judge = |(key, file): (String, &Path)| {
         let name = file.display().to_string();
@@ -86,7 +86,7 @@ enum Correction {
 }
 
 impl Correction {
-    fn of(cell: &Cell, read: ReadNamed<'_>) -> Self {
+    fn from_cell(cell: &Cell, read: ReadNamed<'_>) -> Self {
         match cell.calibration().robot_correction.as_deref().map(read) {
             None => Correction::Known(None),
             Some(NamedFile::Text(text)) => Correction::Known(Some(content_hash(text.as_bytes()))),

@@ -116,7 +116,7 @@ impl BoardPrint {
         (pixels, shot): (&PixelNoise, Seed),
     ) -> GrayPicture {
         let mut picture = GrayPicture::filled(camera.width_px, camera.height_px, 0);
-        let plane = Plane::of(camera_from_board);
+        let plane = Plane::from_pose(camera_from_board);
         let (columns, rows) = self.span(camera, camera_from_board);
         picture.gray.par_chunks_mut(camera.width_px).enumerate().for_each(|(row, bytes)| {
             let noise = pixels.row(shot, row, bytes.len());
@@ -141,7 +141,7 @@ impl BoardPrint {
         camera_from_board: &Rigid<Camera, Board>,
         mut noise_mm: impl FnMut([f64; 2], f64) -> f64,
     ) -> Vec<[f32; 3]> {
-        let plane = Plane::of(camera_from_board);
+        let plane = Plane::from_pose(camera_from_board);
         let (columns, rows) = self.span(camera, camera_from_board);
         let mut points = vec![[f32::NAN; 3]; camera.width_px * camera.height_px];
         let projector = Projector::alone();
@@ -209,7 +209,7 @@ struct Plane {
 }
 
 impl Plane {
-    fn of<C: Frame>(camera_from_board: &Rigid<C, Board>) -> Self {
+    fn from_pose<C: Frame>(camera_from_board: &Rigid<C, Board>) -> Self {
         let turn = camera_from_board.rotation();
         let axes = [0, 1, 2].map(|axis| turn.matrix().column(axis).into_owned());
         Plane { origin: camera_from_board.origin().mm.coords, axes }

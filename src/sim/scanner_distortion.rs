@@ -23,7 +23,7 @@ pub struct ScannerDistortion {
 
 impl ScannerDistortion {
     /// A camera of its own for each seed.
-    pub fn of(seed: u64, depth_mm: f64) -> Self {
+    pub fn new(seed: u64, depth_mm: f64) -> Self {
         ScannerDistortion { depth_mm, phase: (seed % 628) as f64 / 100.0 }
     }
 

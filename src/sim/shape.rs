@@ -187,11 +187,11 @@ impl Shape {
     fn new(relief: Relief, corners_mm: &[(f64, f64)], random: &mut Pcg64) -> Self {
         let mut near = |mm: f64| mm + random.random_range(-2.0..2.0);
         let corners = corners_mm.iter().map(|&(s, t)| Vector2::new(near(s), near(t))).collect();
-        Shape::of(relief, Outline::new(corners, ROUNDING_MM))
+        Shape::from_parts(relief, Outline::new(corners, ROUNDING_MM))
     }
 
     /// A panel from its parts.
-    pub fn of(relief: Relief, outline: Outline) -> Self {
+    pub fn from_parts(relief: Relief, outline: Outline) -> Self {
         let [x, y, z] = CENTRE_MM;
         let axes = Rotation3::from_basis_unchecked(&[-Vector3::y(), Vector3::z(), -Vector3::x()]);
         let panel_from_sheet =

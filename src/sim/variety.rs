@@ -66,7 +66,7 @@ impl Panel {
         for cut in &self.cuts {
             outline = outline.without(Outline::new(cut.clone(), 3.0));
         }
-        Shape::of(self.relief, outline)
+        Shape::from_parts(self.relief, outline)
     }
 
     /// The same in a mirror.

@@ -72,11 +72,11 @@ pub struct KeptView {
 
 /// The unit's state.
 pub(super) fn unit_state(now: &LoopView) -> Option<UnitState> {
-    now.table.map(|state| UnitState::of(state.at))
+    now.table.map(|state| UnitState::from_state(state.at))
 }
 
 /// The unit's mode; not known while nothing is heard from the robot.
 pub(super) fn unit_mode(now: &LoopView) -> Option<UnitMode> {
     let state = now.table.filter(|state| !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost))?;
-    Some(UnitMode::of(&state))
+    Some(UnitMode::from_state(&state))
 }

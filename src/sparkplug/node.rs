@@ -202,7 +202,7 @@ impl EdgeNode {
 
     fn bd_seq(&self, now: Now) -> Metric {
         let number = Value::whole(self.bd_seq);
-        Metric::of(&number, now.unix_ms).named("bdSeq", DataType::Int64)
+        Metric::new(&number, now.unix_ms).named("bdSeq", DataType::Int64)
     }
 
     /// The next message to the broker: a birth if it has received nothing yet, else the changes.
@@ -220,10 +220,10 @@ impl EdgeNode {
         let seen = self.seen.clone()?;
         let Now { unix_ms, .. } = now;
         let of_cell = METRICS.iter().zip(&seen).enumerate().map(|(place, (metric, value))| {
-            self.aliased(Metric::of(value, unix_ms).named(metric.name, metric.datatype), Some(alias(place)))
+            self.aliased(Metric::new(value, unix_ms).named(metric.name, metric.datatype), Some(alias(place)))
         });
         let written = NodeCommand::offered(self.setup.commands_allowed).map(|command| {
-            let metric = Metric::of(&Value::Truth(false), unix_ms).named(command.name(), DataType::Boolean);
+            let metric = Metric::new(&Value::Truth(false), unix_ms).named(command.name(), DataType::Boolean);
             self.aliased(metric, command.alias())
         });
         let metrics: Vec<_> = [self.bd_seq(now)].into_iter().chain(written).chain(of_cell).collect();
@@ -236,7 +236,7 @@ impl EdgeNode {
         let seen = self.seen.as_ref()?;
         let changed = METRICS.iter().zip(seen.iter().zip(&self.told)).enumerate();
         let changed = changed.filter(|(_, (_, (seen, told)))| seen != told).map(|(place, (metric, (value, _)))| {
-            let value = Metric::of(value, now.unix_ms);
+            let value = Metric::new(value, now.unix_ms);
             match self.setup.aliases {
                 true => value.with_alias(alias(place)),
                 false => value.named(metric.name, metric.datatype),

@@ -66,7 +66,7 @@ pub enum Wire {
 
 impl Metric {
     /// A metric with this value, seen at this time, without name, alias and type.
-    pub(super) fn of(value: &Value, unix_ms: u64) -> Self {
+    pub(super) fn new(value: &Value, unix_ms: u64) -> Self {
         let wire = match value {
             Value::Null => None,
             Value::Whole(number) => Some(Wire::Long(number.cast_unsigned())),

@@ -15,28 +15,28 @@ pub struct Ids {
 }
 
 impl Ids {
-    fn of(&self, kind: &str) -> String {
+    fn topic(&self, kind: &str) -> String {
         format!("{NAMESPACE}/{}/{kind}/{}", self.group_id, self.edge_node_id)
     }
 
     /// The topic of the birth.
     pub fn nbirth(&self) -> String {
-        self.of("NBIRTH")
+        self.topic("NBIRTH")
     }
 
     /// The topic of changes.
     pub fn ndata(&self) -> String {
-        self.of("NDATA")
+        self.topic("NDATA")
     }
 
     /// The topic of the death.
     pub fn ndeath(&self) -> String {
-        self.of("NDEATH")
+        self.topic("NDEATH")
     }
 
     /// The topic of commands.
     pub fn ncmd(&self) -> String {
-        self.of("NCMD")
+        self.topic("NCMD")
     }
 
     /// The topic on which the primary host states whether it is online.

@@ -35,7 +35,7 @@ pub fn locate<'a>(
     // Only depths and the lens's rays count in what follows: a scan of another lens or frame would give a place all
     // the same.
     if let Err(error) = files::check_lens(view.scan, view.camera) {
-        let judgement = Judgement::of(vec![Reason::new("other_scan", error.to_string())], vec![]);
+        let judgement = Judgement::new(vec![Reason::new("other_scan", error.to_string())], vec![]);
         return Located { fit: None, checks: vec![], judgement, panel, view, prepared: None };
     }
     let prepared = model.as_ref().map(|model| Prepared::new((panel, model), &view, recipe.locate()));

@@ -52,13 +52,13 @@ impl From<ReasonPicture> for Drawing {
 
 /// A phase that ended in a rejection for this reason before it measured anything.
 pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
-    Finding::new(kind, pass, Judgement::of(vec![reason], vec![]))
+    Finding::new(kind, pass, Judgement::new(vec![reason], vec![]))
 }
 
 /// A phase that could not be done for this reason: a trouble of the cell, which a person looks at. It states
 /// nothing about the panel.
 pub fn undone(kind: Kind, pass: u8, reason: Reason) -> Finding {
-    Finding::new(kind, pass, Judgement::of(vec![], vec![reason]))
+    Finding::new(kind, pass, Judgement::new(vec![], vec![reason]))
 }
 
 /// A phase that ended in a rejection by this check.

@@ -80,7 +80,7 @@ pub fn judge(
             (reached.ok(), room)
         }
     };
-    let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
+    let disc = DiscUse::compute(&plan, settings, tool.worn_mm2);
     let removed = Abrasive { panel, fit, recipe, tool, earlier, before }.planned(&plan);
     let (of_path, path_judgement) = of_path(&plan, recipe, removed.is_some());
     let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());

@@ -106,7 +106,7 @@ impl<'a> Abrasive<'a> {
     /// The removal of a plan; `None` if the recipe does not ask for it, or if the model is not known.
     pub fn planned(&self, plan: &Plan) -> Option<Removed> {
         let asked = self.recipe.removal()?;
-        let bounded = AtBounds::of(&waypoints(plan), asked, self.recipe.path());
+        let bounded = AtBounds::compute(&waypoints(plan), asked, self.recipe.path());
         self.removed((&treated(plan), &dwell::planned(plan)), bounded)
     }
 
@@ -126,12 +126,12 @@ impl<'a> Abrasive<'a> {
         let on = (&self.fit.surface, &self.panel.region, &ground as Ground<'_>);
         let own = removed(on, grids, &all, (&model, force_share), spacing_mm);
         // The target is that of a pass; what no place may come to is that of the part.
-        let of_pass = Figures::of(&own, asked.target_um());
+        let of_pass = Figures::compute(&own, asked.target_um());
         let map = match self.earlier {
             Some(earlier) => own.and(earlier),
             None => own,
         };
-        let of_part = Figures::of(&map, asked.target_um());
+        let of_part = Figures::compute(&map, asked.target_um());
         let figures = of_pass.zip(of_part).map(|(of_pass, of_part)| Figures {
             largest_um: of_part.largest_um + self.before.bound_um,
             largest_bound_um: of_part.largest_bound_um + self.before.bound_um,
@@ -151,7 +151,7 @@ impl<'a> Abrasive<'a> {
 
     /// Does the panel exist at a place?
     fn ground(&self) -> impl Fn(Parameter) -> bool + Sync + use<> {
-        let outline = PanelGround::of(&self.panel.region, &self.panel.outline_px);
+        let outline = PanelGround::new(&self.panel.region, &self.panel.outline_px);
         let holes = self.fit.map.holes(&self.panel.region, self.recipe.path().lift_hole_mm());
         move |at| outline.holds(at) && !holes.holds(at)
     }

@@ -74,7 +74,7 @@ pub fn survey(
         broken: vec![],
         of_tool: vec![],
         of_today: vec![],
-        judgement: Judgement::of(vec![reason], vec![]),
+        judgement: Judgement::new(vec![reason], vec![]),
     };
     let stand = match stand {
         Ok(stand) => stand,

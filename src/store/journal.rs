@@ -34,7 +34,7 @@ struct Line {
 }
 
 impl Line {
-    fn of(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
+    fn from_row(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
         let (sequence, cycle, unix_ms) = (row.get(0)?, row.get(1)?, row.get(2)?);
         Ok(Line { sequence, cycle, unix_ms, event: row.get(3)?, chain: row.get(4)? })
     }
@@ -162,7 +162,7 @@ impl Store {
             )
             .map_err(failed)?;
         let mut expected = after + 1;
-        for line in lines.query_map([after], Line::of).map_err(failed)? {
+        for line in lines.query_map([after], Line::from_row).map_err(failed)? {
             let line = line.map_err(failed)?;
             if line.sequence != expected {
                 return Err(self.journal_problem(expected, format!("the next line is {}", line.sequence)));

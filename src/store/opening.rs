@@ -35,7 +35,7 @@ impl Store {
             return Err(StoreError::Missing { path: folder.to_owned() });
         }
         schema::check(&connection, &path)?;
-        Ok(Store::of((connection, Blobs::at(folder)), folder))
+        Ok(Store::new((connection, Blobs::at(folder)), folder))
     }
 
     /// Opens the store in this folder for writing, as the only writer. An empty or absent folder becomes a new
@@ -47,7 +47,7 @@ impl Store {
     /// belongs to a newer program or to another one.
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
         let opened = match Store::begin(folder) {
-            Err(error) if is_full(&error, folder) && Reserve::of(folder).release() => Store::begin(folder),
+            Err(error) if is_full(&error, folder) && Reserve::new(folder).release() => Store::begin(folder),
             opened => opened,
         };
         opened.map_err(|error| if is_full(&error, folder) { reserve::full(folder) } else { error })
@@ -88,7 +88,7 @@ impl Store {
         }
         schema::prepare(&connection).map_err(failed)?;
         let head = HeadFile::open(folder).map_err(|error| at_head(folder, error))?;
-        let mut store = Store::of((connection, blobs), folder);
+        let mut store = Store::new((connection, blobs), folder);
         (store.lease, store.head) = (Some(lease), Some(head));
         let found = store.raise(version).map_err(failed)?.map_err(|error| at_head(folder, error))?;
         store.changed = store.unexplained(told, found)?;
@@ -117,7 +117,7 @@ impl Store {
         Ok(store)
     }
 
-    fn of((connection, blobs): (Connection, Blobs), folder: &Path) -> Self {
+    fn new((connection, blobs): (Connection, Blobs), folder: &Path) -> Self {
         connection.set_prepared_statement_cache_capacity(STATEMENTS);
         Store {
             connection,
@@ -128,7 +128,7 @@ impl Store {
             folded: None,
             changed: Vec::new(),
             change_is_told: false,
-            reserve: Reserve::of(folder),
+            reserve: Reserve::new(folder),
             fullness: Fullness::default(),
             clock: SystemTime::now,
             steps: Steps::default(),

@@ -96,7 +96,7 @@ struct Kept {
 }
 
 impl Kept {
-    fn of(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
+    fn from_row(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
         let number: i64 = row.get(1)?;
         let position = Position { epoch: row.get(0)?, number: number.unsigned_abs() };
         Ok(Kept { position, kind: row.get(2)?, row_key: row.get(3)?, unix_ms: row.get(4)? })
@@ -136,7 +136,7 @@ impl Store {
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT ?3");
         let mut statement = self.connection.prepare_cached(&sql).map_err(failed)?;
         let [after_number, most] = [after.number, most as u64].map(|it| i64::try_from(it).unwrap_or(i64::MAX));
-        let rows = statement.query_map(params![after.epoch, after_number, most], Kept::of).map_err(failed)?;
+        let rows = statement.query_map(params![after.epoch, after_number, most], Kept::from_row).map_err(failed)?;
         let rows: Vec<Kept> = rows.collect::<Result<_, _>>().map_err(failed)?;
         rows.into_iter().map(|row| self.envelope(row)).collect()
     }
@@ -148,8 +148,9 @@ impl Store {
     pub fn outbox_waits_since(&self, after: &Position) -> Result<Option<i64>, StoreError> {
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT 1");
         let number = i64::try_from(after.number).unwrap_or(i64::MAX);
-        let read =
-            || self.connection.prepare_cached(&sql)?.query_row(params![after.epoch, number], Kept::of).optional();
+        let read = || {
+            self.connection.prepare_cached(&sql)?.query_row(params![after.epoch, number], Kept::from_row).optional()
+        };
         let row = read().map_err(|error| self.failed("read the office's outbox from", &error))?;
         Ok(row.map(|row| row.unix_ms))
     }

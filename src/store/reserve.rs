@@ -24,7 +24,7 @@ pub(super) struct Reserve {
 }
 
 impl Reserve {
-    pub fn of(store: &Path) -> Self {
+    pub fn new(store: &Path) -> Self {
         Reserve { path: store.join(FILE) }
     }
 

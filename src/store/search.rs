@@ -35,7 +35,7 @@ impl Conditions {
         }
     }
 
-    fn of(query: &Query) -> Self {
+    fn from_query(query: &Query) -> Self {
         let mut all = Conditions::default();
         all.name("serial", query.serial.as_ref());
         all.name("work_order", query.order.as_ref());
@@ -79,7 +79,7 @@ impl Store {
     pub fn search(&self, query: &Query) -> Result<Hits, StoreError> {
         self.with_parts()?;
         let read = |error: rusqlite::Error| self.failed("search the cycles of", &error);
-        let Conditions { sql, mut values } = Conditions::of(query);
+        let Conditions { sql, mut values } = Conditions::from_query(query);
         let condition = if sql.is_empty() { "TRUE".to_owned() } else { sql.join(" AND ") };
         let asked = if self.has_table("requests")? { ASKED_FOR_AIR } else { "FALSE" };
         let sql = format!(

@@ -81,7 +81,7 @@ pub struct SignatureRow {
 }
 
 impl SignatureRow {
-    fn of(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
+    fn from_row(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
         let kind: String = row.get(2)?;
         Ok(SignatureRow {
             number: row.get::<_, i64>(0)?.unsigned_abs(),
@@ -294,14 +294,16 @@ impl Store {
         }
         let sql = format!("SELECT {COLUMNS} FROM signatures WHERE {condition} ORDER BY id");
         let mut statement = self.connection.prepare(&sql).map_err(failed)?;
-        let rows = statement.query_map([value], SignatureRow::of).map_err(failed)?;
+        let rows = statement.query_map([value], SignatureRow::from_row).map_err(failed)?;
         rows.collect::<Result<_, _>>().map_err(failed)
     }
 
     pub(super) fn signature(&self, number: i64) -> Result<SignatureRow, StoreError> {
         let sql = format!("SELECT {COLUMNS} FROM signatures WHERE id = ?1");
-        let row =
-            self.connection.prepare_cached(&sql).and_then(|mut row| row.query_row([number], SignatureRow::of));
+        let row = self
+            .connection
+            .prepare_cached(&sql)
+            .and_then(|mut row| row.query_row([number], SignatureRow::from_row));
         row.map_err(|error| self.failed("read a signature of", &error))
     }
 

@@ -60,7 +60,7 @@ impl BSplineSurface {
         if controls.len() != needed {
             return Err(SurfaceError::ControlCount { found: controls.len(), needed });
         }
-        let spans = SpanSurface::of([&knots_u, &knots_v], &controls);
+        let spans = SpanSurface::new([&knots_u, &knots_v], &controls);
         let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0, spans };
         let towards = surface.faces(viewer);
         if towards == 0.0 || !towards.is_finite() {

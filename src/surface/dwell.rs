@@ -67,7 +67,7 @@ impl GridDwell {
 
     /// How even the time under the disc is; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<Spread> {
-        Spread::of(self.times())
+        Spread::from_times(self.times())
     }
 
     /// Time under the disc, s, and area, mm², sample by sample.
@@ -235,7 +235,7 @@ impl Dwell {
 
     /// How even the time under the disc is over all of them; `None` if the disc reached nothing.
     pub fn spread(&self) -> Option<Spread> {
-        Spread::of(self.grids.iter().flat_map(GridDwell::times))
+        Spread::from_times(self.grids.iter().flat_map(GridDwell::times))
     }
 
     /// The longest time that any place was under the disc, s.

@@ -51,7 +51,7 @@ pub(super) struct Solution {
 
 impl Equations {
     /// Sums over all samples, each with its weight.
-    pub fn of(samples: &Samples, weights: &[Vec<f64>], centre: Vector3<f64>) -> Self {
+    pub fn from_samples(samples: &Samples, weights: &[Vec<f64>], centre: Vector3<f64>) -> Self {
         let band = |(samples_of_band, weights): (&Vec<Sample>, &Vec<f64>)| {
             let mut blocks: BTreeMap<u32, Block> = BTreeMap::new();
             let mut rest = weights.as_slice();

@@ -150,7 +150,7 @@ impl FitInputs<'_> {
     fn least_squares(&self) -> Result<(BSplineSurface, f64), FitError> {
         let all = || self.samples.bands.iter().map(|band| band.iter().map(|_| 1.0).collect());
         let centre = self.samples.bands.iter().flatten().next().map_or(Vector3::zeros(), |sample| sample.mm);
-        let equations = |weights: &[Vec<f64>]| Equations::of(self.samples, weights, centre);
+        let equations = |weights: &[Vec<f64>]| Equations::from_samples(self.samples, weights, centre);
         let plain = equations(&all().collect::<Vec<_>>()).plain().map_err(|row| self.undetermined(row))?;
         let mut residuals = self.residuals(&self.surface(plain.controls)?)?;
         let mut scale = scale_mm(&residuals);

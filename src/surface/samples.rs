@@ -109,7 +109,7 @@ impl Samples {
         let starts: Vec<usize> = window.rows.clone().step_by(BAND_ROWS).collect();
         let band = |start: &usize| {
             let rows = *start..(start + BAND_ROWS).min(window.rows.end);
-            Band::of(panel, (knots, &functions), (&window, rows))
+            Band::new(panel, (knots, &functions), (&window, rows))
         };
         let bands: Vec<Band> = starts.par_iter().map(band).collect();
         let mut pixels = vec![0; functions[0].len() * functions[1].len()];
@@ -157,7 +157,7 @@ impl Samples {
 }
 
 impl Band {
-    fn of(
+    fn new(
         panel: &TaughtPanel,
         (knots, functions): (&[KnotVector; 2], &[Vec<SpanFunctions>; 2]),
         (window, rows): (&Window, Range<usize>),

@@ -29,7 +29,7 @@ struct Span {
 }
 
 impl SpanSurface {
-    pub fn of([knots_u, knots_v]: [&KnotVector; 2], controls: &[Point<Panel>]) -> Option<Self> {
+    pub fn new([knots_u, knots_v]: [&KnotVector; 2], controls: &[Point<Panel>]) -> Option<Self> {
         if knots_u.degree().max(knots_v.degree()) >= SIDE {
             return None;
         }

@@ -9,7 +9,7 @@ pub struct ByArea(Vec<(f64, f64)>);
 
 impl ByArea {
     /// Of numbers with their areas.
-    pub fn of(numbers: impl Iterator<Item = (f64, f64)>) -> Self {
+    pub fn from_values(numbers: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut sorted: Vec<(f64, f64)> = numbers.collect();
         sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         ByArea(sorted)
@@ -39,8 +39,8 @@ pub struct Spread {
 
 impl Spread {
     /// Computed from times in s, each with its area; `None` if nothing was under the disc.
-    pub fn of(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
-        let treated = ByArea::of(times.filter(|(time_s, _)| *time_s > 0.0));
+    pub fn from_times(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
+        let treated = ByArea::from_values(times.filter(|(time_s, _)| *time_s > 0.0));
         let [low_s, high_s] = SHARES.map(|share| treated.at(share));
         Some(Spread { low_s: low_s?, high_s: high_s? })
     }
@@ -60,11 +60,11 @@ mod tests {
     #[test]
     fn five_and_ninety_five_percent_of_the_area() {
         let even = |n: usize| (n as f64 / 100.0, 1.0);
-        let spread = Spread::of((0..=100).map(even)).expect("treated");
+        let spread = Spread::from_times((0..=100).map(even)).expect("treated");
         assert!((spread.low_s - 0.05).abs() < 1e-12 && (spread.high_s - 0.95).abs() < 1e-12, "{spread:?}");
         assert!((spread.ratio() - 19.0).abs() < 1e-9);
-        let doubled = Spread::of([(1.0, 2.0), (2.0, 17.0), (5.0, 1.0)].into_iter()).expect("treated");
+        let doubled = Spread::from_times([(1.0, 2.0), (2.0, 17.0), (5.0, 1.0)].into_iter()).expect("treated");
         assert_eq!((doubled.low_s, doubled.high_s), (1.0, 2.0));
-        assert_eq!(Spread::of([(0.0, 1.0)].into_iter()), None);
+        assert_eq!(Spread::from_times([(0.0, 1.0)].into_iter()), None);
     }
 }

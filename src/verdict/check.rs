@@ -232,7 +232,7 @@ impl Judgement {
         if reject.is_empty() && review.is_empty() {
             review = unjudged;
         }
-        Judgement::of(reject, review)
+        Judgement::new(reject, review)
     }
 
     /// The verdict beside these checks as well: what is good is not, if a limit among them is not kept.
@@ -242,7 +242,7 @@ impl Judgement {
             return self;
         }
         let unjudged: Vec<Reason> = checks.into_iter().filter_map(Check::unjudged).collect();
-        self.and(Judgement::of(vec![], unjudged))
+        self.and(Judgement::new(vec![], unjudged))
     }
 }
 
@@ -311,7 +311,7 @@ mod tests {
             let unjudged = Check { value: Some(number), ..over() };
             let judgement = Judgement::of_checks(std::slice::from_ref(&unjudged));
             assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "limit"));
-            let accepted = Judgement::of(vec![], vec![]);
+            let accepted = Judgement::new(vec![], vec![]);
             assert_eq!(accepted.beside(&[unjudged]).verdict, Verdict::Review);
         }
         let judged = over().rejects("edge_overhang", words);

@@ -86,7 +86,7 @@ pub struct Judgement {
 
 impl Judgement {
     /// Reject if there is a reason to, else review if there is one, else accept.
-    pub fn of(reject: Vec<Reason>, review: Vec<Reason>) -> Self {
+    pub fn new(reject: Vec<Reason>, review: Vec<Reason>) -> Self {
         let verdict = match (reject.is_empty(), review.is_empty()) {
             (true, true) => Verdict::Accept,
             (true, false) => Verdict::Review,
@@ -110,13 +110,13 @@ mod tests {
     #[test]
     fn one_reason_to_reject_outweighs_the_rest() {
         let reason = |code| Reason::new(code, "measured 2 mm, allowed 1 mm");
-        assert_eq!(Judgement::of(vec![], vec![]).verdict, Verdict::Accept);
-        assert_eq!(Judgement::of(vec![], vec![reason("a")]).verdict, Verdict::Review);
-        let both = Judgement::of(vec![reason("b")], vec![reason("a")]);
+        assert_eq!(Judgement::new(vec![], vec![]).verdict, Verdict::Accept);
+        assert_eq!(Judgement::new(vec![], vec![reason("a")]).verdict, Verdict::Review);
+        let both = Judgement::new(vec![reason("b")], vec![reason("a")]);
         assert_eq!((both.verdict, &*both.reasons[0].code, both.reasons.len()), (Verdict::Reject, "b", 2));
-        let (accept, review) = (Judgement::of(vec![], vec![]), Judgement::of(vec![], vec![reason("a")]));
+        let (accept, review) = (Judgement::new(vec![], vec![]), Judgement::new(vec![], vec![reason("a")]));
         assert_eq!(accept.clone().and(accept.clone()), accept);
         assert_eq!(accept.and(review.clone()), review);
-        assert_eq!(review.and(Judgement::of(vec![reason("b")], vec![])), both);
+        assert_eq!(review.and(Judgement::new(vec![reason("b")], vec![])), both);
     }
 }

@@ -169,7 +169,7 @@ fn located_with(
 ) -> Tried {
     let scan = trial.scan();
     let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range };
-    let model = TaughtModel::of(&panel, range);
+    let model = TaughtModel::from_panel(&panel, range);
     let begun = Instant::now();
     let model = model.as_ref().map_err(LocateError::clone);
     let found = model.and_then(|model| Prepared::new((&panel, model), &view, recipe.locate()).locate());

@@ -70,10 +70,10 @@ fn main() -> ExitCode {
             let since = Instant::now();
             let mut samples = Vec::new();
             while since.elapsed() < Duration::from_secs(report_s) && running.is_alive() {
-                samples.extend(Sample::of(running.id()));
+                samples.extend(Sample::read(running.id()));
                 std::thread::sleep(SAMPLE);
             }
-            let Some(period) = Period::of(begun.elapsed(), &samples) else { break };
+            let Some(period) = Period::from_samples(begun.elapsed(), &samples) else { break };
             println!(
                 "{period}, {} cycles, largest watchdog gap {:.2} s, store {:.0} MB",
                 counts.cycles(),
@@ -102,7 +102,7 @@ fn judge(
         println!("{text}{}", if is_met { "" } else { "  NOT MET" });
     };
     for (name, unit, least, value) in Period::LOWEST {
-        let Some(growth) = Growth::of(settled, value) else {
+        let Some(growth) = Growth::fit(settled, value) else {
             told(false, format!("{name}: there are too few periods for a slope"));
             continue;
         };

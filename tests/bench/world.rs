@@ -65,7 +65,7 @@ fn main() -> ExitCode {
         }
         let world = match argument("script") {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
-            None => World::of(seed),
+            None => World::from_seed(seed),
         };
         let world = World { sabotage, imagines: seed.is_multiple_of(imagine_every), ..world };
         let since = Instant::now();
@@ -112,7 +112,7 @@ fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> Ex
     let is_over = || limit_s.is_some_and(|limit_s| begun.elapsed().as_secs() >= limit_s);
     for seed in (0..count).map(|n| from + n * step).take_while(|_| !is_over()) {
         println!("seed {seed}");
-        if let Some(violation) = (World { sabotage, ..World::of(seed) }).run().violation {
+        if let Some(violation) = (World { sabotage, ..World::from_seed(seed) }).run().violation {
             println!("wrong: {}: {}", violation.judge, violation.what);
             return ExitCode::FAILURE;
         }
@@ -152,7 +152,7 @@ fn kills(from: u64, count: u64) -> ExitCode {
     // Its loops would run in threads, which a copy of the process has not.
     opencv::core::set_num_threads(0).unwrap_or_else(|error| panic!("{error}"));
     for seed in 0..KEPT_WORLDS.min(count) {
-        World::of(seed).run();
+        World::from_seed(seed).run();
     }
     let begun = Instant::now();
     let killed = world::kills(from, count, mistake());
@@ -176,7 +176,7 @@ fn sabotage(from: u64, seeds: u64) -> ExitCode {
     let mut missed = 0;
     for (name, sabotage) in SABOTAGES {
         let found = (from..from + seeds).find_map(|seed| {
-            let violation = World::of(seed).sabotaged(sabotage).run().violation?;
+            let violation = World::from_seed(seed).sabotaged(sabotage).run().violation?;
             Some((seed, violation))
         });
         match found {

@@ -55,7 +55,7 @@ impl Cell {
         let fill = move |_: u64, pixels: &mut [u8]| {
             let raw = mosaic(&sees.flange_picture(), PixelFormat::BayerRG8);
             let mut flicker = Flicker(sees.number());
-            pixels.iter_mut().zip(raw).for_each(|(pixel, gray)| *pixel = flicker.of(gray));
+            pixels.iter_mut().zip(raw).for_each(|(pixel, gray)| *pixel = flicker.apply(gray));
         };
         let size_px = [camera.width_px, camera.height_px];
         let flange_camera = LoopbackCamera::start(SERIAL, size_px, PixelFormat::BayerRG8, Box::new(fill))

@@ -181,8 +181,9 @@ impl Scenery {
             std::mem::take(&mut bytes)
         };
         let mut flicker = Flicker(self.number());
-        let mut colors =
-            |rgb: &[[u8; 3]]| rgb.iter().flat_map(|[r, g, b]| [flicker.of(*r), *g, *b, 255]).collect::<Vec<u8>>();
+        let mut colors = |rgb: &[[u8; 3]]| {
+            rgb.iter().flat_map(|[r, g, b]| [flicker.apply(*r), *g, *b, 255]).collect::<Vec<u8>>()
+        };
         let answer = match &wish {
             b"3d\n" => self.scan().map(|cloud| {
                 let points = cloud.raw_points_mm().iter().flatten().flat_map(|mm| mm.to_ne_bytes());
@@ -202,7 +203,7 @@ impl Scenery {
 pub struct Flicker(pub u64);
 
 impl Flicker {
-    pub fn of(&mut self, gray: u8) -> u8 {
+    pub fn apply(&mut self, gray: u8) -> u8 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         gray.saturating_add(u8::from(self.0 >> 61 == 0))
     }

@@ -43,7 +43,7 @@ pub struct Shown {
 
 impl Shown {
     /// Of this state.
-    pub fn of(state: &State) -> Self {
+    pub fn from_state(state: &State) -> Self {
         Shown { step: state.step, at: state.at }
     }
 }
@@ -263,11 +263,11 @@ impl Desk {
 /// What is wrong with how a decision is taken: upon what it was decided the table must be still.
 fn taken(first: &mut Waiting, what: &What, state: &State) -> Option<String> {
     let shown = first.shown?;
-    let is_good = shown == Shown::of(state);
+    let is_good = shown == Shown::from_state(state);
     first.is_stale = !is_good;
     match what {
         What::Table(request) if !is_good => {
-            Some(format!("{request:?} was decided upon {shown:?}, and is asked of {:?}", Shown::of(state)))
+            Some(format!("{request:?} was decided upon {shown:?}, and is asked of {:?}", Shown::from_state(state)))
         }
         What::Outdated { request, .. } if is_good => {
             Some(format!("{request:?} upon {shown:?} was refused as outdated"))

@@ -91,7 +91,7 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
 
 impl Told {
     /// Of this command.
-    pub fn of(command: &RecordCommand) -> Self {
+    pub fn from_command(command: &RecordCommand) -> Self {
         match command {
             RecordCommand::Event(event) => Told::Event(*event),
             RecordCommand::Conclude { verdict, .. } => Told::Verdict(*verdict),

@@ -123,7 +123,7 @@ pub struct Outcome {
 
 impl World {
     /// The world of a seed.
-    pub fn of(seed: u64) -> Self {
+    pub fn from_seed(seed: u64) -> Self {
         let odds = Odds { most: 6, disk: !seed.is_multiple_of(3) };
         World::with(seed, script::draw(seed, odds))
     }

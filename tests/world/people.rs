@@ -152,7 +152,7 @@ impl People {
         while let Some(press) = world.pressed.pop_front() {
             whats(press, world.is_another_part).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
         }
-        let now = Shown::of(state);
+        let now = Shown::from_state(state);
         if self.shown.back() != Some(&now) {
             self.shown.push_back(now);
             self.shown.drain(..self.shown.len().saturating_sub(MOST_SHOWN));

@@ -166,7 +166,7 @@ enum Counted {
 }
 
 impl Counted {
-    fn of(command: &RecordCommand) -> Self {
+    fn from_command(command: &RecordCommand) -> Self {
         match command {
             RecordCommand::OpenContact { path, .. } => Counted::Opens(path.clone()),
             RecordCommand::CloseIntent { .. } => Counted::Closes,
@@ -181,14 +181,14 @@ impl Counted {
 
 impl Port<RecordCommand> for Record<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
-        let counted = Counted::of(&command);
+        let counted = Counted::from_command(&command);
         let executed = {
             let mut world = self.world.lock();
             backs_up(&mut world, self.folder, self.ledger);
             world.executed_on_path()
         };
         self.ledger.touched.executed(executed);
-        let told = Told::of(&command);
+        let told = Told::from_command(&command);
         let permit = match &command {
             RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
             RecordCommand::Permit(permitted) => Some(Permit::GoesOn(*permitted)),

@@ -94,7 +94,7 @@ fn no_world_violates_a_rule() {
     let seeds = std::env::var("WORLD_SEEDS").map_or(SEEDS, |seeds| seeds.parse().expect("a number of seeds"));
     let mut counts = Counts::default();
     for seed in 0..seeds {
-        let world = World::of(seed);
+        let world = World::from_seed(seed);
         let outcome = world.run();
         counts.add(&outcome.counts);
         if let Some(violation) = outcome.violation {
@@ -113,7 +113,7 @@ fn no_world_violates_a_rule() {
 #[test]
 fn a_world_is_the_same_twice() {
     for seed in [4, 9, 17] {
-        let [one, other] = [World::of(seed).run(), World::of(seed).run()];
+        let [one, other] = [World::from_seed(seed).run(), World::from_seed(seed).run()];
         assert_eq!((one.trace, one.counts.time_ms), (other.trace, other.counts.time_ms), "seed {seed}");
     }
 }
@@ -122,7 +122,7 @@ fn a_world_is_the_same_twice() {
 #[test]
 fn a_script_reads_back() {
     for seed in 0..200 {
-        let script = World::of(seed).script;
+        let script = World::from_seed(seed).script;
         assert_eq!(parse(&print(&script)).expect("a script"), script);
     }
 }

@@ -53,7 +53,7 @@ fn a_damaged_or_missing_file_of_the_store_is_named() {
 /// The disk is full at once, or during the work: existing files stay, files that were begun are removed.
 #[test]
 fn a_full_disk_leaves_all_as_it_was() {
-    let Some(disk) = SmallDisk::of(4) else { return };
+    let Some(disk) = SmallDisk::mount(4) else { return };
     let cell = SmallCell::new();
     let noise: Vec<u8> = {
         use rand::{RngExt, SeedableRng};

@@ -66,7 +66,7 @@ fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[Plane
 
 #[test]
 fn what_is_the_same_each_time_is_found() {
-    let distortion = ScannerDistortion::of(5, 1.0);
+    let distortion = ScannerDistortion::new(5, 1.0);
     let (views, camera) = views(7, 16, &distortion);
     let found = measure(&views, over(&camera)).expect("measured");
     println!("{found:?}");
@@ -80,7 +80,7 @@ fn what_is_the_same_each_time_is_found() {
 
 #[test]
 fn nothing_is_corrected_where_nothing_is_the_same() {
-    let none = ScannerDistortion::of(5, 0.0);
+    let none = ScannerDistortion::new(5, 0.0);
     let (views, camera) = views(11, 12, &none);
     let found = measure(&views, over(&camera)).expect("measured");
     println!("{found:?}");
@@ -93,7 +93,7 @@ fn nothing_is_corrected_where_nothing_is_the_same() {
 /// A depth error of 1 mm for each unit of the direction leaves boards flat: the distances on them show it.
 #[test]
 fn what_turns_planes_into_planes_is_found_by_distances() {
-    let bent = ScannerDistortion::of(5, 0.0);
+    let bent = ScannerDistortion::new(5, 0.0);
     let tilted = |cloud: OrganizedCloud<Camera>| {
         cloud.along_rays(|[x, _, z]| 1.0 / (1.0 - z * (x / z) / crate::geometry::REFERENCE_DEPTH_MM.powi(2)))
     };
@@ -109,7 +109,7 @@ fn what_turns_planes_into_planes_is_found_by_distances() {
 /// fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
 #[test]
 fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
-    let none = ScannerDistortion::of(5, 0.0);
+    let none = ScannerDistortion::new(5, 0.0);
     let mut alike: Vec<f64> = Vec::new();
     for seed in 30..34 {
         let (views, camera) = views(seed, 12, &none);
@@ -128,7 +128,7 @@ fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
 /// √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
 #[test]
 fn size_and_length_of_the_smooth_error_are_the_simulators() {
-    let none = ScannerDistortion::of(5, 0.0);
+    let none = ScannerDistortion::new(5, 0.0);
     let products: Vec<f64> = (20..26)
         .map(|seed| {
             let (views, camera) = views(seed, 12, &none);

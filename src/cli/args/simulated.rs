@@ -133,7 +133,7 @@ pub struct MockRobot {
 
 /// The simulated 3D camera's own error; `None` if it is well calibrated.
 pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion> {
-    (error_mm > 0.0).then(|| ScannerDistortion::of(seed, error_mm))
+    (error_mm > 0.0).then(|| ScannerDistortion::new(seed, error_mm))
 }
 
 /// The simulated arm of this seed; `None` if it is as drawn.

@@ -93,7 +93,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     };
     let (_, number) = Store::keep_verification_in(files.store_folder(), &verification).map_err(Fault::stage)?;
     let reject = health::beyond(&verification, demands);
-    let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
+    let mut outcome = Outcome::of(&Judgement::new(reject.into_iter().collect(), vec![]));
     outcome.put("error_n", json!(error_n));
     outcome.put("limit_n", json!(demands.limit));
     outcome.put("number", json!(number));

@@ -48,7 +48,7 @@ struct Look {
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = boards::board(&args.board)?;
     let lens = intrinsics(&args.intrinsics)?;
-    let (camera, errors) = (lens.camera, ScanErrors::of(lens.errors.as_ref()));
+    let (camera, errors) = (lens.camera, ScanErrors::from_measured(lens.errors.as_ref()));
     let cell = cell(common)?;
     let arm = InUse::of(args.robot.as_deref(), common)?;
     let (mut looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
@@ -138,7 +138,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
 /// Poses that hold no mount: a verdict.
 fn refused(error: &CalibError, out: &Path) -> Outcome {
     let reason = Reason::new("no_mount", error.to_string());
-    let mut outcome = Outcome::of(&Judgement::of(vec![reason], vec![]));
+    let mut outcome = Outcome::of(&Judgement::new(vec![reason], vec![]));
     outcome.say(format!("{}: not written", out.display()));
     outcome
 }

@@ -73,7 +73,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         let mut reasons = vec![Reason::new("not_a_lens", format!("these numbers are no lens: {problems}"))];
         reasons.append(&mut judgement.reasons);
-        judgement = Judgement::of(reasons, vec![]);
+        judgement = Judgement::new(reasons, vec![]);
     }
     let mut outcome = told(&judgement, &found, &all, &detected);
     tell_model(&mut outcome, &found, &board);
@@ -176,7 +176,7 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
 /// Pictures that determine no lens: a verdict, and what to do.
 fn no_lens(error: &CalibError, all: &[Picture], detected: &[Result<Detected, CalibError>], args: &Args) -> Outcome {
     let code = if matches!(error, CalibError::TooFewPictures { .. }) { "too_few_pictures" } else { "no_lens" };
-    let mut outcome = Outcome::of(&Judgement::of(vec![Reason::new(code, error.to_string())], vec![]));
+    let mut outcome = Outcome::of(&Judgement::new(vec![Reason::new(code, error.to_string())], vec![]));
     let keys = ["rms_px", "fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "model"];
     keys.iter().for_each(|key| outcome.put(key, Value::Null));
     if let Some(first) = all.first() {

@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
 
 /// Coupons that hold no model: a verdict.
 fn refused(message: String, args: &Args) -> Outcome {
-    let judgement = Judgement::of(vec![Reason::new("no_model", message)], vec![]);
+    let judgement = Judgement::new(vec![Reason::new("no_model", message)], vec![]);
     let mut outcome = Outcome::of(&judgement);
     outcome.put("preston_mm2_per_n", Value::Null);
     outcome.say(format!("{}: not written", args.out.display()));

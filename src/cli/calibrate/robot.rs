@@ -101,7 +101,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 /// Data that hold no arm: a verdict.
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let reason = crate::verdict::Reason::new(code, message);
-    let mut outcome = Outcome::of(&crate::verdict::Judgement::of(vec![reason], vec![]));
+    let mut outcome = Outcome::of(&crate::verdict::Judgement::new(vec![reason], vec![]));
     outcome.put("residual_left_out_mm", json!(null));
     outcome.put("residual_left_out_before_mm", json!(null));
     outcome.say(format!("{}: not written", args.out.display()));

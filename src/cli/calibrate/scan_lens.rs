@@ -37,7 +37,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
             "{} has too few points, or points on one line, to state a lens; scan the whole cell",
             scan.display()
         );
-        return Ok(Outcome::of(&Judgement::of(vec![Reason::new("not_a_lens", message)], vec![])));
+        return Ok(Outcome::of(&Judgement::new(vec![Reason::new("not_a_lens", message)], vec![])));
     };
     let (mut reject, mut review) = (Vec::new(), Vec::new());
     let beyond = |limit_px: f64| found.median_px.is_nan() || found.median_px > limit_px;
@@ -77,7 +77,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         reject.push(Reason::new("not_a_lens", format!("these numbers are no lens: {problems}")));
     }
-    let judgement = Judgement::of(reject, review);
+    let judgement = Judgement::new(reject, review);
     let mut outcome = Outcome::of(&judgement);
     let lens = &found.camera;
     let numbers = [

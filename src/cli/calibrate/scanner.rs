@@ -91,7 +91,7 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
 
 /// The verdict for scans that do not determine the errors.
 fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
-    let judgement = Judgement::of(vec![Reason::new("scanner_places", message)], vec![]);
+    let judgement = Judgement::new(vec![Reason::new("scanner_places", message)], vec![]);
     let mut outcome = Outcome::of(&judgement);
     outcome.put("smooth_mm", Value::Null);
     tell_aside(&mut outcome, all);

@@ -58,7 +58,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
     let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
     let Some(points) = points else {
-        let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+        let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
         outcome.say(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
         for (index, (column, row)) in to_touch.iter().enumerate() {
             outcome.say(format!("  p{} is p{}_corner = [{column}, {row}]", index + 1, index + 1));

@@ -30,7 +30,7 @@ pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Pa
     let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error, verification.limit);
     let reject = health::beyond(verification, Demands::of(files.cell.limits()));
-    let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
+    let mut outcome = Outcome::of(&Judgement::new(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));
     outcome.put("number", json!(number));

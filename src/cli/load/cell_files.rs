@@ -205,7 +205,7 @@ impl CellFiles {
 
     fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
         let (Intrinsics { camera, extent, errors, .. }, text) = self.lens(key, file)?;
-        let scan_errors = ScanErrors::of(errors.as_ref());
+        let scan_errors = ScanErrors::from_measured(errors.as_ref());
         Ok(Calibrated { value: camera, uncertainty_mm: None, extent, scan_errors, text })
     }
 

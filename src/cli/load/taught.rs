@@ -44,7 +44,7 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
 /// The errors of the camera at teaching: those that were known then, or those of the same camera that are known now.
 fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     let is_same = then.serial == now.serial && then.camera == now.camera;
-    ScanErrors::of(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
+    ScanErrors::from_measured(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
 
 /// Reads a teaching and learns panel and corners from it; `name` gives the name of a corner picture in messages.

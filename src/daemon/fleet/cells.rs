@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn a_cell_that_is_silent_is_stale_and_what_it_told_is_escaped() {
-        let mut state = CellState::of(&CellName::new("cell-1").expect("a name"));
+        let mut state = CellState::new(&CellName::new("cell-1").expect("a name"));
         state.state = Some("execute".to_owned());
         state.standing = vec![Told { code: "disk_scarce".to_owned(), message: "<b>5 MB</b> are free".to_owned() }];
         let cell = CellNow {

@@ -104,7 +104,7 @@ impl Bench {
 
     /// Waits until the line reads exactly these outputs.
     fn line_reads(&self, signals: &[LineSignal]) {
-        let (wanted, since) = (Told::of(signals), Instant::now());
+        let (wanted, since) = (Told::from_signals(signals), Instant::now());
         loop {
             let outputs = self.server.handle().with(|controller| controller.outputs().clone());
             let on = |number: &u16| outputs.get(number) == Some(&true);

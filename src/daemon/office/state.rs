@@ -40,7 +40,7 @@ impl Teller {
         }
         let reply = self.front.gateway.request(What::State, Who::by(Front::Program)).await;
         self.told = Some(Instant::now());
-        let mut state = CellState::of(cell);
+        let mut state = CellState::new(cell);
         state.unix_ms = now_unix_ms();
         env!("CARGO_PKG_VERSION").clone_into(&mut state.version);
         (state.state, state.phase, state.panel) = (reply.state, reply.phase, reply.panel);

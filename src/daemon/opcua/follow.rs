@@ -59,8 +59,8 @@ impl Since {
     }
 
     fn of(&mut self, state: &State) -> (u32, u32) {
-        let in_state = Self::seconds(&mut self.state, UnitState::of(state.at));
-        (in_state, Self::seconds(&mut self.mode, UnitMode::of(state)))
+        let in_state = Self::seconds(&mut self.state, UnitState::from_state(state.at));
+        (in_state, Self::seconds(&mut self.mode, UnitMode::from_state(state)))
     }
 }
 

@@ -332,7 +332,7 @@ fn a_result_waits_for_its_turn() {
 fn a_stop_watch_is_no_finding_but_its_limit_is() {
     let found = |ms: f64, mm: f64| {
         let numbers = [Check::new(name::SCAN_TO_VERDICT, "ms", ms), Check::new("residual", "mm", mm)];
-        Finding::new(Kind::Locate, 0, Judgement::of(vec![], vec![])).with(numbers)
+        Finding::new(Kind::Locate, 0, Judgement::new(vec![], vec![])).with(numbers)
     };
     let finding = |ms, mm| RecordCommand::Note(Note::Finding(found(ms, mm)));
     let recorded = || line(Topic::Finding, told(&found(10.0, 0.25)), json!({ "Ok": null }));

@@ -22,7 +22,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
     let view =
         crate::locate::View { scan: &scan, camera, base_from_camera, range: crate::locate::RangeErrors::default() };
-    let model = crate::locate::TaughtModel::of(&panel, view.range);
+    let model = crate::locate::TaughtModel::from_panel(&panel, view.range);
     let by_command = locate::locate((&panel, &model), view, &recipe);
     let story = fake.run(Asks::one_cycle());
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Locate).expect("located");
@@ -43,7 +43,7 @@ fn todays_points(fake: &Fake) -> Vec<TodaysPoint> {
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
     let view =
         crate::locate::View { scan: &scan, camera, base_from_camera, range: crate::locate::RangeErrors::default() };
-    let model = crate::locate::TaughtModel::of(&panel, view.range);
+    let model = crate::locate::TaughtModel::from_panel(&panel, view.range);
     let located = locate::locate((&panel, &model), view, &recipe).fit.expect("found");
     surface::todays_points(&panel, &scan, &(located.base_from_panel.inverse() * base_from_camera))
 }

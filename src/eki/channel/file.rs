@@ -96,11 +96,11 @@ impl ChannelFile {
         }
         match stated.raw_line {
             Some(line) => Err(ChannelError::Raw { line }),
-            None => Ok(ChannelFile::of(&stated, found.unknown)),
+            None => Ok(ChannelFile::from_stated(&stated, found.unknown)),
         }
     }
 
-    fn of(stated: &StatedChannel, unknown: Vec<Problem>) -> Self {
+    fn from_stated(stated: &StatedChannel, unknown: Vec<Problem>) -> Self {
         let server = stated.server();
         let signal =
             |is_flag| stated.alive.iter().find(|signal| signal.is_flag == is_flag).map(|signal| signal.number);
@@ -119,15 +119,15 @@ impl ChannelFile {
             alive_flag: signal(true),
             alive_out: signal(false),
             ping: stated.ping.map(|ping| ping.value),
-            received: stated.received.iter().map(Element::of).collect(),
-            sent: stated.sent.iter().map(Element::of).collect(),
+            received: stated.received.iter().map(Element::from_stated).collect(),
+            sent: stated.sent.iter().map(Element::from_stated).collect(),
             unknown,
         }
     }
 }
 
 impl Element {
-    fn of(stated: &StatedElement) -> Self {
+    fn from_stated(stated: &StatedElement) -> Self {
         let signal =
             |is_flag| stated.signals.iter().find(|signal| signal.is_flag == is_flag).map(|signal| signal.number);
         Element {

@@ -15,6 +15,6 @@ pub(crate) fn read(name: &str, text: &str) -> Result<(StatedChannel, Findings), 
     manual::is_classic(&root)?;
     let mut found = Findings::default();
     manual::check(&root, &mut found);
-    let stated = StatedChannel::of(name, &root, &mut found);
+    let stated = StatedChannel::from_xml(name, &root, &mut found);
     Ok((stated, found))
 }

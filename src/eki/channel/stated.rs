@@ -115,7 +115,7 @@ pub(crate) struct StatedRaw {
 
 impl StatedChannel {
     /// Extracts the meaning from the tree of a file with this name, and notes elements without a usable tag.
-    pub(super) fn of(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
+    pub(super) fn from_xml(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
         let internal = |part: &str| first(root, &format!("CONFIGURATION/INTERNAL/{part}"));
         let peer = first(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
         let alive = internal("ALIVE");
@@ -129,8 +129,8 @@ impl StatedChannel {
             peer: peer.and_then(|node| node.text.parse().ok()),
             type_stated: peer.is_some(),
             internal_line: first(root, "CONFIGURATION/INTERNAL").map_or(1, |node| node.line),
-            internal: Address::of(root, "INTERNAL"),
-            external: Address::of(root, "EXTERNAL"),
+            internal: Address::from_xml(root, "INTERNAL"),
+            external: Address::from_xml(root, "EXTERNAL"),
             environment: stated(internal("ENVIRONMENT"), word),
             protocol: stated(internal("PROTOCOL"), word),
             order: internal("BUFFERING").and_then(order),
@@ -171,7 +171,7 @@ impl StatedChannel {
 }
 
 impl Address {
-    fn of(root: &Node, side: &str) -> Address {
+    fn from_xml(root: &Node, side: &str) -> Address {
         let part = |name: &str| first(root, &format!("CONFIGURATION/{side}/{name}"));
         Address {
             ip: stated(part("IP"), |text| Some(text.to_owned())),

@@ -148,7 +148,7 @@ impl Model {
             wet: vec![[0; BLOCK_PX]; blocks],
             look: vec![[0; BLOCK_PX]; blocks],
             before: vec![[0; BLOCK_PX]; blocks],
-            region: Region::of(&state, columns),
+            region: Region::from_blocks(&state, columns),
             state,
             past: vec![Past::NONE; blocks],
             noise: Noise::new(),
@@ -185,7 +185,7 @@ impl Model {
                 self.state[block][at] = 0;
             }
         }
-        self.region = Region::of(&self.state, self.columns);
+        self.region = Region::from_blocks(&self.state, self.columns);
         self.set_dry_looks();
         self.lamp.and_around(&window, picture);
     }

@@ -21,7 +21,7 @@ pub struct Region {
 
 impl Region {
     /// By the states of the blocks, `columns` of them in a row.
-    pub fn of(kept: &[Block], columns: usize) -> Self {
+    pub fn from_blocks(kept: &[Block], columns: usize) -> Self {
         let count = |block: &Block| block.iter().filter(|state| **state & INSIDE > 0).count() as u32;
         let counts: Vec<u32> = kept.iter().map(count).collect();
         let row = |row: &[u32]| {

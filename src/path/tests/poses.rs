@@ -37,11 +37,15 @@ fn the_tool_stands_on_the_normal_and_turns_gently() {
 fn a_reference_along_the_normal_is_refused() {
     let surface = rectangle(50.0, 50.0);
     let place = Parameter { u: 0.5, v: 0.5 };
-    let refused = panel_from_tool(&surface, place, 0.0, Stance::of(&settings("reference_axis = [0.05, 0, -1]")));
+    let refused =
+        panel_from_tool(&surface, place, 0.0, Stance::from_settings(&settings("reference_axis = [0.05, 0, -1]")));
     assert!(
         matches!(refused, Err(OrientationError::ReferenceAlongNormal { angle }) if (angle.0 - 2.862).abs() < 0.01)
     );
-    assert!(panel_from_tool(&surface, place, 0.0, Stance::of(&settings("reference_axis = [0.2, 0, -1]"))).is_ok());
+    assert!(
+        panel_from_tool(&surface, place, 0.0, Stance::from_settings(&settings("reference_axis = [0.2, 0, -1]")))
+            .is_ok()
+    );
 }
 
 /// From one grid to another the tool flies at 40 mm, on a cylinder as well.
@@ -106,8 +110,9 @@ fn the_disc_lands_and_leaves_while_it_moves() {
 fn lead_and_tilt_lean_the_tool_about_its_point() {
     let surface = rectangle(50.0, 50.0);
     let at = Parameter { u: 0.5, v: 0.5 };
-    let upright = panel_from_tool(&surface, at, 0.0, Stance::of(&settings(""))).expect("a pose");
-    let leaning = panel_from_tool(&surface, at, 0.0, Stance::of(&settings("lead_deg = 5"))).expect("a pose");
+    let upright = panel_from_tool(&surface, at, 0.0, Stance::from_settings(&settings(""))).expect("a pose");
+    let leaning =
+        panel_from_tool(&surface, at, 0.0, Stance::from_settings(&settings("lead_deg = 5"))).expect("a pose");
     assert!(leaning.origin().distance_mm(upright.origin()) < 1e-12);
     assert!(((upright.inverse() * leaning).turn().0 - 5.0).abs() < 1e-9);
     // By hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° turns Z towards X.

@@ -166,7 +166,7 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
     half.truncate(half.len() / 2);
     let executed = dwell::simulate(&fit.surface, &region, &grids, &half, 15.0);
     assert!((0.4..0.7).contains(&executed.share()), "{}", executed.share());
-    let used = disc::DiscUse::of(&plan, &settings, 0.0);
+    let used = disc::DiscUse::compute(&plan, &settings, 0.0);
     assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.asks_for_a_change());
 }
 

@@ -81,7 +81,7 @@ pub struct CornerNames(Vec<CornerName>);
 
 impl CornerNames {
     /// The corner of a taught picture, counted from 0; pictures beyond the list show the last one named.
-    pub fn of(&self, picture: usize) -> CornerName {
+    pub fn for_picture(&self, picture: usize) -> CornerName {
         self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
     }
 

@@ -22,7 +22,7 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
         verdict: Verdict::Invalid,
         reasons: vec![Reason::new("running", "the cycle is not over: this page is not its result")],
     };
-    let times = Times::of(record);
+    let times = Times::from_record(record);
     let mut sections: Vec<Section> = record
         .findings
         .iter()
@@ -58,7 +58,7 @@ enum Times {
 }
 
 impl Times {
-    fn of(record: &CycleRecord) -> Self {
+    fn from_record(record: &CycleRecord) -> Self {
         match record.clocks[0] {
             Some(Clock::Wall) => Times::Wall,
             Some(Clock::Simulated { .. }) => Times::Simulated,

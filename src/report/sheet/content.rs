@@ -52,7 +52,7 @@ fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
 
 impl Sheet {
     /// The page of a cycle.
-    pub fn of(sources: &Sources<'_>) -> Self {
+    pub fn from_sources(sources: &Sources<'_>) -> Self {
         let record = sources.record;
         let failed = Block {
             heading: "Grids on which the film broke".to_owned(),

@@ -56,12 +56,12 @@ impl Faces {
         })
     }
 
-    fn of(&self, bold: bool) -> &Face<'static> {
+    fn face(&self, bold: bool) -> &Face<'static> {
         if bold { &self.bold } else { &self.regular }
     }
 
     fn width(&self, text: &str, (size_pt, bold): (f32, bool)) -> f32 {
-        let face = self.of(bold);
+        let face = self.face(bold);
         let advance = |sign| face.glyph_index(sign).and_then(|glyph| face.glyph_hor_advance(glyph)).unwrap_or(0);
         let units: f32 = text.chars().map(|sign| f32::from(advance(sign))).sum();
         units * size_pt / f32::from(face.units_per_em())

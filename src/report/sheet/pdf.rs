@@ -40,7 +40,7 @@ pub struct PdfError {
 }
 
 impl PdfError {
-    fn of(error: &KrillaError) -> Self {
+    fn from_krilla(error: &KrillaError) -> Self {
         match error {
             KrillaError::Validation(broken) => {
                 PdfError { problem: format!("{} of its rules are broken", broken.len()) }
@@ -101,7 +101,7 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
         let embedded = embedded(file, date).ok_or_else(|| PdfError::new("a kind of file is not known"))?;
         document.embed_file(embedded).ok_or_else(|| PdfError::new("two attached files have one name"))?;
     }
-    document.finish().map_err(|error| PdfError::of(&error))
+    document.finish().map_err(|error| PdfError::from_krilla(&error))
 }
 
 fn embedded(file: &Attached, date: DateTime) -> Option<EmbeddedFile> {

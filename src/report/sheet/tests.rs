@@ -98,7 +98,7 @@ fn sheet(record: &CycleRecord, signatures: &[Signatory]) -> Sheet {
         verified: Some(verified),
     }];
     let recipe = recipe();
-    Sheet::of(&Sources {
+    Sheet::from_sources(&Sources {
         record,
         part: Some(&part),
         recipe: Some(&recipe),

@@ -28,7 +28,7 @@ pub(super) struct AtBounds {
 
 impl AtBounds {
     /// Of a plan's waypoints. A move that is short for the controller is not counted: its highest feed is not the recipe's.
-    pub(super) fn of(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
+    pub(super) fn compute(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
         let moves = moves(all, asked, settings);
         let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
         let share = |is_at: &dyn Fn(f64) -> bool| {
@@ -67,8 +67,8 @@ mod tests {
         let feeds = [30.0, 5.0, 30.0, 60.0, 60.0];
         let at = |index: usize| Waypoint { feed_mm_s: feeds[index], ..waypoint(10.0 * index as f64) };
         let all: Vec<Waypoint> = (0..5).map(at).collect();
-        let found = AtBounds::of(&all, asked, recipe.path());
+        let found = AtBounds::compute(&all, asked, recipe.path());
         assert_eq!(found, AtBounds { lowest: 0.25, highest: 0.5 });
-        assert_eq!(AtBounds::of(&[], asked, recipe.path()), AtBounds::default());
+        assert_eq!(AtBounds::compute(&[], asked, recipe.path()), AtBounds::default());
     }
 }

@@ -129,7 +129,7 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
 /// Without room for the copy nothing is changed.
 #[test]
 fn without_room_for_the_copy_the_tables_stay_as_they_are() {
-    let Some(disk) = super::full::SmallDisk::of(40) else { return };
+    let Some(disk) = super::full::SmallDisk::mount(40) else { return };
     let (folder, mut store) = new_store();
     store.teach(&teaching("wing")).expect("taught");
     drop(store);

@@ -11,7 +11,7 @@ use std::process::Command;
 pub struct SmallDisk(TempDir);
 
 impl SmallDisk {
-    pub fn of(mb: u32) -> Option<Self> {
+    pub fn mount(mb: u32) -> Option<Self> {
         let folder = tempfile::tempdir().expect("a folder");
         let size = format!("size={mb}m");
         let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "none"]).arg(folder.path()).output();
@@ -53,7 +53,7 @@ impl Drop for SmallDisk {
 /// are dropped. A person who starts the program on the full disk is informed what to delete.
 #[test]
 fn the_journal_goes_on_where_the_disk_is_full() {
-    let Some(disk) = SmallDisk::of(140) else { return };
+    let Some(disk) = SmallDisk::mount(140) else { return };
     let path = disk.0.path().join("store");
     let mut store = Store::create(&path).expect("a new store");
     store.recover().expect("recovers");

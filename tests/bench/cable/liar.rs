@@ -190,7 +190,7 @@ impl Inside {
             Kind::Fragments => {
                 (1..).zip(document).map(|(place, byte)| Piece::Bytes(amount * place, vec![byte])).collect()
             }
-            Kind::Garbage => vec![now(self.draw.of(&GARBAGE).to_vec()), now(document)],
+            Kind::Garbage => vec![now(self.draw.choose(&GARBAGE).to_vec()), now(document)],
             Kind::Close | Kind::Refuse | Kind::OldBytes => {
                 self.count -= 1;
                 vec![now(document)]

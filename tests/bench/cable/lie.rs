@@ -172,9 +172,9 @@ const REAL: [Change; 8] = [
 fn change(field: &str, draw: &mut Draw) -> Change {
     match field {
         "Flags" | "In" | "Out" if !draw.one_in(4) => Change::Turn(draw.below(8) as u32),
-        "R1" | "R2" => draw.of(&REAL),
-        _ if field.contains('/') => draw.of(&REAL),
-        _ => draw.of(&WHOLE),
+        "R1" | "R2" => draw.choose(&REAL),
+        _ if field.contains('/') => draw.choose(&REAL),
+        _ => draw.choose(&WHOLE),
     }
 }
 
@@ -192,9 +192,9 @@ impl Scenario {
             (Moment::Connect | Moment::Idle | Moment::Clear, _) | (_, false) => None,
             (_, true) => Some(draw.between(20, lie.lasts_ms.clamp(100, 900))),
         };
-        let press = press.map(|after_ms| (draw.of(&["stop", "abort"]), after_ms));
+        let press = press.map(|after_ms| (draw.choose(&["stop", "abort"]), after_ms));
         lie.of_orders = kind == Kind::RequestField && (press.is_some() || moment == Moment::Clear);
-        let amid = draw.of(&[Moment::Contact, Moment::Film, Moment::Free]);
+        let amid = draw.choose(&[Moment::Contact, Moment::Film, Moment::Free]);
         let after_ms = draw.between(0, if moment == Moment::Retract { 150 } else { 700 });
         Scenario { number, lie, moment, amid, after_ms, press, draw }
     }
@@ -217,34 +217,34 @@ impl Lie {
             Kind::AckUnsent => (Way::Acknowledgements, &["Rx", "Done"][..]),
             Kind::CommandField => (Way::Commands, &COMMAND_FIELDS[..]),
             Kind::RequestField => (Way::Requests, &REQUEST_FIELDS[..]),
-            _ => (draw.of(ways), &STATE_FIELDS[..]),
+            _ => (draw.choose(ways), &STATE_FIELDS[..]),
         };
-        let field = draw.of(fields);
+        let field = draw.choose(fields);
         let change = match kind {
-            Kind::AckUnsent => Change::Add(draw.of(&[1.0, 5.0, 60.0, 1_000.0])),
+            Kind::AckUnsent => Change::Add(draw.choose(&[1.0, 5.0, 60.0, 1_000.0])),
             _ => change(field, draw),
         };
         let amount_ms = match kind {
-            Kind::Delay => draw.of(&[20, 90, 180, 300, 450, 800]),
-            Kind::Jitter => draw.of(&[40, 150, 390, 600]),
-            Kind::Fragments => draw.of(&[0, 0, 1]),
+            Kind::Delay => draw.choose(&[20, 90, 180, 300, 450, 800]),
+            Kind::Jitter => draw.choose(&[40, 150, 390, 600]),
+            Kind::Fragments => draw.choose(&[0, 0, 1]),
             _ => draw.between(0, 400),
         };
         let times = match kind {
             Kind::Loss => draw.between(1, 4),
-            Kind::StateField | Kind::AckField => draw.of(&[1, 1, 3, u64::MAX]),
+            Kind::StateField | Kind::AckField => draw.choose(&[1, 1, 3, u64::MAX]),
             Kind::CommandField | Kind::RequestField | Kind::AckUnsent => 1,
-            Kind::Duplicate | Kind::Reorder | Kind::Damage | Kind::OldState => draw.of(&[1, 1, 3]),
+            Kind::Duplicate | Kind::Reorder | Kind::Damage | Kind::OldState => draw.choose(&[1, 1, 3]),
             Kind::Cut | Kind::Garbage => 1,
             _ => u64::MAX,
         };
         let lasts_ms = match kind {
-            Kind::Stall | Kind::BlackHole => draw.of(&[150, 300, 390, 500, 1_000, 2_500]),
-            Kind::Refuse => draw.of(&[300, 1_500, 4_000]),
-            Kind::Frozen | Kind::Clock => draw.of(&[250, 600, 1_500, 4_000]),
+            Kind::Stall | Kind::BlackHole => draw.choose(&[150, 300, 390, 500, 1_000, 2_500]),
+            Kind::Refuse => draw.choose(&[300, 1_500, 4_000]),
+            Kind::Frozen | Kind::Clock => draw.choose(&[250, 600, 1_500, 4_000]),
             // Until it has been sent this number of times.
             _ if times < u64::MAX => 5_000,
-            _ => draw.of(&[1_000, 2_000, 3_000]),
+            _ => draw.choose(&[1_000, 2_000, 3_000]),
         };
         let (both, counts_go_on) = (draw.one_in(2), draw.one_in(2));
         Lie { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on, of_orders: false }

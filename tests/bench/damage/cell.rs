@@ -136,7 +136,7 @@ impl Held {
             base_from_camera: self.cell.calibrated_base_from_camera(),
             range: panelprep::locate::RangeErrors::default(),
         };
-        let model = TaughtModel::of(&self.panel, view.range);
+        let model = TaughtModel::from_panel(&self.panel, view.range);
         let located = locate((&self.panel, &model), view, &self.recipe);
         let accepted = located.judgement.verdict == Verdict::Accept;
         Some(located.fit.filter(|_| accepted).map(|fit| fit.base_from_panel))

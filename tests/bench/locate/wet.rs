@@ -76,7 +76,8 @@ fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
         let picture = cell.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
         let px_per_mm = cell.flange_camera().px_per_mm_at(235.0).0;
         let settings = recipe.corner();
-        let found = corner::find(&picture, settings, settings.which().of(index), px_per_mm).expect("a corner");
+        let found =
+            corner::find(&picture, settings, settings.which().for_picture(index), px_per_mm).expect("a corner");
         let base_from_camera = view.base_from_flange * cell.calibrated_flange_from_camera();
         let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
         let teaching = CornerTeaching { reference_px: found.corner_px, panel_from_camera };
@@ -105,7 +106,8 @@ fn look(
             };
             let settings = recipe.corner();
             let px_per_mm = cell.flange_camera().px_per_mm_at(235.0).0;
-            let found = corner::find(&picture.to_gray(), settings, settings.which().of(corner.which), px_per_mm);
+            let found =
+                corner::find(&picture.to_gray(), settings, settings.which().for_picture(corner.which), px_per_mm);
             let base_from_camera = corner.base_from_flange * cell.calibrated_flange_from_camera();
             (base_from_camera, found.expect("a corner").corner_px)
         })

@@ -16,7 +16,7 @@ pub struct Sample {
 
 impl Sample {
     /// The sample of the process with this id; `None` if the process has ended.
-    pub fn of(id: u32) -> Option<Self> {
+    pub fn read(id: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{id}/status")).ok()?;
         let value = |name: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
@@ -52,7 +52,7 @@ impl Period {
     ];
 
     /// `None` without a sample.
-    pub fn of(end: Duration, samples: &[Sample]) -> Option<Self> {
+    pub fn from_samples(end: Duration, samples: &[Sample]) -> Option<Self> {
         let first = *samples.first()?;
         let by = |pick: fn(f64, f64) -> f64| {
             samples.iter().fold(first, |found, sample| Sample {
@@ -95,7 +95,7 @@ pub struct Growth {
 
 impl Growth {
     /// `None` for fewer than three periods.
-    pub fn of(periods: &[Period], value: fn(&Sample) -> f64) -> Option<Self> {
+    pub fn fit(periods: &[Period], value: fn(&Sample) -> f64) -> Option<Self> {
         let count = periods.len() as f64;
         if periods.len() < 3 {
             return None;

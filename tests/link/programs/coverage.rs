@@ -20,7 +20,7 @@ const UNREACHABLE: [(&str, &str, &str); 2] = [
 
 impl Coverage {
     /// What this controller has executed.
-    pub fn of(controller: &Controller) -> Self {
+    pub fn from_controller(controller: &Controller) -> Self {
         let hits = controller.statement_hits().iter().map(|&hits| u64::from(hits)).collect();
         Coverage { hits, branches: controller.branches().to_vec() }
     }

@@ -81,7 +81,7 @@ pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, Str
     let walked = seeds.into_par_iter().map(|seed| {
         let (cell, found) = walk(seed, programs, meaning(seed & mask));
         let wrong: Vec<(u64, String)> = found.err().map(|violation| (seed, violation)).into_iter().collect();
-        (wrong, Coverage::of(&cell.controller))
+        (wrong, Coverage::from_controller(&cell.controller))
     });
     let none = || (Vec::new(), Coverage::default());
     let (mut found, covered) = walked.reduce(none, |(mut wrong, covered), (more, other)| {

@@ -40,7 +40,7 @@ pub(super) fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe)
             panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
         let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
         let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
-        let found = crate::locate::corner::find(&picture, settings, settings.which().of(index), px_per_mm);
+        let found = crate::locate::corner::find(&picture, settings, settings.which().for_picture(index), px_per_mm);
         let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
         panel.corner(teaching, camera).expect("on the panel")
     };
