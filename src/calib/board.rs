@@ -78,7 +78,7 @@ impl Board {
         match parts.as_slice() {
             [kind @ ("circles" | "acircles"), size, _] => {
                 let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
-                Self::of(columns, rows, square_mm, Pattern::Circles { asymmetric: *kind == "acircles" })
+                Self::new(columns, rows, square_mm, Pattern::Circles { asymmetric: *kind == "acircles" })
             }
             ["charuco", size, marker, dictionary] => {
                 Self::charuco(sides(size).ok_or_else(|| wrong(shape()))?, square_mm, marker, dictionary, false)
@@ -88,7 +88,7 @@ impl Board {
             }
             [size] => {
                 let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
-                Self::of(columns, rows, square_mm, Pattern::Chessboard)
+                Self::new(columns, rows, square_mm, Pattern::Chessboard)
             }
             _ => Err(shape()),
         }
@@ -116,7 +116,7 @@ impl Board {
         };
         let charuco = Charuco { marker_mm, dictionary: dictionary.clone(), legacy };
         let board =
-            Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
+            Self::new(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
         let needed = columns * rows / 2;
         if needed > held {
             return Err(format!("{columns}×{rows} squares hold {needed} markers, {dictionary} has {held}"));
@@ -124,7 +124,7 @@ impl Board {
         Ok(board)
     }
 
-    fn of(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
+    fn new(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
         if !INNER.contains(&columns) || !INNER.contains(&rows) {
             return Err(format!("{columns}×{rows} inner corners; allowed is 3 to 60 each way"));
         }
