@@ -19,7 +19,7 @@ pub struct TrustError {
 }
 
 impl TrustError {
-    fn of(path: &Path, problem: impl ToString) -> Self {
+    fn new(path: &Path, problem: impl ToString) -> Self {
         TrustError { path: path.to_owned(), problem: problem.to_string() }
     }
 }
@@ -29,11 +29,11 @@ impl TrustError {
 /// # Errors
 /// If the file cannot be read, or its first line is empty.
 pub fn secret(file: &Path) -> Result<String, TrustError> {
-    let bytes = disk::read(file).map_err(|error| TrustError::of(file, error))?;
-    let text = String::from_utf8(bytes).map_err(|_| TrustError::of(file, "it is no UTF-8 text"))?;
+    let bytes = disk::read(file).map_err(|error| TrustError::new(file, error))?;
+    let text = String::from_utf8(bytes).map_err(|_| TrustError::new(file, "it is no UTF-8 text"))?;
     match text.lines().next().map(str::trim_end).filter(|line| !line.is_empty()) {
         Some(secret) => Ok(secret.to_owned()),
-        None => Err(TrustError::of(file, "its first line is empty; write the password or token there")),
+        None => Err(TrustError::new(file, "its first line is empty; write the password or token there")),
     }
 }
 
@@ -45,28 +45,28 @@ pub fn secret(file: &Path) -> Result<String, TrustError> {
 pub fn client_config(authorities: &Path, own: Option<&[PathBuf; 2]>) -> Result<ClientConfig, TrustError> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(authorities)? {
-        roots.add(certificate).map_err(|error| TrustError::of(authorities, error))?;
+        roots.add(certificate).map_err(|error| TrustError::new(authorities, error))?;
     }
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let builder = ClientConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
-        .map_err(|error| TrustError::of(authorities, error))?
+        .map_err(|error| TrustError::new(authorities, error))?
         .with_root_certificates(roots);
     let Some([file, key_file]) = own else { return Ok(builder.with_no_client_auth()) };
     let chain = certificates(file)?;
-    let key = disk::read(key_file).map_err(|error| TrustError::of(key_file, error))?;
+    let key = disk::read(key_file).map_err(|error| TrustError::new(key_file, error))?;
     let key = PrivateKeyDer::from_pem_slice(&key)
-        .map_err(|error| TrustError::of(key_file, format!("it is no PEM private key: {error}")))?;
-    let failed = |error| TrustError::of(file, format!("it cannot be shown with this key: {error}"));
+        .map_err(|error| TrustError::new(key_file, format!("it is no PEM private key: {error}")))?;
+    let failed = |error| TrustError::new(file, format!("it cannot be shown with this key: {error}"));
     builder.with_client_auth_cert(chain, key).map_err(failed)
 }
 
 fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, TrustError> {
-    let bytes = disk::read(file).map_err(|error| TrustError::of(file, error))?;
+    let bytes = disk::read(file).map_err(|error| TrustError::new(file, error))?;
     let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(&bytes).collect();
-    let all = read.map_err(|error| TrustError::of(file, format!("it is no PEM certificate: {error}")))?;
+    let all = read.map_err(|error| TrustError::new(file, format!("it is no PEM certificate: {error}")))?;
     if all.is_empty() {
-        return Err(TrustError::of(file, "it holds no PEM certificate"));
+        return Err(TrustError::new(file, "it holds no PEM certificate"));
     }
     Ok(all)
 }

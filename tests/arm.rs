@@ -90,7 +90,8 @@ fn pictures<A: Side>(
         std::fs::write(folder.join(name).join(format!("{:02}.png", shot.index)), png).expect("written");
     });
     std::fs::write(folder.join(name).join("poses.toml"), poses).expect("written");
-    std::fs::write(folder.join(format!("{name}.toml")), Intrinsics::of(camera).to_toml()).expect("written");
+    std::fs::write(folder.join(format!("{name}.toml")), Intrinsics::from_camera(camera).to_toml())
+        .expect("written");
 }
 
 /// Touches of corners of the fixed board, with the tool turned differently, by the real arm.

@@ -129,7 +129,7 @@ async fn insert_files(transaction: &Transaction<'_>, message: &Message) -> Resul
 /// Writes the rows that pages read.
 async fn derive(transaction: &Transaction<'_>, (message, hash): (&Message, &str)) -> Result<(), ArchiveError> {
     let cell = message.cell.as_str();
-    match Rows::of(message) {
+    match Rows::from_message(message) {
         Ok(Rows::Cycle(end)) => cycle(transaction, cell, &end).await,
         Ok(Rows::Verification(seen)) => verification(transaction, cell, &seen).await,
         Ok(Rows::Signature(rows)) => signature(transaction, (message, hash), &rows).await,

@@ -37,7 +37,7 @@ pub(super) struct Quantities {
 
 impl Rows {
     /// Reads the rows of a message; its content was read once before.
-    pub fn of(message: &Message) -> Result<Self, String> {
+    pub fn from_message(message: &Message) -> Result<Self, String> {
         let wrong = |error: serde_json::Error| error.to_string();
         match &message.envelope.body {
             Body::Cycle(content) => serde_json::from_slice(content).map(Rows::Cycle).map_err(wrong),

@@ -122,7 +122,7 @@ pub(super) fn adjust<A: Arrangement>(
             let chain = Chain::new::<A>(&state.mount, &state.board, &station.base_from_flange, deviation);
             grams.push(chain.gram(camera, &station.seen).ok_or_else(|| unsettled.clone())?);
         }
-        let step = Step::of(&grams, &state.deviations, &noise).ok_or_else(|| unsettled.clone())?;
+        let step = Step::solve(&grams, &state.deviations, &noise).ok_or_else(|| unsettled.clone())?;
         let moved = step.apply(&grams, &mut state);
         let estimated = if given.is_some() { noise } else { step.noise(&grams, &state.deviations, &noise) };
         let steady = |old: f64, new: f64| (new / old - 1.0).abs() < 2e-3;
@@ -160,7 +160,7 @@ struct Step {
 }
 
 impl Step {
-    fn of(grams: &[Gram], deviations: &[Isometry3<f64>], noise: &Noise) -> Option<Self> {
+    fn solve(grams: &[Gram], deviations: &[Isometry3<f64>], noise: &Noise) -> Option<Self> {
         let prior = prior(noise);
         let (mut normal, mut gradient) = (Both::zeros(), SVector::<f64, 12>::zeros());
         let (mut flange_inverse, mut flange_gradient) = (Vec::new(), Vec::new());

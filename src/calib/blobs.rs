@@ -68,7 +68,7 @@ struct Integral {
 }
 
 impl Integral {
-    fn of(width: usize, height: usize, value: impl Fn(usize) -> u64) -> Self {
+    fn new(width: usize, height: usize, value: impl Fn(usize) -> u64) -> Self {
         let mut sums = vec![0u64; (width + 1) * (height + 1)];
         for row in 0..height {
             let mut line = 0u64;
@@ -98,16 +98,16 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    pub fn of(picture: &GrayPicture) -> Self {
+    pub fn from_picture(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
         let gray = |index: usize| u64::from(picture.gray[index]);
-        let glare = Integral::of(width, height, |index| u64::from(picture.gray[index] >= GLARE));
+        let glare = Integral::new(width, height, |index| u64::from(picture.gray[index] >= GLARE));
         let rim_px = width.max(height) / RIM_PARTS;
-        let without = Integral::of(width, height, |index| {
+        let without = Integral::new(width, height, |index| {
             let (near, _) = glare.around(index % width, index / width, rim_px);
             if near == 0 { gray(index) + COUNT } else { 0 }
         });
-        Sums { without, all: Integral::of(width, height, gray) }
+        Sums { without, all: Integral::new(width, height, gray) }
     }
 
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
@@ -168,11 +168,11 @@ mod tests {
                 *gray = 40;
             }
         }
-        let found = blobs(&picture, &Sums::of(&picture), 20, false).expect("a picture");
+        let found = blobs(&picture, &Sums::from_picture(&picture), 20, false).expect("a picture");
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].middle.distance_px(Pixel::at(30.25, 30.0)) < 0.15, "{found:?}");
         assert!(
-            blobs(&picture, &Sums::of(&picture), 20, true)
+            blobs(&picture, &Sums::from_picture(&picture), 20, true)
                 .expect("a picture")
                 .iter()
                 .all(|blob| blob.middle.distance_px(Pixel::at(70.0, 30.0)) < 1.0)

@@ -79,7 +79,7 @@ impl Board {
         match parts.as_slice() {
             [kind @ ("circles" | "acircles"), size, _] => {
                 let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
-                Self::of(columns, rows, square_mm, Pattern::Circles { asymmetric: *kind == "acircles" })
+                Self::new(columns, rows, square_mm, Pattern::Circles { asymmetric: *kind == "acircles" })
             }
             ["charuco", size, marker, dictionary] => {
                 Self::charuco(sides(size).ok_or_else(|| wrong(shape()))?, square_mm, marker, dictionary, false)
@@ -89,7 +89,7 @@ impl Board {
             }
             [size] => {
                 let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
-                Self::of(columns, rows, square_mm, Pattern::Chessboard)
+                Self::new(columns, rows, square_mm, Pattern::Chessboard)
             }
             _ => Err(shape()),
         }
@@ -120,7 +120,7 @@ impl Board {
         };
         let charuco = Charuco { marker_mm, dictionary: dictionary.clone(), legacy };
         let board =
-            Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
+            Self::new(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
         let needed = columns * rows / 2;
         if needed > held {
             return Err(format!("{columns}×{rows} squares need {needed} markers, {dictionary} has only {held}"));
@@ -128,7 +128,7 @@ impl Board {
         Ok(board)
     }
 
-    fn of(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
+    fn new(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
         if !INNER.contains(&columns) || !INNER.contains(&rows) {
             return Err(format!("{columns}×{rows} inner corners; the limits are 3 to 60 in each direction"));
         }

@@ -130,8 +130,9 @@ fn found(
     let seen =
         of_one_plane(found.iter().map(|(number, corners)| (squares[*number], *corners)).collect(), board, charuco);
     let cells = marker_cells(board)?;
-    let print = Print::of(board, &cells);
-    let search = Search { picture, board, print: &print, smooth: &Smooth::of(picture), noise: noise(picture) };
+    let print = Print::from_board(board, &cells);
+    let search =
+        Search { picture, board, print: &print, smooth: &Smooth::from_picture(picture), noise: noise(picture) };
     let (places, pixels) = placed(board, charuco, &seen);
     let mut best = search.grown(places.into_iter().zip(pixels).collect());
     let cells: Cells = squares.into_iter().zip(cells).collect();

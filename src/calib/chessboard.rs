@@ -122,7 +122,7 @@ pub(super) fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, Ima
     let small = small.as_ref().unwrap_or(picture);
     let (across, down) = (picture.width as f64 / small.width as f64, picture.height as f64 / small.height as f64);
     let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-    let smooth = Smooth::of(small);
+    let smooth = Smooth::from_picture(small);
     let all = crossings(&smooth);
     let found = lattices(&smooth, &all);
     // An outer line of which half is missing may be hidden, or be something beside the board.
@@ -131,7 +131,7 @@ pub(super) fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, Ima
         all.dedup_by_key(|lattice| lattice.len());
         all
     });
-    let scaled = grids.filter_map(|lattice| Grid::of(&lattice, &all)).map(|mut grid| {
+    let scaled = grids.filter_map(|lattice| Grid::from_lattice(&lattice, &all)).map(|mut grid| {
         grid.nodes.iter_mut().for_each(|node| node.pixel = whole(node.pixel));
         grid
     });
@@ -149,7 +149,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Completes a lattice with its missing corners; `None` if it determines no plane.
-    fn of(lattice: &Lattice, crossings: &[Crossing]) -> Option<Self> {
+    fn from_lattice(lattice: &Lattice, crossings: &[Crossing]) -> Option<Self> {
         let [(left, right), (low, high)] = extent(lattice);
         let (columns, rows) = ((right - left + 1) as usize, (high - low + 1) as usize);
         if columns < 2 || rows < 2 || columns * rows > 2 * lattice.len() {

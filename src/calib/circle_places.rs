@@ -48,7 +48,7 @@ impl ByPrint<'_> {
             for ((q, _), placed) in all.iter().zip(&mut placed).filter(|(_, placed)| placed.is_none()) {
                 let found = print.matched(small, &view(&surface, *q, blur_px), noise);
                 let Some(found) = found.filter(|found| self.sign * found.contrast > 0.0) else { continue };
-                let own = CornerEstimate::of(&found, noise);
+                let own = CornerEstimate::from_match(&found, noise);
                 let deviation_px = own.deviation_px * self.times as f64;
                 let own = CornerEstimate { at: self.whole(own.at, small), deviation_px, ..own };
                 // A first surface is no better than the circles' middles, of which a glare moves some.

@@ -55,11 +55,11 @@ pub(super) fn detect(
     let mut all: Vec<(Numbered, bool)> = Vec::new();
     'looks: for &times in sizes {
         let small = if times == 1 { picture.clone() } else { foreign::reduced(picture, times)? };
-        let small = Smooth::of(&small).picture();
+        let small = Smooth::from_picture(&small).picture();
         let across = picture.width as f64 / small.width as f64;
         let down = picture.height as f64 / small.height as f64;
         let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-        let sums = Sums::of(&small);
+        let sums = Sums::from_picture(&small);
         for lighter in [false, true] {
             let mut together: Vec<Blob> = Vec::new();
             for parts in REACHES.map(Some).into_iter().chain([None]) {

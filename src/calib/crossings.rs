@@ -51,7 +51,7 @@ const MOST: usize = 6000;
 const APART_PX: usize = 3;
 
 impl Smooth {
-    pub fn of(picture: &GrayPicture) -> Self {
+    pub fn from_picture(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
         let blur = |left: f32, near: f32, middle: f32, far: f32, right: f32| {
             (left + right + 4.0 * (near + far) + 6.0 * middle) / 16.0
@@ -260,7 +260,7 @@ mod tests {
             let pattern = if u < 80.0 { 4.0 * side(10.0) * side(70.0) } else { if u < 100.0 { -1.0 } else { 1.0 } };
             *gray = (120.0 + 60.0 * pattern) as u8;
         }
-        let smooth = Smooth::of(&picture);
+        let smooth = Smooth::from_picture(&picture);
         let near: Vec<Crossing> = crossings(&smooth).into_iter().filter(|found| found.at.x < 70.0).collect();
         assert_eq!(near.len(), 1, "{near:?}");
         assert!((near[0].at - Vector2::new(40.3, 30.6)).norm() < 0.3, "{near:?}");

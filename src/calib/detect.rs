@@ -44,7 +44,7 @@ pub fn detect(
     let corners: Corners = all.iter().map(|(q, node)| (*q, node.pixel)).collect();
     let found = placing::refined(picture, &corners, board.square_mm(), None)?;
     let is_seen: Vec<bool> = rough.iter().map(|node| node.is_seen).collect();
-    let found = placing::modelled(picture, board, found, &is_seen, &Print::of(board, &[]));
+    let found = placing::modelled(picture, board, found, &is_seen, &Print::from_board(board, &[]));
     // A board of which most corners cannot be placed is in the picture, and of no use.
     if 2 * found.corners.len() < board.count() {
         return Err(CalibError::NoBoard { picture: picture_name, columns, rows });

@@ -55,7 +55,7 @@ pub struct Demands {
 
 impl Demands {
     /// As the cell's file states them.
-    pub fn of(limits: &Limits) -> Self {
+    pub fn from_limits(limits: &Limits) -> Self {
         Demands { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
     }
 }

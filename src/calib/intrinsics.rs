@@ -190,7 +190,7 @@ fn judged(
     let grams: Vec<LensGram> = corners
         .iter()
         .zip(&found.poses)
-        .map(|(corners, pose)| LensGram::of(&found.camera, corners, pose))
+        .map(|(corners, pose)| LensGram::compute(&found.camera, corners, pose))
         .collect::<Option<_>>()
         .ok_or_else(|| unsettled.clone())?;
     let poses = 6.0 * corners.len() as f64;

@@ -38,7 +38,7 @@ const LEAST_CORNERS: usize = 6;
 
 /// All lattices of a picture, the largest first.
 pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice> {
-    let mut field = Field::of(picture, crossings);
+    let mut field = Field::new(picture, crossings);
     let mut used = vec![false; crossings.len()];
     let mut all: Vec<Lattice> = Vec::new();
     for seed in 0..crossings.len() {
@@ -100,7 +100,7 @@ const CELL_PX: f64 = 24.0;
 type Axes = [Vector2<f64>; 2];
 
 impl<'a> Field<'a> {
-    fn of(picture: &'a Smooth, crossings: &'a [Crossing]) -> Self {
+    fn new(picture: &'a Smooth, crossings: &'a [Crossing]) -> Self {
         let across = (picture.width as f64 / CELL_PX) as usize + 1;
         let down = (picture.height as f64 / CELL_PX) as usize + 1;
         let mut cells = vec![Vec::new(); across * down];

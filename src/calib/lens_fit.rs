@@ -43,7 +43,7 @@ const RATIO: f64 = 0.02;
 
 /// Fits from a start; `None` if the corners determine no lens.
 pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Option<LensFit> {
-    let mut here = State::of(restricted(model, &start.camera), start.poses, views)?;
+    let mut here = State::new(restricted(model, &start.camera), start.poses, views)?;
     let mut damping = 1e-4;
     for _ in 0..MAX_STEPS {
         let Some((next, foretold)) = here.step(model, damping, views) else {
@@ -76,11 +76,11 @@ pub(super) fn place(
     start: Rigid<Camera, Board>,
 ) -> Option<(Rigid<Camera, Board>, f64)> {
     let mut pose = start;
-    let mut gram = LensGram::of(camera, corners, &pose)?;
+    let mut gram = LensGram::compute(camera, corners, &pose)?;
     for _ in 0..MAX_STEPS {
         let step = scaled_inverse(&gram.pose)? * gram.pose_pull;
         let next = moved(&pose, &step);
-        let there = LensGram::of(camera, corners, &next)?;
+        let there = LensGram::compute(camera, corners, &next)?;
         if there.square > gram.square * (1.0 - SETTLED) {
             break;
         }
@@ -146,12 +146,12 @@ struct State {
 
 impl State {
     /// Returns `None` if the lens folds or a corner lies behind the camera.
-    fn of(camera: PinholeCamera, poses: Vec<Rigid<Camera, Board>>, views: &[&Corners]) -> Option<Self> {
+    fn new(camera: PinholeCamera, poses: Vec<Rigid<Camera, Board>>, views: &[&Corners]) -> Option<Self> {
         let radius = undistorted_radius(&camera)?;
         let grams: Vec<LensGram> = views
             .iter()
             .zip(&poses)
-            .map(|(corners, pose)| LensGram::of(&camera, corners, pose))
+            .map(|(corners, pose)| LensGram::compute(&camera, corners, pose))
             .collect::<Option<_>>()?;
         let square: f64 = grams.iter().map(|gram| gram.square).sum();
         let barrier: f64 = barrier(&camera, radius).map(|(slope, _)| slope.ln()).sum();
@@ -195,7 +195,7 @@ impl State {
         let next = self.poses.iter().zip(&self.grams).zip(&poses).map(|((pose, gram), inverse)| {
             moved(pose, &(inverse * (gram.pose_pull - gram.cross.transpose() * lens)))
         });
-        Some((State::of(camera, next.collect(), views)?, lens.dot(&pull)))
+        Some((State::new(camera, next.collect(), views)?, lens.dot(&pull)))
     }
 
     fn done(self) -> LensFit {

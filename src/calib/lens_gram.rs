@@ -27,7 +27,11 @@ pub(super) struct LensGram {
 
 impl LensGram {
     /// Returns the part of a picture; `None` if a corner lies behind the camera.
-    pub fn of(camera: &PinholeCamera, corners: &Corners, camera_from_board: &Rigid<Camera, Board>) -> Option<Self> {
+    pub fn compute(
+        camera: &PinholeCamera,
+        corners: &Corners,
+        camera_from_board: &Rigid<Camera, Board>,
+    ) -> Option<Self> {
         let turn = camera_from_board.rotation().into_inner();
         let mut gram = LensGram {
             lens: LensCovariance::zeros(),

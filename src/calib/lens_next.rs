@@ -109,7 +109,7 @@ fn sighted(
 ) -> Option<LensGram> {
     let corners: Corners =
         board.corners().into_iter().map(|q| Some((q, camera.project_inside(*pose * q)?))).collect::<Option<_>>()?;
-    LensGram::of(camera, &corners, pose)
+    LensGram::compute(camera, &corners, pose)
 }
 
 /// Sum of the variances of pixels all over the picture.

@@ -62,7 +62,7 @@ pub(super) fn modelled(
     print: &Print,
 ) -> Detected {
     let window_px = found.half_window_px;
-    let model = Model::of(picture, &found.corners, board.square_mm());
+    let model = Model::new(picture, &found.corners, board.square_mm());
     let mut placed: Vec<Option<CornerEstimate>> =
         found.corners.iter().map(|(q, pixel)| model.place(*q, *pixel, window_px)).collect();
     let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
@@ -101,7 +101,7 @@ pub(super) fn modelled(
                 let by_print = print.matched(picture, &surface.view(*q, reach_mm, blur_px), model.noise);
                 let by_print = by_print
                     .filter(|found| found.contrast > 0.0)
-                    .map(|found| CornerEstimate::of(&found, model.noise));
+                    .map(|found| CornerEstimate::from_match(&found, model.noise));
                 let better =
                     |own: &CornerEstimate| placed.is_none_or(|placed| own.deviation_px < placed.deviation_px);
                 *placed = by_print.filter(is_near).filter(better).or(*placed);
@@ -145,8 +145,8 @@ struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    fn of(picture: &'a GrayPicture, corners: &Corners, square_mm: f64) -> Self {
-        Model { picture, noise: noise(picture), neighbours: Neighbours::of(corners, square_mm) }
+    fn new(picture: &'a GrayPicture, corners: &Corners, square_mm: f64) -> Self {
+        Model { picture, noise: noise(picture), neighbours: Neighbours::from_corners(corners, square_mm) }
     }
 
     /// Returns the model's position of a corner, from a start; `None` if the model does not fit.
@@ -170,7 +170,7 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    fn of(corners: &Corners, square_mm: f64) -> Self {
+    fn from_corners(corners: &Corners, square_mm: f64) -> Self {
         let mut all = Neighbours { square_mm, pixels: BTreeMap::new() };
         for (q, pixel) in corners {
             all.pixels.insert(all.key(q.mm), Vector2::new(pixel.u, pixel.v));
@@ -190,7 +190,7 @@ impl Neighbours {
 
 /// The shortest distance between neighbours, px.
 pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
-    let by_place = Neighbours::of(corners, square_mm);
+    let by_place = Neighbours::from_corners(corners, square_mm);
     let next = |q: &Point<BoardFrame>, pixel: &Pixel, step: Vector3<f64>| {
         let there = by_place.at(q.mm + step * square_mm)?;
         Some((there - Vector2::new(pixel.u, pixel.v)).norm())

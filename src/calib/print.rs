@@ -81,7 +81,7 @@ const MOST_LEFT: f64 = 0.2;
 
 impl Print {
     /// Of a chessboard, or a board with markers.
-    pub fn of(board: &Board, cells: &[Vec<bool>]) -> Self {
+    pub fn from_board(board: &Board, cells: &[Vec<bool>]) -> Self {
         let (columns, rows) = (board.columns() + 1, board.rows() + 1);
         let kind = match board.markers() {
             None => Kind::Squares,

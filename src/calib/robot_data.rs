@@ -82,7 +82,7 @@ pub(super) fn information(
     camera_from_board: &Rigid<Camera, Board>,
     rms_px: f64,
 ) -> Option<Matrix6<f64>> {
-    let gram = LensGram::of(camera, corners, camera_from_board)?;
+    let gram = LensGram::compute(camera, corners, camera_from_board)?;
     let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(LEAST_PX).powi(2);
     let far_mm = camera_from_board.origin().mm.coords.norm();
     let (turn, shift) = (REPEAT_RAD.powi(2), REPEAT_MM.powi(2) + (far_mm * REPEAT_RAD).powi(2));

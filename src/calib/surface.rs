@@ -56,7 +56,7 @@ pub(super) struct CornerEstimate {
 
 impl CornerEstimate {
     /// By the print, in a picture with this much noise.
-    pub fn of(found: &Matched, noise: f64) -> Self {
+    pub fn from_match(found: &Matched, noise: f64) -> Self {
         let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
         CornerEstimate {
             at: found.at,

@@ -74,7 +74,7 @@ const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 
 impl Intrinsics {
     /// A camera of which nothing else is known.
-    pub fn of(camera: PinholeCamera) -> Self {
+    pub fn from_camera(camera: PinholeCamera) -> Self {
         Intrinsics {
             camera,
             covariance: None,
@@ -117,7 +117,7 @@ impl Intrinsics {
             let [u, v] = [corner.u, corner.v];
             return Err(wrong(format!("the distortion gives pixel ({u}, {v}) no ray; is it this camera's?")));
         }
-        Ok(Intrinsics::of(camera))
+        Ok(Intrinsics::from_camera(camera))
     }
 
     /// Checks the text of an intrinsics file: ours, or one as OpenCV, ROS or a Zivid writes it.
@@ -299,7 +299,7 @@ const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
 
 impl<M: Mount> MountedPose<M> {
     /// A pose of which nothing else is known.
-    pub fn of(pose: KukaPose) -> Self {
+    pub fn from_pose(pose: KukaPose) -> Self {
         MountedPose {
             pose,
             date: None,
@@ -346,7 +346,7 @@ impl<M: Mount> MountedPose<M> {
         let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
         let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
         let (board, serial, robot_correction, provenance) = (board?, serial?, robot_correction?, provenance?);
-        let mounted = MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::of(pose) };
+        let mounted = MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::from_pose(pose) };
         Some(MountedPose { board, serial, robot_correction, provenance, ..mounted })
     }
 

@@ -131,7 +131,7 @@ mod tests {
             p2: 0.0,
             k3: 0.0,
         };
-        Intrinsics { errors: Some(errors), ..Intrinsics::of(camera) }
+        Intrinsics { errors: Some(errors), ..Intrinsics::from_camera(camera) }
     }
 
     fn errors(field: Option<DepthField>) -> MeasuredScanner {

@@ -104,7 +104,7 @@ fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
 }
 
 fn ended_in_words(words: &str) -> Outcome {
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
     outcome.words = vec![words.to_owned()];
     outcome
 }
@@ -129,7 +129,7 @@ fn check(args: &CheckArchive) -> Result<Outcome, Fault> {
     let reasons = checked.iter().flat_map(|one| one.found.iter().map(|words| reason(&one.cell, words)));
     let reasons: Vec<Reason> = reasons.collect();
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     if checked.is_empty() {
         outcome.say("the archive has no records yet");
     }

@@ -66,7 +66,7 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
 fn judged(found: &[String], code: &'static str) -> Outcome {
     let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let reasons = found.iter().map(|words| Reason::new(code, words.clone())).collect();
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     outcome.put("ok", json!(found.is_empty()));
     outcome.put("found", json!(found));
     outcome

@@ -73,7 +73,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         }));
     }
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     if texts.iter().any(|(_, decoded)| decoded.is_err()) {
         outcome.exit = 2;
     }

@@ -35,7 +35,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let mut store = files.store_for_writing()?;
     let recovered = store.recover().map_err(Fault::stage)?;
     if !matches!(recovered.at, At::Aborted { .. }) {
-        let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         outcome.say("nothing was aborted in this store; there is nothing to clear");
         outcome.put("state", recovered.at.word().into());
         return Ok(outcome);
@@ -65,7 +65,7 @@ fn outcome(ended: &State, refused: Option<Reason>) -> Outcome {
     let is_clear = at == At::Stopped;
     let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::why(ended)).collect() };
     let verdict = if is_clear { Verdict::Accept } else { Verdict::Aborted };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());
     outcome.words[0] = match is_clear {
         true => "cleared: the robot is stopped, tool and water are off; the next cycle may start".to_owned(),

@@ -136,7 +136,7 @@ fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
 
 /// The outcome of a cycle that did not start.
 pub fn unhealthy(health: &Judgement) -> Outcome {
-    let mut outcome = Outcome::of(health);
+    let mut outcome = Outcome::from_judgement(health);
     outcome.say("the cycle did not start; nothing moved");
     outcome.put("cycle_id", json!(null));
     outcome.put("report", json!(null));
@@ -171,7 +171,7 @@ pub fn one(
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     if let Some(file) = record {
-        let to = recording::of(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
+        let to = recording::plan(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
         recording.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
     // If the recording cannot be opened, the cycle is not begun, so no cycle is left to be concluded.
@@ -230,7 +230,7 @@ impl Ran {
     /// The outcome of the cycle with this verdict.
     pub fn outcome(&self, judgement: Judgement) -> Outcome {
         let (ended, cycle) = (&self.ended, self.kept.record.id);
-        let mut outcome = Outcome::of(&judgement);
+        let mut outcome = Outcome::from_judgement(&judgement);
         outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
         if let Some(why) = &self.refused {
             outcome.say(format!("refused: {}", why.message));

@@ -92,14 +92,14 @@ impl TaughtRecipe {
     /// If the recipe has problems or requests what the cell cannot do, or if its panel was not taught or was taught
     /// with another region.
     pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, Fault> {
-        Self::of(files, recipe_file, disk::read_text(recipe_file)?)
+        Self::from_text(files, recipe_file, disk::read_text(recipe_file)?)
     }
 
     /// The same from the recipe's text.
     ///
     /// # Errors
     /// As [`TaughtRecipe::read`].
-    pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
+    pub fn from_text(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
         let name = recipe_file.display().to_string();
         let recipe = plausible(&name, &recipe_text)?;
         let unfit = unfit(&files.cell, &recipe, &disk::read_named);

@@ -104,7 +104,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let score = ran
         .simulated
         .as_ref()
-        .map(|it| Score::of(&ran.kept.record, &ran.ended.inspections, panel, (it, args.tool_fault)));
+        .map(|it| Score::compute(&ran.kept.record, &ran.ended.inspections, panel, (it, args.tool_fault)));
     let judgement = whole(ran.judgement(), score.as_ref());
     let page = args.out.join("index.html");
     let pictures = args.out.join("pictures");

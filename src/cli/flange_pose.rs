@@ -46,7 +46,7 @@ pub struct FlangePoses<'c> {
 
 impl<'c> FlangePoses<'c> {
     /// Of this cell.
-    pub fn of(files: &'c CellFiles) -> Self {
+    pub fn new(files: &'c CellFiles) -> Self {
         FlangePoses {
             cell: &files.cell,
             arm: Kinematics::new(files.cell.arm()),

@@ -12,7 +12,7 @@ use crate::verdict::{Judgement, Reason};
 /// # Errors
 /// If there is no store.
 pub fn ending(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
-    let (store, demands) = (files.store()?, Demands::of(files.cell.limits()));
+    let (store, demands) = (files.store()?, Demands::from_limits(files.cell.limits()));
     let mut ending = Vec::new();
     for subject in ["scanner", "flange_camera"] {
         let last = store.last_verification(subject).map_err(Fault::stage)?;
@@ -36,7 +36,7 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
         CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
     ];
     let touch = files.last_touch(&files.flange_from_tool()?.text);
-    let start = may_start(&cameras, touch.as_ref(), now_unix_s(), Demands::of(files.cell.limits()));
+    let start = may_start(&cameras, touch.as_ref(), now_unix_s(), Demands::from_limits(files.cell.limits()));
     // A simulated tool is as it is stated.
     let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
     let Some(tool) = tool else { return Ok(start) };

@@ -154,7 +154,7 @@ fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score,
 impl Inspected {
     pub fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
         let inspection = &*self.filmed.inspection;
-        let mut outcome = Outcome::of(&inspection.judgement);
+        let mut outcome = Outcome::from_judgement(&inspection.judgement);
         outcome.put_checks(&inspection.checks);
         let breaks: Vec<_> = inspection
             .breaks

@@ -90,7 +90,7 @@ fn told(keeping: &Keeping, folder: &Path, saved: u32) -> Result<Outcome, Fault> 
         Some(labels) if saved > 0 => format!("saved, breaks: {}", labels.breaks.len()),
         _ => "nothing was saved".to_owned(),
     };
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{}: {words}", file.display())];
     if is_draft {
         outcome.say("unsaved marks are kept, and the same command shows them again");

@@ -43,7 +43,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
 
 /// The outcome of a localization; its verdict came `elapsed_ms` after the scan was in memory.
 fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
-    let mut outcome = Outcome::of(&located.judgement);
+    let mut outcome = Outcome::from_judgement(&located.judgement);
     outcome.put_checks(&located.checks);
     let fit = located.fit.as_ref();
     let pose = fit.map(|fit| KukaPose::from_rigid(&fit.base_from_panel));

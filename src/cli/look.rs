@@ -33,7 +33,7 @@ pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let depths_mm = scan.valid().map(|(_, point)| point.mm.z);
     let (near_mm, far_mm) =
         depths_mm.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
-    let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     outcome.say(format!("{}×{} px; {:.1} % have no 3D point", scan.width(), scan.height(), 100.0 * share));
     if near_mm <= far_mm {
         outcome.say(format!("points from {near_mm:.0} to {far_mm:.0} mm before the camera"));

@@ -21,7 +21,7 @@ pub struct Outcome {
 
 impl Outcome {
     /// Begins with a judgement: `verdict` and `reasons`, and the words for them.
-    pub fn of(judgement: &Judgement) -> Self {
+    pub fn from_judgement(judgement: &Judgement) -> Self {
         let mut json = Map::new();
         json.insert("verdict".to_owned(), json!(judgement.verdict));
         json.insert("reasons".to_owned(), json!(judgement.reasons));

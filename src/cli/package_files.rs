@@ -31,7 +31,7 @@ pub fn run(args: &PackageFiles) -> Result<Outcome, Fault> {
         disk::write(&file, text)?;
         files.push(file);
     }
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
     outcome.words = files.iter().map(|file| file.display().to_string()).collect();
     outcome.put("files", json!(files));
     Ok(outcome)

@@ -21,7 +21,7 @@ pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     let found: Vec<Reason> = kept.missing().map(|words| Reason::new("picture_missing", words)).collect();
     let ok = found.is_empty();
     let verdict = if ok { Verdict::Pass } else { Verdict::Fail };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons: found.clone() });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.clone() });
     // The verdict of this command is not the cycle's.
     outcome.words[0] = match ok {
         true => "the page is whole".to_owned(),

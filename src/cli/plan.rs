@@ -299,7 +299,7 @@ impl Planned {
     }
 
     fn outcome(&self) -> Outcome {
-        let mut outcome = Outcome::of(&self.stage.judgement);
+        let mut outcome = Outcome::from_judgement(&self.stage.judgement);
         outcome.put_checks(&self.stage.checks);
         outcome.words.extend(self.words());
         outcome.say(format!("set base: {}", self.base));

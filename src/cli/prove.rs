@@ -41,7 +41,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let (robot, _) = live::robot_alone(&files.cell)?;
     drop(robot);
     let mut controller = tries::controller(&files.cell)?;
-    let page = |proofs: &[Proof], controller| page::of(proofs, &args.by, (files.cell.robot(), controller));
+    let page = |proofs: &[Proof], controller| page::render(proofs, &args.by, (files.cell.robot(), controller));
     // Done before the first question: no answers are requested that cannot be kept after a day's work at the
     // controller.
     super::disk::write_new(&args.out, page(&[], controller))?;
@@ -55,7 +55,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let mut proofs = Vec::new();
     for assumption in assumptions(INSTALLATION) {
         tell(&format!("{}. {}", assumption.number, assumption.assumed));
-        let proof = match tries::of(assumption.number) {
+        let proof = match tries::for_row(assumption.number) {
             Some(attempt) => {
                 let (finding, evidence) = attempt(&files.cell)?;
                 Proof { assumption, finding, evidence, tried: true }
@@ -71,7 +71,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     controller = controller.and(tries::controller(&files.cell)?);
     super::disk::write(&args.out, page(&proofs, controller))?;
     let is_mock = controller == ControllerKind::Mock;
-    let mut outcome = Outcome::of(&judgement(&proofs, controller != ControllerKind::Real));
+    let mut outcome = Outcome::from_judgement(&judgement(&proofs, controller != ControllerKind::Real));
     let rows: Vec<_> = proofs
         .iter()
         .map(|proof| {

@@ -98,7 +98,7 @@ fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
     // A mistyped folder must not become a store.
     drop(files.store()?);
     let row = sign_as(&files, &PersonSigns { cycle: CycleId(args.cycle), name, user, meaning, remark })?;
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!(
         "cycle {}: {} by {}, as record number {}",
         args.cycle,
@@ -119,7 +119,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         true => store.ended_cycles().map_err(Fault::stage)?,
         false => args.cycles.iter().map(|cycle| CycleId(*cycle)).collect(),
     };
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words.clear();
     let key = key(&files)?;
     // One that is not there, or is not over, is refused before anything of any is written.
@@ -222,7 +222,7 @@ fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
         Some(file) => write_head(&store, &key, file)?,
         None => (store.signed_head(&key).map_err(Fault::stage)?.0, vec![]),
     };
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![match head.number {
         0 => "no record was signed in this store".to_owned(),
         number => format!("record number {number}, {}, at {}", head.hash, utc(head.unix_ms.div_euclid(1_000))),
@@ -257,7 +257,8 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     let remarks: Vec<String> = verified.gaps.iter().copied().map(signing::not_here).collect();
     let reason = |words: &String| Reason::new("record_changed", words.clone());
     let verdict = if verified.found.is_empty() { Verdict::Pass } else { Verdict::Fail };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
+    let mut outcome =
+        Outcome::from_judgement(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
     for (statement, hash) in verified.statements.values() {
         outcome.say(words(statement, hash));
     }

@@ -23,7 +23,7 @@ use std::path::{Component, Path, PathBuf};
 ///
 /// # Errors
 /// If the teaching cannot be read.
-pub fn of(
+pub fn plan(
     file: Option<PathBuf>,
     files: &CellFiles,
     (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),

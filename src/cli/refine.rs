@@ -82,7 +82,7 @@ fn draw(
 }
 
 fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
-    let mut outcome = Outcome::of(&correction.judgement);
+    let mut outcome = Outcome::from_judgement(&correction.judgement);
     outcome.put_checks(&correction.checks);
     let pose = KukaPose::from_rigid(&correction.refined.base_from_panel);
     let [x_mm, y_mm] = correction.refined.shift_mm;

@@ -83,7 +83,7 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
         progress(&format!("rendering clip {index} of {}", args.clips));
         write_labelled(&cell, &rendered, args.film, u64::from(index))?;
     }
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     let mut names: Vec<String> = fs::read_dir(&rendered.folder)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
         .map_err(|error| Fault::file(&rendered.folder, error))?
@@ -177,17 +177,17 @@ fn write_configuration(
     rendered: &Rendered,
 ) -> Result<(), Fault> {
     let mut base_from_camera =
-        MountedPose::<ScannerMount>::of(KukaPose::from_rigid(&cell.calibrated_base_from_camera()));
+        MountedPose::<ScannerMount>::from_pose(KukaPose::from_rigid(&cell.calibrated_base_from_camera()));
     let mut flange_from_camera =
-        MountedPose::<FlangeCameraMount>::of(KukaPose::from_rigid(&cell.calibrated_flange_from_camera()));
+        MountedPose::<FlangeCameraMount>::from_pose(KukaPose::from_rigid(&cell.calibrated_flange_from_camera()));
     (base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm) = (Some(SCANNER_MM), Some(FLANGE_MM));
     let flange_from_tool: Rigid<Flange, Tool> =
         KukaPose { z_mm: sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
-    let mut tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
+    let mut tool = MountedPose::<crate::cell::ToolMount>::from_pose(KukaPose::from_rigid(&flange_from_tool));
     (tool.axis_measured, tool.uncertainty_mm) = (Some(true), Some(TOOL_MM));
     let texts = [
-        ("scanner.toml", Intrinsics::of(*cell.scanner()).to_toml()),
-        ("flange_camera.toml", Intrinsics::of(*cell.flange_camera()).to_toml()),
+        ("scanner.toml", Intrinsics::from_camera(*cell.scanner()).to_toml()),
+        ("flange_camera.toml", Intrinsics::from_camera(*cell.flange_camera()).to_toml()),
         ("base_from_camera.toml", base_from_camera.to_toml()),
         ("flange_from_camera.toml", flange_from_camera.to_toml()),
         ("flange_from_tool.toml", tool.to_toml()),

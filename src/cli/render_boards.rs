@@ -79,7 +79,7 @@ pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault>
     let (scanner, flange) = (cell.scanner_target(), cell.flange_target());
     for (name, target) in [("scanner", &scanner), ("flange_camera", &flange)] {
         save(rendered, &format!("target/{name}.png"), &target.picture)?;
-        let mut known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&target.known_base_from_board));
+        let mut known = MountedPose::<TargetMount>::from_pose(KukaPose::from_rigid(&target.known_base_from_board));
         known.board = Some(BoardSize { board: TARGET.0.to_owned(), square_mm: TARGET.1 });
         disk::write(&rendered.file(&format!("target/{name}.toml")), known.to_toml())?;
     }
@@ -132,7 +132,7 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
     disk::write(&rendered.file("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
     // The true pose of the fixed board: `calibrate verify --poses` compares the pictures with it.
-    let mut known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&cell.base_from_board()));
+    let mut known = MountedPose::<TargetMount>::from_pose(KukaPose::from_rigid(&cell.base_from_board()));
     known.board = Some(BoardSize { board: "9x6".to_owned(), square_mm: 25.0 });
     disk::write(&rendered.file("boards/flange/target.toml"), known.to_toml())?;
     let touchable = |shot: &&BoardShot<Camera>| {

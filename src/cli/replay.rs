@@ -65,7 +65,7 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
         false => vec![Reason::new("differs", format!("the cycle differs in {} places", played.differences.len()))],
     };
     let judgement = Judgement { verdict: if same { Verdict::Pass } else { Verdict::Fail }, reasons };
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     // What passes or fails here is the replay; the cycle has a verdict of its own.
     let word = if same { "the same as recorded" } else { "not the same as recorded" };
     outcome.words[0] = format!("replay: {word}");

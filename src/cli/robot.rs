@@ -37,14 +37,14 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
     let mut single = match Single::connect(&mut robot, files.cell.arm()) {
         Ok(single) => single.carrying(files.mounted_on_the_flange()?),
-        Err(error) => return Ok(Outcome::of(&unanswered(judgement(error)?, &files))),
+        Err(error) => return Ok(Outcome::from_judgement(&unanswered(judgement(error)?, &files))),
     };
     let done = action.perform(&mut single, &files.cell);
     let judgement = match done {
         Ok(()) => Judgement::new(vec![], vec![]),
         Err(error) => judgement(error)?,
     };
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     let state = single.state();
     words(state, files.cell.io()).into_iter().for_each(|line| outcome.say(line));
     if let Some(reported) = single.reported_tcp() {

@@ -280,7 +280,7 @@ fn loader(
                 return Err(DeviceFault::CamerasChanged.into());
             }
             let calibrated = Calibrated::read(&files, &common)?;
-            let taught_recipe = TaughtRecipe::of(&files, Path::new(&name), text.clone())?;
+            let taught_recipe = TaughtRecipe::from_text(&files, Path::new(&name), text.clone())?;
             let taught_recipe = taught_recipe.about(&files, part.clone())?;
             if let Some(world) = &world {
                 world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
@@ -297,7 +297,7 @@ fn loader(
                         RecordIn::File(file) => Some(recording::named_by_a_client(file, files.store_folder())?),
                     };
                     recording::allowed(file.as_deref(), files.store_folder())?;
-                    Some(recording::of(file, &files, (&taught_recipe, &calibrated))?)
+                    Some(recording::plan(file, &files, (&taught_recipe, &calibrated))?)
                 }
             };
             let mut prepared =
@@ -354,7 +354,7 @@ fn outcome(state: &State) -> Outcome {
     let at = state.at;
     let verdict = if at == At::Stopped { Verdict::Accept } else { Verdict::Aborted };
     let reasons = daemon::why(state);
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());
     outcome.words[0] = format!("ended in state {}", at.word());
     outcome

@@ -60,7 +60,7 @@ struct Abraded {
 
 impl Score {
     /// Holds what was found and executed against the truth of its world.
-    pub fn of(
+    pub fn compute(
         record: &CycleRecord,
         inspections: &[Arc<Inspection>],
         (panel, disc_diameter_mm): (&TaughtPanel, f64),
@@ -82,7 +82,7 @@ impl Score {
             moves: last_of(Kind::Refine).and_then(|finding| finding.number(name::MOVES)),
             inspections: inspected(record, inspections, &simulated.world.broken()),
             abrasions: abraded(record, (&runs, &trace), (panel, disc_diameter_mm), truth),
-            after_tool_fault: planned.map(|planned| AfterToolFault::of(planned, &executed, &trace)),
+            after_tool_fault: planned.map(|planned| AfterToolFault::compute(planned, &executed, &trace)),
             lost,
         }
     }

@@ -39,7 +39,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     if args.what == Shot::Scan {
         return scans(args, &files, progress);
     }
-    let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     match args.what {
         Shot::Scan => {}
         Shot::Picture => pictures(args, &files, &mut outcome, progress)?,
@@ -61,7 +61,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
     let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
     let (mut all, mut doubts) = (Vec::new(), Vec::new());
-    let mut said = Outcome::of(&Judgement::new(vec![], vec![]));
+    let mut said = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     said.words.clear();
     let outcome = &mut said;
     for _ in 0..args.count {
@@ -80,7 +80,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
         let png = files::write_color_png(&picture).map_err(Fault::stage)?;
         let written = [files::write_pcd(&shot.cloud), files::write_ply(&shot.cloud), png];
         names.iter().zip(written).try_for_each(|(file, bytes)| disk::write(file, bytes))?;
-        let (scan, of_picture) = (ScanQuality::of(&shot.cloud), PictureQuality::of(&picture));
+        let (scan, of_picture) = (ScanQuality::compute(&shot.cloud), PictureQuality::compute(&picture));
         let size_px = [shot.cloud.width(), shot.cloud.height()];
         let depth = scan.depth_mm.map_or("no depth".to_owned(), |[near, middle, far]| {
             format!("90 % of the points within {near:.0} to {far:.0} mm along the camera's axis, the middle at {middle:.0} mm")
@@ -102,7 +102,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
         all.push(told);
     }
     listed(outcome, all);
-    let mut outcome = Outcome::of(&Judgement::new(doubts, vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(doubts, vec![]));
     outcome.words.append(&mut said.words);
     said.json.retain(|key, _| key != "verdict" && key != "reasons");
     outcome.json.append(&mut said.json);
@@ -125,7 +125,7 @@ fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
 
 fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     let mut opened = opening::flange_camera(files, &args.wanted(), progress)?;
-    let poses = FlangePoses::of(files);
+    let poses = FlangePoses::new(files);
     let mut all = Vec::new();
     for _ in 0..args.count {
         let before = poses.now();
@@ -159,7 +159,7 @@ fn listed(outcome: &mut Outcome, all: Vec<Value>) {
 
 /// Writes a picture and reports it.
 fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s: f64) -> Result<Value, Fault> {
-    let quality = PictureQuality::of(picture);
+    let quality = PictureQuality::compute(picture);
     disk::write(&names[0], files::write_color_png(picture).map_err(Fault::stage)?)?;
     outcome.say(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
     outcome.say(format!("  {}", words(&quality)));

@@ -36,14 +36,14 @@ fn renew(args: &RenewStore, common: &Common) -> Result<Outcome, Fault> {
     // A mistyped folder must not become a store.
     drop(Store::open(&folder).map_err(Fault::stage)?);
     Store::renew_outbox(&folder, &args.why).map_err(Fault::stage)?;
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
     outcome.say("records from now on belong to a new epoch");
     Ok(outcome)
 }
 
 fn list(common: &Common) -> Result<Outcome, Fault> {
     let listed = Store::open(&folder(common)?).and_then(|store| store.outbox_list()).map_err(Fault::stage)?;
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
     outcome.words.clear();
     for Listed { position, kind, hash } in &listed {
         outcome.say(format!("{} {:>7} {:<12} {hash}", position.epoch, position.number, kind.word()));
@@ -59,7 +59,7 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     let Verified { found, known, links, files, pruned, signatures, keys } = verified;
     let reason = |words: &String| Reason::new("store_changed", words.clone());
     let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons: found.iter().map(reason).collect() });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.iter().map(reason).collect() });
     outcome.say(format!("{}: {links} links of the chain", folder.display()));
     if args.rows_only {
         outcome.say("files were not read");

@@ -60,7 +60,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         base_from_camera: base_from_camera.value,
         range: scanner.scan_errors.range,
     };
-    let held = Held::of(&taught.panel, &view, &recipe);
+    let held = Held::locate(&taught.panel, &view, &recipe);
     let off = off_panel.iter().map(OffPanel::reason);
     let cut = taught.panel.box_cut(recipe.locate()).map(|cut| cut.reason());
     let review: Vec<Reason> =
@@ -160,7 +160,7 @@ struct Held {
 }
 
 impl Held {
-    fn of(panel: &TaughtPanel, view: &locate::View<'_>, recipe: &Recipe) -> Self {
+    fn locate(panel: &TaughtPanel, view: &locate::View<'_>, recipe: &Recipe) -> Self {
         let model = locate::TaughtModel::from_panel(panel, view.range);
         let prepared = model.as_ref().map(|model| locate::Prepared::new((panel, model), view, recipe.locate()));
         let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
@@ -259,7 +259,7 @@ pub fn picture(taught: &Taught) -> Result<crate::geometry::ColorPicture, Fault> 
 }
 
 fn outcome(taught: &Taught, panel: &str, judgement: &Judgement) -> Outcome {
-    let mut outcome = Outcome::of(judgement);
+    let mut outcome = Outcome::from_judgement(judgement);
     let points = taught.panel.mask.count();
     let grids: Vec<_> = taught
         .panel

@@ -17,7 +17,7 @@ pub struct AfterToolFault {
 impl AfterToolFault {
     /// Computes this from the executed waypoints and the tool's state at each tick of a contact. `None` if the path
     /// did not come that far, or nothing was in contact afterwards.
-    pub fn of(planned: PlannedToolFault, executed: &[Executed], trace: &[Sample]) -> Option<Self> {
+    pub fn compute(planned: PlannedToolFault, executed: &[Executed], trace: &[Sample]) -> Option<Self> {
         let mut touching = executed.iter().filter(|command| command.contact);
         let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;
         let mut after = trace.iter().filter(|sample| sample.time_ms > begun_ms).peekable();
@@ -72,13 +72,13 @@ mod tests {
         let planned = PlannedToolFault { fault: ToolFault::Silent, from: 2 };
         let log = [executed(50, false), executed(100, true), executed(200, true), executed(300, true)];
         let trace = [190, 205, 300, 310, 420, 5_000].map(|ms| sample(ms, ms < 310));
-        let found = AfterToolFault::of(planned, &log, &trace);
+        let found = AfterToolFault::compute(planned, &log, &trace);
         assert_eq!(found, Some(AfterToolFault { off_ms: Some(110), lifted_ms: 220 }));
         let ran_on = trace.map(|one| Sample { tool_on: true, ..one });
         assert_eq!(
-            AfterToolFault::of(planned, &log, &ran_on),
+            AfterToolFault::compute(planned, &log, &ran_on),
             Some(AfterToolFault { off_ms: None, lifted_ms: 220 })
         );
-        assert_eq!(AfterToolFault::of(PlannedToolFault { from: 9, ..planned }, &log, &trace), None);
+        assert_eq!(AfterToolFault::compute(PlannedToolFault { from: 9, ..planned }, &log, &trace), None);
     }
 }

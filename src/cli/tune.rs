@@ -117,7 +117,7 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let advice = &found.advice;
     let checks = found.checks(demands);
     let (persist_s, longer_s) = (demands.persist_s, found.needed_persist_s(demands));
-    let mut outcome = Outcome::of(&Judgement::of_checks(&checks));
+    let mut outcome = Outcome::from_judgement(&Judgement::of_checks(&checks));
     outcome.put_checks(&checks);
     say_channels(advice, &mut outcome);
     outcome.say("grid      dry    wet  contrast/noise  light");
@@ -186,7 +186,7 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
 
 fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
     let checks = thesis_checks(advice, elsewhere);
-    let mut outcome = Outcome::of(&Judgement::of_checks(&checks));
+    let mut outcome = Outcome::from_judgement(&Judgement::of_checks(&checks));
     outcome.put_checks(&checks);
     say_channels(advice, &mut outcome);
     say_light(advice, &mut outcome);

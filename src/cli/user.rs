@@ -103,14 +103,14 @@ impl People {
             ..AuditEntry::done(Some(who.to_string()), None, "terminal".to_owned(), "change account")
         };
         self.store.keep_account(&account, &entry).map_err(Fault::stage)?;
-        let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         outcome.say(format!("account {}: {done} ({})", account.name, account.summary()));
         Ok(outcome)
     }
 
     fn list(&self) -> Result<Outcome, Fault> {
         let all = self.store.accounts().map_err(Fault::stage)?;
-        let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         for Account { name, printed_name, role, is_enabled, .. } in all.values() {
             let disabled = if *is_enabled { "" } else { ", may not log in" };
             outcome.say(format!("{name}: {printed_name}, {}{disabled}", role.word()));

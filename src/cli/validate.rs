@@ -166,7 +166,7 @@ fn told(rows: &[Row]) -> Outcome {
     let (precision, recall) =
         (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
     // A set shows how good the method is, not how good a panel is.
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  places missed", "clip")];
     for row in rows {
         let Score { iou, precision, recall } = row.whole;

@@ -53,14 +53,14 @@ impl Alarms {
     /// # Errors
     /// If the store cannot be read.
     pub fn all(&self) -> Result<Vec<Alarm>, StoreError> {
-        self.people.read(|store| self.of(store))
+        self.people.read(|store| self.all_in_store(store))
     }
 
     /// As [`Alarms::all`], for a caller that already reads this store.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn of(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
+    pub fn all_in_store(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
         let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
         let mut all = self.standing.alarms(&store.acknowledgements(None)?);
         for hit in newest.hits {

@@ -273,7 +273,7 @@ mod tests {
     }
 
     /// The thread that requests this number of threads, and those that compute for it.
-    fn of(count: usize) -> (ThreadId, HashSet<ThreadId>) {
+    fn threads_used(count: usize) -> (ThreadId, HashSet<ThreadId>) {
         let asked = move || {
             let own = own_threads(count);
             assert!(own.is_some() && own_threads(count).is_none(), "once for a thread");
@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn a_loop_computes_alone_and_others_share_their_threads() {
-        let (own, used) = of(1);
+        let (own, used) = threads_used(1);
         assert_eq!(used, HashSet::from([own]));
         let (own, used) = thread::spawn(|| (thread::current().id(), threads())).join().expect("it ends");
         assert!(!used.contains(&own), "the threads of all");

@@ -39,7 +39,7 @@ impl Deadlines {
     }
 
     /// The deadlines from a recording.
-    pub fn of(told: &[tape::Armed]) -> Self {
+    pub fn from_recording(told: &[tape::Armed]) -> Self {
         let mut deadlines = Deadlines::default();
         for armed in told {
             deadlines.arm(armed.id, armed.which, Time::after_start(Duration::from_nanos(armed.at_ns)));
@@ -88,7 +88,7 @@ mod tests {
         let mut deadlines = Deadlines::default();
         deadlines.arm(Id(1), Deadline::Drain, Time::at_ms(300));
         deadlines.arm(Id(2), Deadline::Settle, Time::at_ms(200));
-        let mut again = Deadlines::of(&deadlines.told());
+        let mut again = Deadlines::from_recording(&deadlines.told());
         assert_eq!(again.over(Time::at_ms(199)), None);
         let report = |id, which| Some(Report::Deadline { id: Id(id), which });
         assert_eq!(again.over(Time::at_ms(300)), report(2, Deadline::Settle));

@@ -22,7 +22,7 @@ pub(super) struct Contrary(Option<(Switch, u32)>);
 
 impl Contrary {
     /// What has been contrary for too long, as of this state.
-    pub(super) fn of(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
+    pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
         let contrary = facts.proven().find(|switch| !wiring.proof(*switch).is_told(state));
         // A clock that was set back counts anew.

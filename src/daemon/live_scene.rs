@@ -52,7 +52,7 @@ impl LiveScene {
         panel_from_camera: &Rigid<Panel, Camera>,
     ) {
         let packed = Arc::new(points(scan, panel_from_camera));
-        self.of(cycle).points = Some(packed);
+        self.lock_cycle(cycle).points = Some(packed);
     }
 
     /// A path over this cycle's panel; the same plan is shown once.
@@ -69,13 +69,13 @@ impl LiveScene {
         let mean = -axes.sum::<nalgebra::Vector3<f64>>();
         let facing = mean.try_normalize(1e-9).unwrap_or(nalgebra::Vector3::z());
         let path = ScenePath { plan: number, pass, waypoints: waypoints.collect(), facing: facing.into() };
-        let mut inside = self.of(cycle);
+        let mut inside = self.lock_cycle(cycle);
         inside.paths.retain(|known| known.plan != number);
         inside.paths.push(path);
     }
 
     /// Returns the scene of this cycle; replaces it by a new one if it belonged to another cycle.
-    fn of(&self, cycle: &Arc<CycleSetup>) -> MutexGuard<'_, Inside> {
+    fn lock_cycle(&self, cycle: &Arc<CycleSetup>) -> MutexGuard<'_, Inside> {
         let mut inside = self.lock();
         if !std::ptr::eq(inside.cycle.as_ptr(), Arc::as_ptr(cycle)) {
             *inside = Inside { cycle: Arc::downgrade(cycle), ..Inside::default() };

@@ -164,7 +164,7 @@ impl RequestHandler {
             film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),
             waypoint: path.map(|intent| intent.done),
             of: path.map(|intent| intent.motion.waypoints),
-            page: self.cycle.and_then(|cycle| self.parts.written.of(cycle)),
+            page: self.cycle.and_then(|cycle| self.parts.written.get(cycle)),
             axes_deg: self.parts.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
             epoch: Some(state.epoch),
             step: Some(state.step),

@@ -103,7 +103,7 @@ impl Running<'_> {
 
     /// Compares the reported state with what was proven.
     fn watch_outputs(&mut self, state: &eki::State) -> Result<(), DaemonError> {
-        let contrary = self.contrary.of(&self.cell.wiring, &self.state.facts, state);
+        let contrary = self.contrary.update(&self.cell.wiring, &self.state.facts, state);
         let Some(switch) = contrary else { return Ok(()) };
         self.contrary = Contrary::default();
         let why = contrary_reason(switch, &self.cell.wiring, state);

@@ -138,7 +138,7 @@ impl<'p> Running<'p> {
             self.events.clear();
             (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
             self.full_override = self.robot_state.map(|_| self.state.facts.full_override);
-            self.deadlines = Deadlines::of(&armed);
+            self.deadlines = Deadlines::from_recording(&armed);
         }
     }
 

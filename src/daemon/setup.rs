@@ -71,7 +71,7 @@ impl CellSetup {
         Ok(CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
-            wiring: Wiring::of(cell.io())?,
+            wiring: Wiring::from_io(cell.io())?,
             control_bit: cell.io().input_bit(LOCAL_CONTROL),
             warning_output: cell
                 .io()

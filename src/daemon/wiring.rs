@@ -91,7 +91,7 @@ impl Wiring {
     ///
     /// # Errors
     /// If the cell lacks one of these names.
-    pub fn of(io: &InputsOutputs) -> Result<Self, DaemonError> {
+    pub fn from_io(io: &InputsOutputs) -> Result<Self, DaemonError> {
         let wiring = Wiring::as_far_as(io);
         let needed = [
             (Output::Light, wiring.light, None),
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn feedbacks_are_bits_in_the_order_of_their_numbers() {
         let cell = Cell::check("cell.toml", IO).expect("good");
-        let wiring = Wiring::of(cell.io()).expect("complete");
+        let wiring = Wiring::from_io(cell.io()).expect("complete");
         let set = |wiring: &Wiring, switch| (wiring.signals(switch), wiring.proof(switch));
         let setting = |number: u16, on, feedback| {
             let proof = Proof {
@@ -241,7 +241,7 @@ mod tests {
         assert_eq!(set(&wiring, Switch::WaterOff), setting(2, false, Some((0, true))));
         assert_eq!(set(&wiring, Switch::LightOn), setting(1, true, None), "it has no feedback here");
         let text = format!("{IO}light_on = 3\n");
-        let wiring = Wiring::of(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
+        let wiring = Wiring::from_io(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
@@ -249,7 +249,7 @@ mod tests {
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
-        let proof = Wiring::of(cell.io()).expect("complete").proof(Switch::ToolOn);
+        let proof = Wiring::from_io(cell.io()).expect("complete").proof(Switch::ToolOn);
         let state = |outputs, inputs| State { outputs, inputs, ..crate::daemon::tests::standing_state() };
         assert!(proof.is_told(&state(0b1_0000, 0b0100)));
         assert!(!proof.is_told(&state(0b1_0000, 0)), "the tool does not turn");
@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn each_water_switches_the_other_one_off() {
         let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
-        let wiring = Wiring::of(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
+        let wiring = Wiring::from_io(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
         let signals = |switch| wiring.signals(switch).into_iter().map(|signal| (signal.number, signal.on));
         assert_eq!(signals(Switch::Spray).collect::<Vec<_>>(), [(6, false), (2, true)]);
         assert_eq!(signals(Switch::Rinse).collect::<Vec<_>>(), [(2, false), (6, true)]);
@@ -282,7 +282,7 @@ mod tests {
     #[test]
     fn off_needs_the_output_and_the_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
-        let wiring = Wiring::of(cell.io()).expect("complete");
+        let wiring = Wiring::from_io(cell.io()).expect("complete");
         // In `Out`, bit 4 is the tool and bit 1 the spray; in `In`, bit 2 reports that the tool runs and bit 0 that
         // the water is off.
         for (outputs, inputs, tool_off, water_off) in [
@@ -302,7 +302,8 @@ mod tests {
     /// signal that is present.
     #[test]
     fn the_absence_of_a_signal_proves_no_tool_off() {
-        let wiring = |io: &str| Wiring::of(Cell::check("cell.toml", io).expect("good").io()).expect("complete");
+        let wiring =
+            |io: &str| Wiring::from_io(Cell::check("cell.toml", io).expect("good").io()).expect("complete");
         let (one, both) = (wiring(IO), wiring(&format!("{IO}tool_stands = 30\n")));
         // 17, 18, 20, 25, 30: bit 2 tool_running, bit 4 tool_stands.
         for (inputs, by_one, by_both) in
@@ -325,7 +326,7 @@ mod tests {
     fn a_missing_name_is_named() {
         let text = IO.replace("tool_running = 20\n", "");
         let cell = Cell::check("cell.toml", &text).expect("good");
-        let error = Wiring::of(cell.io()).expect_err("missing");
+        let error = Wiring::from_io(cell.io()).expect_err("missing");
         assert!(matches!(error, DaemonError::NotWired { table: "io.feedbacks", name: "tool_running" }), "{error}");
     }
 }

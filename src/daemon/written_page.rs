@@ -14,7 +14,7 @@ impl WrittenPage {
         *self.lock() = Some((cycle, page.to_owned()));
     }
 
-    pub(super) fn of(&self, cycle: CycleId) -> Option<PathBuf> {
+    pub(super) fn get(&self, cycle: CycleId) -> Option<PathBuf> {
         self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
     }
 

@@ -139,7 +139,7 @@ mod tests {
         assert_eq!([keys("", &feed(250)), keys("", &feed(251))], [vec![], vec!["path.feed_mm_s".to_owned()]]);
         assert_eq!(keys("[limits]\nmax_speed_mm_s = 400\n", &feed(400)), Vec::<String>::new());
         let camera = PinholeCamera { width_px: 1944, height_px: 1200, ..fixture() };
-        let lens = Intrinsics::of(camera).to_toml();
+        let lens = Intrinsics::from_camera(camera).to_toml();
         let cell = Cell::check("cell.toml", "[calibration]\nscanner = \"lens.toml\"\n");
         let cell = cell.unwrap_or_else(|problems| panic!("{problems}"));
         let text = |corner: &str, high: &str| {

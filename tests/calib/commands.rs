@@ -21,7 +21,7 @@ fn folder_of_poses(cell: &BoardCell, count: usize) -> (tempfile::TempDir, Vec<St
         let pose = pose_text(&KukaPose::from_rigid(&shot.base_from_flange));
         poses.push(format!("[[poses]]\nimage = \"{name}\"\nbase_from_flange = {pose}\n"));
     }
-    write(folder.path(), "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    write(folder.path(), "lens.toml", Intrinsics::from_camera(cell.scanner()).to_toml());
     (folder, poses)
 }
 
@@ -116,7 +116,7 @@ fn three_points_from_files() {
     let folder = folder.path();
     let shot = cell.fixed_shots(1)[0];
     write(folder, "shot.pcd", write_pcd(&cell.scan(&shot, 0.05)));
-    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    write(folder, "lens.toml", Intrinsics::from_camera(cell.scanner()).to_toml());
     let three =
         format!("hand-eye --mount eye-to-hand {BOARD} --intrinsics lens.toml --image shot.pcd --out mount.toml");
     let (exit, found, _) = panelprep(folder, &three);
@@ -158,7 +158,7 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
         name
     });
     write(folder, "poses.toml", poses);
-    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    write(folder, "lens.toml", Intrinsics::from_camera(cell.scanner()).to_toml());
     let command =
         "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --images . --poses poses.toml --out m.toml";
     let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics lens.toml"));
@@ -174,7 +174,7 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
         fy_px: cell.scanner().fy_px * 1.004,
         ..cell.scanner()
     };
-    write(folder, "other.toml", Intrinsics::of(other).to_toml());
+    write(folder, "other.toml", Intrinsics::from_camera(other).to_toml());
     let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics other.toml"));
     // The robot's motions alone show it already.
     let reasons = found["reasons"].to_string();

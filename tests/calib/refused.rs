@@ -19,7 +19,7 @@ fn bad_input_is_told_and_writes_nothing() {
         save(folder, &name, &cell.picture(&cell.scanner(), shot));
         name
     });
-    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    write(folder, "lens.toml", Intrinsics::from_camera(cell.scanner()).to_toml());
     save(folder, "empty.png", &GrayPicture::filled(486, 300, 90));
     save(folder, "large.png", &GrayPicture::filled(640, 480, 90));
     write(folder, "poses.toml", &poses);
@@ -92,13 +92,13 @@ fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
     write(
         folder,
         "mount.toml",
-        MountedPose::<ScannerMount>::of(KukaPose::from_rigid(&cell.base_from_camera())).to_toml(),
+        MountedPose::<ScannerMount>::from_pose(KukaPose::from_rigid(&cell.base_from_camera())).to_toml(),
     );
     let files = "store = \"store\"\n[calibration]\nscanner = \"lens.toml\"\nbase_from_camera = \"mount.toml\"\n";
     write(folder, "cell.toml", files);
     let learn = "verify --cell cell.toml --camera scanner --board 5x4 --square-mm 40 --target target.toml --image board.png --learn";
     let lens = |outline_px: Vec<Pixel>| {
-        let mut lens = Intrinsics::of(cell.scanner());
+        let mut lens = Intrinsics::from_camera(cell.scanner());
         lens.extent.supported = Some(Supported { error_px: 0.3, outline_px });
         write(folder, "lens.toml", lens.to_toml());
     };
@@ -143,7 +143,7 @@ fn a_look_without_its_board_ends_soon() {
     save(folder, "board.png", &cell.picture(&cell.scanner(), &cell.fixed_shots(1)[0]));
     save(folder, "noise.png", &noise);
     save(folder, "weave.png", &weave);
-    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    write(folder, "lens.toml", Intrinsics::from_camera(cell.scanner()).to_toml());
     for (name, board, words) in [
         ("board.png", "6x4", "found a 5x4 board, expected 6x4"),
         ("noise.png", "5x4", "shows no board with 5×4"),

@@ -95,12 +95,12 @@ pub fn cells() -> Vec<Vec<u8>> {
 
 /// A lens as its calibration writes it.
 pub fn lenses() -> Vec<Vec<u8>> {
-    vec![panelprep::cell::Intrinsics::of(CAMERA).to_toml().into_bytes()]
+    vec![panelprep::cell::Intrinsics::from_camera(CAMERA).to_toml().into_bytes()]
 }
 
 /// A mount, and corrections of either kind.
 pub fn mounts() -> Vec<Vec<u8>> {
-    let mount = panelprep::cell::MountedPose::<panelprep::cell::ToolMount>::of(Default::default()).to_toml();
+    let mount = panelprep::cell::MountedPose::<panelprep::cell::ToolMount>::from_pose(Default::default()).to_toml();
     let smooth = "kind = \"smooth\"\nnumbers = [0.0, 0.0, 0.0]\nmiddle_mm = [1.0, 2.0, 3.0]\nhalf_mm = [4.0, 5.0, 6.0]\n\
         left_out_before_mm = 1.0\nleft_out_after_mm = 0.1\n";
     texts(&[&mount, smooth, &smooth.replace("smooth", "geometry")])

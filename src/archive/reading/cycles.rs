@@ -80,7 +80,7 @@ pub struct Record {
 
 const COLUMNS: &str = "cell, cycle, started_unix_s, ended_unix_s, panel, serial, work_order, operator, verdict, reasons, recipe_hash, program_version";
 
-fn of(row: &tokio_postgres::Row) -> CycleRow {
+fn cycle_row(row: &tokio_postgres::Row) -> CycleRow {
     CycleRow {
         cell: row.get(0),
         cycle: row.get(1),
@@ -123,7 +123,7 @@ impl Reader {
              AND started_unix_s >= $4 AND started_unix_s < $5{conditions}
              ORDER BY started_unix_s DESC, cell DESC, cycle DESC LIMIT $6"
         );
-        Ok(self.rows(&sql, &values).await?.iter().map(of).collect())
+        Ok(self.rows(&sql, &values).await?.iter().map(cycle_row).collect())
     }
 
     /// Returns a cycle of a cell with its signed statements; if several have one number, the newest.
@@ -135,7 +135,7 @@ impl Reader {
             "SELECT {COLUMNS} FROM cycles WHERE cell = $1 AND cycle = $2 ORDER BY started_unix_s DESC LIMIT 1"
         );
         let rows = self.rows(&sql, &[&cell, &cycle]).await?;
-        let Some(row) = rows.first().map(of) else { return Ok(None) };
+        let Some(row) = rows.first().map(cycle_row) else { return Ok(None) };
         let sql =
             "SELECT statement, record_hash, unix_ms, name, meaning FROM signatures WHERE cell = $1 AND cycle = $2
             ORDER BY statement";

@@ -46,7 +46,7 @@ pub(super) struct LeftOut {
 
 impl Fit {
     /// Returns `None` if the blocks determine no plane.
-    pub fn of(view: &PlaneView, over: &FieldRectangle) -> Option<Fit> {
+    pub fn from_view(view: &PlaneView, over: &FieldRectangle) -> Option<Fit> {
         let count = view.blocks.len();
         let own = plane::fit(view.blocks.iter().map(|block| (block.direction, block.per_depth)))?;
         let mut design = DMatrix::zeros(count, SIZE);

@@ -69,7 +69,8 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         return Err(CalibError::Points(message));
     }
     let none = || CalibError::Points("the boards in the scans have too few points for a fit".to_owned());
-    let fits: Vec<Fit> = views.iter().map(|view| Fit::of(view, &over)).collect::<Option<_>>().ok_or_else(none)?;
+    let fits: Vec<Fit> =
+        views.iter().map(|view| Fit::from_view(view, &over)).collect::<Option<_>>().ok_or_else(none)?;
     let plain = field::left_out(&fits, None).ok_or_else(none)?;
     let best = field::LAMBDAS
         .iter()
@@ -95,7 +96,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
     let scale_deviation_percent = tilt.beyond_percent(explained.sum::<f64>() / views.len() as f64);
     let mut whites: Vec<f64> = views.iter().map(|view| view.white_mm).collect();
     let depths = views.iter().map(|view| view.depth_mm);
-    let parts = PictureParts::of(views, &left_out.residuals_mm, over);
+    let parts = PictureParts::from_views(views, &left_out.residuals_mm, over);
     let residuals = left_out.residuals_mm.iter().map(|all| field::rms(all)).collect();
     Ok(ScannerErrors {
         white_mm: crate::geometry::median_between(&mut whites).unwrap_or(f64::NAN),

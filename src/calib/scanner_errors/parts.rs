@@ -29,7 +29,7 @@ pub struct PictureParts {
 
 impl PictureParts {
     /// Those of a picture with these directions; `residuals_mm` of each view's blocks.
-    pub(super) fn of(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
+    pub(super) fn from_views(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
         let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
         let mut sums = vec![(0.0, 0.0); scans.len()];
         for (view, residuals_mm) in views.iter().zip(residuals_mm) {

@@ -70,7 +70,7 @@ impl PlaneView {
     ///
     /// # Errors
     /// If the corners give no pose, or the board has too few points.
-    pub fn of(scan: &BoardScan<'_>) -> Result<Self, CalibError> {
+    pub fn from_scan(scan: &BoardScan<'_>) -> Result<Self, CalibError> {
         let pose = board_pose::<Camera>(scan.camera, &BoardObservation::Pixels(scan.corners.clone()))?;
         let middle = scan.board.middle();
         let seen = detect::measured(scan.cloud, scan.camera, scan.corners);

@@ -45,7 +45,7 @@ struct Cut {
 /// Estimates L and σ of (1); `None` if too little of the boards has points.
 pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option<Spread> {
     let cuts: Vec<Cut> =
-        views.iter().zip(residuals_mm).filter_map(|(view, mm)| Cut::of(&view.blocks, mm)).collect();
+        views.iter().zip(residuals_mm).filter_map(|(view, mm)| Cut::new(&view.blocks, mm)).collect();
     let observed = cuts.iter().fold([0.0; 2], |sum, cut| [sum[0] + cut.observed[0], sum[1] + cut.observed[1]]);
     let longest_mm = views.iter().map(|view| 2.0 * view.half_diagonal_mm).fold(0.0, f64::max);
     let tried: Vec<(f64, [f64; 2])> = LENGTHS_MM
@@ -84,7 +84,7 @@ fn where_expected(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
 }
 
 impl Cut {
-    fn of(blocks: &[Block], residuals_mm: &[f64]) -> Option<Cut> {
+    fn new(blocks: &[Block], residuals_mm: &[f64]) -> Option<Cut> {
         let reach = |axis: usize| {
             let places = blocks.iter().map(|block| block.place_mm[axis]);
             let least = places.clone().fold(f64::INFINITY, f64::min);

@@ -45,7 +45,7 @@ fn views_by(
             let corners = cell.corners(&camera, shot, 0.05);
             let cloud: OrganizedCloud<Camera> = scanned(shot.index, cell.real_scan(shot, distortion));
             let scan = BoardScan { cloud: &cloud, camera: &camera, board: &board, corners: &corners };
-            PlaneView::of(&scan).expect("a board")
+            PlaneView::from_scan(&scan).expect("a board")
         })
         .collect();
     (views, camera)

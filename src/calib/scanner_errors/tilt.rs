@@ -50,8 +50,8 @@ pub(super) fn estimate(views: &[PlaneView], field: Option<&DepthField>) -> Optio
         _ => views[row].scale_percent_by(|[_, y]| y),
     };
     let terms = DMatrix::from_fn(views.len(), TERMS, term);
-    let all = LeftOut::of(&terms, &scales)?;
-    let scale_alone = LeftOut::of(&terms.columns(0, 2).into_owned(), &scales)?;
+    let all = LeftOut::fit(&terms, &scales)?;
+    let scale_alone = LeftOut::fit(&terms.columns(0, 2).into_owned(), &scales)?;
     let is_worth_it = all.foretold <= WORTH_IT * scale_alone.foretold;
     Some(Tilt {
         slope_mm: is_worth_it.then(|| [all.solved[2], all.solved[3]]),
@@ -69,7 +69,7 @@ struct LeftOut {
 }
 
 impl LeftOut {
-    fn of(terms: &DMatrix<f64>, values: &DVector<f64>) -> Option<LeftOut> {
+    fn fit(terms: &DMatrix<f64>, values: &DVector<f64>) -> Option<LeftOut> {
         let inverse = (terms.transpose() * terms).try_inverse()?;
         let solved = &inverse * terms.transpose() * values;
         let residuals = values - terms * &solved;

@@ -138,11 +138,11 @@ proptest! {
         let ([x_mm, y_mm, z_mm], [a_deg, b_deg, c_deg]) = (place_mm, angles_deg);
         let (rms_mm, uncertainty_mm) = residuals_mm.unzip();
         let pose = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg };
-        let mut tool = MountedPose::<ToolMount>::of(pose);
+        let mut tool = MountedPose::<ToolMount>::from_pose(pose);
         (tool.date, tool.rms_mm) = (date, rms_mm);
         (tool.uncertainty_mm, tool.axis_measured) = (uncertainty_mm, axis_measured);
         prop_assert_eq!(MountedPose::check("f", &tool.to_toml()), Ok(tool.clone()), "{}", tool.to_toml());
-        let camera = MountedPose::<ScannerMount>::of(pose);
+        let camera = MountedPose::<ScannerMount>::from_pose(pose);
         prop_assert_eq!(MountedPose::check("f", &camera.to_toml()), Ok(camera));
     }
 }

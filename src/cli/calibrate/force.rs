@@ -44,7 +44,7 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
     let found = calibrate(readings).map_err(|error| Fault::file(file, error))?;
     let Weight { payload_kg, zero_n } = found.weight;
     let known = known(&found, files.cell.tool().compliant());
-    let mut outcome = Outcome::of(&Judgement::of_checks([&known]));
+    let mut outcome = Outcome::from_judgement(&Judgement::of_checks([&known]));
     outcome.put_checks(&[known]);
     outcome.put("payload_kg", json!(payload_kg));
     outcome.put("payload_95_kg", json!(found.payload_95_kg));
@@ -93,7 +93,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     };
     let (_, number) = Store::keep_verification_in(files.store_folder(), &verification).map_err(Fault::stage)?;
     let reject = health::beyond(&verification, demands);
-    let mut outcome = Outcome::of(&Judgement::new(reject.into_iter().collect(), vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(reject.into_iter().collect(), vec![]));
     outcome.put("error_n", json!(error_n));
     outcome.put("limit_n", json!(demands.limit));
     outcome.put("number", json!(number));
@@ -104,7 +104,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
 
 /// What is demanded of the last verification of a tool's force, in N.
 pub fn demands(files: &CellFiles, tool: &CompliantTool) -> Demands {
-    Demands { limit: OF_BAND * tool.band_n, ..Demands::of(files.cell.limits()) }
+    Demands { limit: OF_BAND * tool.band_n, ..Demands::from_limits(files.cell.limits()) }
 }
 
 /// What a verification of the force speaks of: payload and zero as the cell's file states them.

@@ -50,7 +50,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let lens = intrinsics(&args.intrinsics)?;
     let (camera, errors) = (lens.camera, ScanErrors::from_measured(lens.errors.as_ref()));
     let cell = cell(common)?;
-    let arm = InUse::of(args.robot.as_deref(), common)?;
+    let arm = InUse::load(args.robot.as_deref(), common)?;
     let (mut looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
     let mut pictures: Vec<_> =
         looks.iter_mut().map(|look| (look.base_from_flange, &mut look.detected.corners)).collect();
@@ -88,7 +88,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let is_reported = args.live.live.is_some() && looks.iter().all(|look| look.has_axes);
     let poses = if is_reported { PosesFrom::Controller } else { PosesFrom::File };
     let judgement = gate::hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     tell(&mut outcome, (&found, &board), &aside);
     // The 3D camera is used through its points. So its mount is computed from them if there are any, and the
     // pictures are the check.
@@ -119,7 +119,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             format!("one more pose would help most at {}: ± {:.3} mm", next.base_from_flange, next.uncertainty_mm);
         outcome.say(text);
     }
-    let mut mounted = MountedPose::<A>::of(pose_of(kept));
+    let mut mounted = MountedPose::<A>::from_pose(pose_of(kept));
     mounted.date = date::today();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
@@ -138,7 +138,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
 /// Poses that hold no mount: a verdict.
 fn refused(error: &CalibError, out: &Path) -> Outcome {
     let reason = Reason::new("no_mount", error.to_string());
-    let mut outcome = Outcome::of(&Judgement::new(vec![reason], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
     outcome.say(format!("{}: not written", out.display()));
     outcome
 }

@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 /// If there is no store, or it cannot be read.
 pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let all = CellFiles::read(common)?.store()?.verification_history().map_err(Fault::stage)?;
-    let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     if all.is_empty() {
         outcome.say("nothing was verified yet");
     }
@@ -39,7 +39,7 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     let strike = Strike { by: args.by.clone(), why: args.why.clone(), at_unix_s: date::now_unix_s() };
     let struck = Store::strike_in(files.store_folder(), args.number, &strike);
     let (_, verification) = struck.map_err(Fault::stage)?;
-    let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     outcome.say(line(args.number, &verification));
     let again = match verification.subject.as_str() {
         "tool" => "calibrate touch",

@@ -25,7 +25,7 @@ impl InUse {
     ///
     /// # Errors
     /// If a file cannot be read or is invalid.
-    pub fn of(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
+    pub fn load(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
         let cell = mounted::cell(common)?;
         let of_cell = cell.as_ref().and_then(|cell| cell.calibration().robot_correction.clone());
         let Some(file) = named.map(Path::to_owned).or(of_cell) else { return Ok(None) };

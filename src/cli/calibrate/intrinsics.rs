@@ -176,7 +176,7 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
 /// Pictures that determine no lens: a verdict, and what to do.
 fn no_lens(error: &CalibError, all: &[Picture], detected: &[Result<Detected, CalibError>], args: &Args) -> Outcome {
     let code = if matches!(error, CalibError::TooFewPictures { .. }) { "too_few_pictures" } else { "no_lens" };
-    let mut outcome = Outcome::of(&Judgement::new(vec![Reason::new(code, error.to_string())], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![Reason::new(code, error.to_string())], vec![]));
     let keys = ["rms_px", "fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "model"];
     keys.iter().for_each(|key| outcome.put(key, Value::Null));
     if let Some(first) = all.first() {
@@ -230,7 +230,7 @@ fn told(
     all: &[Picture],
     detected: &[Result<Detected, CalibError>],
 ) -> Outcome {
-    let mut outcome = Outcome::of(judgement);
+    let mut outcome = Outcome::from_judgement(judgement);
     let c = &found.camera;
     let numbers = [
         ("fx_px", c.fx_px),

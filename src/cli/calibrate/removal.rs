@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
     };
     let checks = gate::checks(&found, &coupons);
     let judgement = Judgement::of_checks(&checks);
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put_checks(&checks);
     tell(&mut outcome, &found, &coupons);
     let left_out = found.left_out.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.off.abs()));
@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
 /// Coupons that hold no model: a verdict.
 fn refused(message: String, args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("no_model", message)], vec![]);
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put("preston_mm2_per_n", Value::Null);
     outcome.say(format!("{}: not written", args.out.display()));
     outcome

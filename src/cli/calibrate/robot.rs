@@ -79,7 +79,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
         Err(error) => return Ok(refused("no_arm", error.to_string(), args)),
     };
     let judgement = gate::robot(&found, data.views.len());
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     tell(&mut outcome, &found, &aside);
     let board = boards::board(&args.board)?;
     robot_advice::tell(&mut outcome, &cell, &found, (&data, &cameras, &board));
@@ -101,7 +101,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 /// Data that hold no arm: a verdict.
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let reason = crate::verdict::Reason::new(code, message);
-    let mut outcome = Outcome::of(&crate::verdict::Judgement::new(vec![reason], vec![]));
+    let mut outcome = Outcome::from_judgement(&crate::verdict::Judgement::new(vec![reason], vec![]));
     outcome.put("residual_left_out_mm", json!(null));
     outcome.put("residual_left_out_before_mm", json!(null));
     outcome.say(format!("{}: not written", args.out.display()));

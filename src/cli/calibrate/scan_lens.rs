@@ -37,7 +37,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
             "{} has too few points, or points on one line, to state a lens; scan the whole cell",
             scan.display()
         );
-        return Ok(Outcome::of(&Judgement::new(vec![Reason::new("not_a_lens", message)], vec![])));
+        return Ok(Outcome::from_judgement(&Judgement::new(vec![Reason::new("not_a_lens", message)], vec![])));
     };
     let (mut reject, mut review) = (Vec::new(), Vec::new());
     let beyond = |limit_px: f64| found.median_px.is_nan() || found.median_px > limit_px;
@@ -71,14 +71,14 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         // Half of the points are hidden in a median, which is no root mean square.
         rms_px: None,
         provenance: provenance(vec![files::content_hash(&bytes)], vec![]),
-        ..Intrinsics::of(found.camera)
+        ..Intrinsics::from_camera(found.camera)
     };
     let text = intrinsics.to_toml();
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         reject.push(Reason::new("not_a_lens", format!("these numbers are no lens: {problems}")));
     }
     let judgement = Judgement::new(reject, review);
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     let lens = &found.camera;
     let numbers = [
         ("fx_px", lens.fx_px),

@@ -49,7 +49,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     };
     let checks = checks(&found);
     let judgement = Judgement::of_checks(&checks);
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put_checks(&checks);
     tell(&mut outcome, &found, &all);
     let used = all.iter().filter(|(_, _, view)| view.is_ok());
@@ -84,7 +84,7 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
     };
     let view = board_image.detect(board, window).and_then(|detected| {
         let scan = BoardScan { cloud, camera, board, corners: &detected.corners };
-        PlaneView::of(&scan)
+        PlaneView::from_scan(&scan)
     });
     Ok((board_image.name.clone(), board_image.hash.clone(), view))
 }
@@ -92,7 +92,7 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
 /// The verdict for scans that do not determine the errors.
 fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("scanner_places", message)], vec![]);
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put("smooth_mm", Value::Null);
     tell_aside(&mut outcome, all);
     outcome.say(format!("{}: not written", args.out.display()));

@@ -48,7 +48,7 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     let found = find_taught(&shot.picture.to_gray(), (recipe.corner(), 0), &camera.value, in_camera);
     let found = found.map_err(Fault::stage)?.corner_px;
     if let Some(reason) = health::outside_of_lens(&camera.extent, [found]) {
-        return Ok(Outcome::of(&Judgement::new(vec![reason], vec![])));
+        return Ok(Outcome::from_judgement(&Judgement::new(vec![reason], vec![])));
     }
     let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
     let error_px = found.distance_px(expected);

@@ -24,7 +24,7 @@ use serde_json::json;
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let file = args.poses.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let text = disk::read_text(file)?;
-    let arm = InUse::of(args.robot.as_deref(), common)?;
+    let arm = InUse::load(args.robot.as_deref(), common)?;
     let true_flange = |reported, joints: Option<&Joints>| match &arm {
         None => Ok(reported),
         Some(arm) => arm.true_flange(reported, joints).ok_or_else(|| NO_AXES.to_owned()),
@@ -37,7 +37,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     // Without an axis, the flange's own axis is written, and the file states that it was not measured.
     let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);
     let pose = KukaPose::from_rigid(&flange_from_tool(point.tip, along));
-    let mut outcome = Outcome::of(&judgement);
+    let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put("flange_from_tool", json!(pose));
     outcome.put("rms_mm", json!(point.rms_mm));
     outcome.put("uncertainty_mm", json!(point.uncertainty_mm));
@@ -50,7 +50,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
         outcome.say(format!("  pose {}: {residual_mm:.3} mm", index + 1));
     }
     if let Some(out) = &args.out {
-        let mut mounted = MountedPose::<ToolMount>::of(pose);
+        let mut mounted = MountedPose::<ToolMount>::from_pose(pose);
         mounted.date = date::today();
         mounted.robot_correction = arm.as_ref().map(|arm| arm.hash.clone());
         mounted.rms_mm = Some(point.rms_mm);

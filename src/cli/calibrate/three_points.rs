@@ -45,7 +45,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };
     let mut points = args.points.as_ref().map(read).transpose()?;
-    let arm = InUse::of(args.robot.as_deref(), common)?;
+    let arm = InUse::load(args.robot.as_deref(), common)?;
     if let (Some(arm), Some(file), Some(points)) = (&arm, &args.points, &mut points) {
         arm.correct_tips(file, points)?;
     }
@@ -58,7 +58,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
     let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
     let Some(points) = points else {
-        let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
+        let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
         outcome.say(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
         for (index, (column, row)) in to_touch.iter().enumerate() {
             outcome.say(format!("  p{} is p{}_corner = [{column}, {row}]", index + 1, index + 1));
@@ -74,7 +74,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let judgement = gate::three_points(&found, rough.as_ref());
     let mut outcome = told(&judgement, &found);
     outcome.put("picture", json!(picture));
-    let mut mounted = MountedPose::<A>::of(KukaPose::from_rigid(&found.to_from_camera));
+    let mut mounted = MountedPose::<A>::from_pose(KukaPose::from_rigid(&found.to_from_camera));
     mounted.date = date::today();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
@@ -87,7 +87,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
 }
 
 fn told<A: Mounted>(judgement: &Judgement, found: &ThreePoints<A>) -> Outcome {
-    let mut outcome = Outcome::of(judgement);
+    let mut outcome = Outcome::from_judgement(judgement);
     let pose = KukaPose::from_rigid(&found.to_from_camera);
     outcome.put(A::TABLE, json!(pose));
     outcome.put("pnp_rms_px", json!(found.pnp_rms_px));

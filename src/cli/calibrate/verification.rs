@@ -29,8 +29,8 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
 pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
     let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error, verification.limit);
-    let reject = health::beyond(verification, Demands::of(files.cell.limits()));
-    let mut outcome = Outcome::of(&Judgement::new(reject.into_iter().collect(), vec![]));
+    let reject = health::beyond(verification, Demands::from_limits(files.cell.limits()));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));
     outcome.put("number", json!(number));

@@ -158,7 +158,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
 
 /// The outcome of a look that gives no evidence about the calibration: it is not kept.
 fn refused(reason: Reason, error_mm: f64, limit_mm: f64) -> Outcome {
-    let mut outcome = Outcome::of(&Judgement::new(vec![reason], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));
     outcome
@@ -181,15 +181,15 @@ fn learn(
     let refused = seen.outside.clone().or_else(|| health::no_such_board(&seen.look, board)).or(apart);
     let refused = refused.or_else(|| seen.without_points());
     if let Some(reason) = refused {
-        return Ok(Outcome::of(&Judgement::new(vec![reason], vec![])));
+        return Ok(Outcome::from_judgement(&Judgement::new(vec![reason], vec![])));
     }
     let pose = KukaPose::from_rigid(&seen.look.base_from_board);
-    let mut mounted = MountedPose::<TargetMount>::of(pose);
+    let mut mounted = MountedPose::<TargetMount>::from_pose(pose);
     mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: board.square_mm() });
     mounted.date = date::today();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
     disk::write_through(target, mounted.to_toml())?;
-    let mut outcome = Outcome::of(&Judgement::new(vec![], vec![]));
+    let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     outcome.put("base_from_board", json!(pose));
     outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
     outcome.say(format!("base_from_board {pose}"));

@@ -146,7 +146,7 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
             return Check::wrong(name, "not verified: no store contains a verification", "teach and verify first");
         }
     };
-    let (now, demands) = (now_unix_s(), Demands::of(files.cell.limits()));
+    let (now, demands) = (now_unix_s(), Demands::from_limits(files.cell.limits()));
     let judgement = health(subject, last.as_ref(), hash, now, demands);
     match (judgement.reasons.first(), &last) {
         (Some(reason), _) => {

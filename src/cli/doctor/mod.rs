@@ -73,7 +73,7 @@ fn outcome(checks: &[Check]) -> Outcome {
     let wrong: Vec<&Check> = checks.iter().filter(|check| !check.is_right()).collect();
     let reason = |check: &&Check| Reason::new("not_right", format!("{}: {}", check.name, check.found));
     let verdict = if wrong.is_empty() { Verdict::Pass } else { Verdict::Fail };
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons: wrong.iter().map(reason).collect() });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: wrong.iter().map(reason).collect() });
     let width = checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
     outcome.words = Vec::new();
     for check in checks {

@@ -85,7 +85,7 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
         return Err(Fault::IsThere { file: args.out.clone() });
     }
-    let answers = Answers::of(args, common, &mut Asker::on_terminal(args.yes))?;
+    let answers = Answers::ask(args, common, &mut Asker::on_terminal(args.yes))?;
     let name = args.out.display().to_string();
     let text = text(&name, &answers)?;
     let problems = problems(&name, &text);
@@ -93,7 +93,7 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
         return Err(problems.into());
     }
     disk::write_new(&args.out, &text)?;
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![
         format!("written: {name}; `panelprep check {name}` accepts it"),
         format!("the files that it names are still to be made: `panelprep check --for cycle {name}` lists them"),
@@ -147,7 +147,7 @@ impl Answers {
         }
     }
 
-    fn of(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+    fn ask(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
         // The robot first: which cameras may be simulated depends on it.
         let answers = robot(args, asker, Answers::proposed())?;
         let answers = scanner(args, asker, answers)?;

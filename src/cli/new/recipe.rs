@@ -34,14 +34,14 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     let cell = disk::read_text(&common.cell).ok();
     let cell = cell.and_then(|text| Cell::check(&common.cell.display().to_string(), &text).ok());
     let held = Held { name: &name, cell: cell.as_ref() };
-    let answers = Answers::of(args, held, &mut Asker::on_terminal(args.yes))?;
+    let answers = Answers::ask(args, held, &mut Asker::on_terminal(args.yes))?;
     let text = text(&name, &answers)?;
     let problems = held.problems(&text);
     if !problems.list.is_empty() {
         return Err(problems.into());
     }
     disk::write_new(&args.out, &text)?;
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
     if cell.is_none() {
         let cell = common.cell.display();
@@ -110,7 +110,7 @@ impl Answers {
         }
     }
 
-    fn of(args: &NewRecipe, held: Held<'_>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+    fn ask(args: &NewRecipe, held: Held<'_>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
         let mut answers = Answers::proposed(held.cell);
         let question =
             Question::new("the panel's name, under which it is taught", "--panel", args.panel.as_deref());

@@ -14,7 +14,7 @@ td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 /// All proofs, who did them, when, on which controller.
 ///
 /// Of a mock controller, and of one that did not answer, nothing is proven, and the page cannot be signed.
-pub(super) fn of(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
+pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
     let title = match controller {
         ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real one",
         ControllerKind::Unknown => "No controller answered: proves nothing",

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 type Tried = Result<(Finding, String), Fault>;
 
 /// The test for a row of the installation page; `None` if a person must look.
-pub(super) fn of(number: u32) -> Option<fn(&Cell) -> Tried> {
+pub(super) fn for_row(number: u32) -> Option<fn(&Cell) -> Tried> {
     match number {
         5 => Some(names_are_read),
         7 => Some(second_client_is_kept_out),

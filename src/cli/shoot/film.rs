@@ -101,7 +101,7 @@ fn record(
                     break;
                 }
                 if taken.quality.is_none() {
-                    taken.quality = Some(PictureQuality::of(&picture.picture));
+                    taken.quality = Some(PictureQuality::compute(&picture.picture));
                 }
                 let file = file_name(taken.entries.len() + 1);
                 let entry = ClipEntry { file, time_s: time_s.max(0.0), phase: phase(args, time_s) };

@@ -28,7 +28,7 @@ pub struct Opened<C> {
 }
 
 impl<C> Opened<C> {
-    fn of(camera: C) -> Self {
+    fn new(camera: C) -> Self {
         Opened { camera, simulated: None }
     }
 }
@@ -128,7 +128,7 @@ pub fn scanner(
 ) -> Result<Opened<Box<dyn Scanner>>, Fault> {
     let is_recorded = matches!(files.cell.scanner(), cell::Camera::Recorded { .. });
     if let Some(socket) = service(files, is_recorded, progress) {
-        return Ok(Opened::of(Box::new(BorrowedScanner::new(socket))));
+        return Ok(Opened::new(Box::new(BorrowedScanner::new(socket))));
     }
     let lens = lens(files.scanner())?;
     match files.cell.scanner() {
@@ -143,14 +143,14 @@ pub fn scanner(
                 true => camera.capture_3d().map(drop),
                 false => camera.capture_2d().map(drop),
             };
-            Ok(Opened::of(Box::new(sized(lens, open, look)?.0)))
+            Ok(Opened::new(Box::new(sized(lens, open, look)?.0)))
         }
         cell::Camera::Device(camera) => {
             progress("starting the 3D camera, which may take minutes");
             let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
             let (mut scanner, _) = sized(lens, open, zivid_ready)?;
             zivid_ready(&mut scanner).map_err(Fault::stage)?;
-            Ok(Opened::of(Box::new(scanner)))
+            Ok(Opened::new(Box::new(scanner)))
         }
     }
 }
@@ -166,7 +166,7 @@ pub fn flange_camera(
 ) -> Result<Opened<Box<dyn FlangeCamera>>, Fault> {
     let is_recorded = matches!(files.cell.flange_camera(), cell::Camera::Recorded { .. });
     if let Some(socket) = service(files, is_recorded, progress) {
-        return Ok(Opened::of(Box::new(BorrowedFlangeCamera::new(socket))));
+        return Ok(Opened::new(Box::new(BorrowedFlangeCamera::new(socket))));
     }
     let own = lens(files.flange_camera())?;
     match files.cell.flange_camera() {
@@ -178,12 +178,12 @@ pub fn flange_camera(
         cell::Camera::Recorded { folder } => {
             let open = |lens: &PinholeCamera| RecordedFlangeCamera::open(folder, *lens).map_err(Fault::stage);
             let look = |camera: &mut RecordedFlangeCamera| camera.capture().map(drop);
-            Ok(Opened::of(Box::new(sized(own, open, look)?.0)))
+            Ok(Opened::new(Box::new(sized(own, open, look)?.0)))
         }
         cell::Camera::Device(gige) => {
             progress("looking for the flange camera");
             let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
-            Ok(Opened::of(sized(own, open, |camera| camera.check())?.0))
+            Ok(Opened::new(sized(own, open, |camera| camera.check())?.0))
         }
     }
 }

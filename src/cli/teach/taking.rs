@@ -96,7 +96,7 @@ fn corners(
             Some(opening::flange_camera(cell, &wanted, &tell_line)?.camera)
         }
     };
-    let poses = FlangePoses::of(cell);
+    let poses = FlangePoses::new(cell);
     let (mut pictures, mut flanges) = (Vec::new(), Vec::new());
     for (index, name) in names.iter().enumerate() {
         let number = index + 1;

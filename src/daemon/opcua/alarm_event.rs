@@ -59,7 +59,12 @@ fn text(text: &str) -> Variant {
 
 impl AlarmEvent {
     /// Creates the event that an alarm has this status.
-    pub fn of(alarm: &Alarm, standing: Standing, (source, condition): (&NodeId, NodeId), now_unix_ms: i64) -> Self {
+    pub fn new(
+        alarm: &Alarm,
+        standing: Standing,
+        (source, condition): (&NodeId, NodeId),
+        now_unix_ms: i64,
+    ) -> Self {
         let at_unix_ms =
             if standing.is_active && !standing.is_acknowledged { alarm.raised_unix_ms } else { now_unix_ms };
         let (kind, at) = (NodeId::from(ObjectTypeId::AlarmConditionType), time(at_unix_ms));

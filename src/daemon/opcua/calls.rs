@@ -39,7 +39,7 @@ fn refused(code: &'static str, status: StatusCode, message: impl Into<String>) -
 }
 
 impl Outcome {
-    fn of(reply: Reply) -> Self {
+    fn from_reply(reply: Reply) -> Self {
         let all: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let code = reply.reasons.first().map_or("not_now".into(), |reason| reason.code.clone());
         let status = match (reply.answer, &*code) {
@@ -141,8 +141,8 @@ impl Calls {
             (Command::Clear, [Variant::UInt32(step)]) => decided(Request::Clear, *step),
             (Command::Accept, [Variant::UInt32(step)]) => decided(Request::Accept, *step),
             (Command::NewDisc, []) => What::NewDisc,
-            (Command::Stop, []) => return Outcome::of(self.urgent(0, Request::Stop, caller).await),
-            (Command::Abort, []) => return Outcome::of(self.urgent(1, Request::Abort, caller).await),
+            (Command::Stop, []) => return Outcome::from_reply(self.urgent(0, Request::Stop, caller).await),
+            (Command::Abort, []) => return Outcome::from_reply(self.urgent(1, Request::Abort, caller).await),
             (Command::Unhold, [Variant::Boolean(dried), Variant::UInt32(step)]) => {
                 decided(Request::Unhold { dried: *dried }, *step)
             }
@@ -163,7 +163,7 @@ impl Calls {
             }
             _ => return wrong_arguments(method),
         };
-        Outcome::of(self.front.gateway.request(what, who(caller)).await)
+        Outcome::from_reply(self.front.gateway.request(what, who(caller)).await)
     }
 
     /// A stop or an abort. A caller that requests one while another is under way, or just was, receives the result

@@ -56,7 +56,7 @@ impl Conditions {
 
     fn event(&self, alarm: &Alarm, now_unix_ms: i64) -> AlarmEvent {
         let condition = node_id(self.namespace(), &format!("{BEGINNING}{}", alarm_id(alarm)));
-        AlarmEvent::of(alarm, standing(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
+        AlarmEvent::new(alarm, standing(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
     }
 
     /// Returns the nodes that are stated as those of the conditions.

@@ -58,7 +58,7 @@ impl Since {
         u32::try_from(since.elapsed().as_secs()).unwrap_or(u32::MAX)
     }
 
-    fn of(&mut self, state: &State) -> (u32, u32) {
+    fn update(&mut self, state: &State) -> (u32, u32) {
         let in_state = Self::seconds(&mut self.state, UnitState::from_state(state.at));
         (in_state, Self::seconds(&mut self.mode, UnitMode::from_state(state)))
     }
@@ -156,7 +156,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Sna
         // What was last known stays; nothing is possible.
         return Snapshot { answers: false, possible: vec![], ..of_store };
     };
-    let (in_state_s, in_mode_s) = since.of(&state);
+    let (in_state_s, in_mode_s) = since.update(&state);
     let grid = |id: String| {
         let state = grids.iter().find(|seen| seen.id == id).map_or("untested", |seen| seen.state);
         GridState { id, state }

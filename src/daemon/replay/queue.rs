@@ -55,7 +55,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    pub fn of(lock_step: bool) -> Self {
+    pub fn new(lock_step: bool) -> Self {
         Bounds { waits: lock_step, most_bytes: MOST_BYTES, hangs: HANGS, hangs_at_the_end: HANGS_AT_THE_END }
     }
 }

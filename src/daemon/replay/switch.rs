@@ -205,7 +205,7 @@ impl Inside {
             Writer::begin(BufWriter::new(OnDisk(out, of_disk)), &start, &files, &mounted, &lenses)
         };
         let name = file.display().to_string();
-        let bounds = (Bounds::of(self.lock_step), Some(sign));
+        let bounds = (Bounds::new(self.lock_step), Some(sign));
         let recording = Recording::start(name.clone(), begun, bounds, room(file))?;
         self.supervisor.watch(watched);
         (self.recorder, self.is_over) = (Some(recording.recorder()), false);

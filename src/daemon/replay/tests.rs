@@ -210,7 +210,7 @@ fn a_file_that_cannot_be_made_is_said() {
         Err(TapeError::Disk { doing: "made", source })
     };
     let room = Box::new(|| Ok(u64::MAX));
-    let recording = Recording::start("a.mcap".to_owned(), open, (Bounds::of(true), None), room).expect("started");
+    let recording = Recording::start("a.mcap".to_owned(), open, (Bounds::new(true), None), room).expect("started");
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
     assert!(

@@ -61,7 +61,7 @@ fn every_fault_at_every_waypoint_ends_contact_in_time() {
 /// Every fault at each `step`th waypoint: the tool is off within 500 ms of the fault, or of the first touch after
 /// it. The fault is reported by its name, the cycle is held, and the record states how far the path was executed.
 fn faults_end_contact_in_time(step: u32) {
-    let begun = AtContact::of(compliant());
+    let begun = AtContact::new(compliant());
     let whole = begun.run(0, None);
     assert_eq!(whole.done, Some(begun.waypoints()), "{:?} {:?}", whole.state.at, whole.findings);
     let faults = [

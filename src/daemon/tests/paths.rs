@@ -89,7 +89,7 @@ struct OnOneGrid {
 }
 
 impl OnOneGrid {
-    fn of(fake: &Fake) -> Self {
+    fn new(fake: &Fake) -> Self {
         let (cell, recipe, taught, calibrations) = fake.files();
         let setup = fake::setup(&cell, &recipe, &taught, calibrations);
         let (panel, place) = (&taught.0, crate::panel::panel_from_base_at_teaching().inverse());
@@ -108,7 +108,7 @@ impl OnOneGrid {
 /// is sent.
 #[test]
 fn no_plan_is_sent_that_its_gate_rejects() {
-    let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::of(&Fake::new(Scene::Good));
+    let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::new(&Fake::new(Scene::Good));
     let (job, joints) = (&setup, joints[0]);
     let standing =
         Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
@@ -134,7 +134,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
 /// Returns the pose of the flange at a waypoint of contact, with the tool lifted by this much along its axis, and
 /// the approximate axes there.
 fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
-    let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::of(fake);
+    let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::new(fake);
     let lifted = routes::lifted(&plan, lifted_mm);
     let at = routes::waypoints(&plan).iter().position(|waypoint| waypoint.contact).expect("contact") + 3;
     let base_from_flange = place * routes::waypoints(&lifted)[at].as_sent() * flange_from_tool.inverse();

@@ -35,7 +35,7 @@ pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Answer {
 
 async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Answer {
     let shared = web.clone();
-    let alarms = reading(&web, &visitor, move |store| shared.front.alarms.of(store)).await?;
+    let alarms = reading(&web, &visitor, move |store| shared.front.alarms.all_in_store(store)).await?;
     Ok(match as_what {
         Form::Page => {
             let words = visitor.language();

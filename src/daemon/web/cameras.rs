@@ -135,7 +135,7 @@ fn taken(web: &Web, at: usize) -> Result<(), Reason> {
         jpeg,
         unix_ms: now_unix_ms(),
         size_px: [taken.picture.width, taken.picture.height],
-        quality: PictureQuality::of(&taken.picture),
+        quality: PictureQuality::compute(&taken.picture),
         conditions: taken.conditions,
     };
     web.views.keep(at, view);

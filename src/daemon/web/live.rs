@@ -30,8 +30,8 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
         let now = match reply.state {
             // There is no viewer if the page itself is the only receiver: then no picture is requested, and none is
             // made.
-            Some(_) if tell.receiver_count() <= 1 => Live::of(reply, (was.frame, was.frame_name.clone())),
-            Some(_) => Live::of(reply, frames.newest()),
+            Some(_) if tell.receiver_count() <= 1 => Live::from_reply(reply, (was.frame, was.frame_name.clone())),
+            Some(_) => Live::from_reply(reply, frames.newest()),
             // What was last known stays, with the time when it was.
             None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };

@@ -35,7 +35,7 @@ pub(super) struct Live {
 }
 
 impl Live {
-    pub fn of(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
+    pub fn from_reply(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
         Live {
             answered_ms: now_unix_ms().unsigned_abs(),
             answers: reply.state.is_some(),

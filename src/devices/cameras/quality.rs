@@ -28,7 +28,7 @@ pub struct PictureQuality {
 
 impl PictureQuality {
     /// Returns the quality of a picture; all zero if it has no inner pixel.
-    pub fn of(picture: &ColorPicture) -> Self {
+    pub fn compute(picture: &ColorPicture) -> Self {
         let gray = picture.to_gray();
         let (width, height) = (gray.width, gray.height);
         let at = |column: usize, row: usize| f64::from(gray.gray[row * width + column]);
@@ -66,7 +66,7 @@ pub struct ScanQuality {
 
 impl ScanQuality {
     /// Of a scan.
-    pub fn of(cloud: &OrganizedCloud<Camera>) -> Self {
+    pub fn compute(cloud: &OrganizedCloud<Camera>) -> Self {
         let mut depths: Vec<f64> = cloud.valid().map(|(_, point)| point.mm.z).collect();
         let points = depths.len();
         let pixels = (cloud.width() * cloud.height()).max(1);
@@ -100,14 +100,14 @@ mod tests {
         };
         let mut levels = [40; 20];
         levels[10..].fill(200);
-        let sharp = PictureQuality::of(&picture(levels));
+        let sharp = PictureQuality::compute(&picture(levels));
         assert!((sharp.sharpness_gray_per_px - 80.0).abs() < 1.0 && sharp.saturated_share == 0.0, "{sharp:?}");
         (levels[9], levels[10]) = (80, 160);
         (levels[8], levels[11]) = (40, 200);
-        let soft = PictureQuality::of(&picture(levels));
+        let soft = PictureQuality::compute(&picture(levels));
         assert!(soft.sharpness_gray_per_px < 65.0, "{soft:?}");
         (levels[0], levels[1], levels[18], levels[19]) = (5, 5, 255, 255);
-        let clipped = PictureQuality::of(&picture(levels));
+        let clipped = PictureQuality::compute(&picture(levels));
         assert_eq!((clipped.saturated_share, clipped.dark_share), (0.1, 0.1));
     }
 
@@ -117,7 +117,7 @@ mod tests {
         let nan = [f32::NAN; 3];
         let points = vec![[0.0, 0.0, 500.0], nan, [1.0, 0.0, 600.0], [0.0, 1.0, 700.0], nan, [1.0, 1.0, 800.0]];
         let cloud = OrganizedCloud::<Camera>::new(3, 2, points, vec![[9; 3]; 6]).expect("six pixels");
-        let found = ScanQuality::of(&cloud);
+        let found = ScanQuality::compute(&cloud);
         assert_eq!(found.points, 4);
         assert!((found.missing_share - 2.0 / 6.0).abs() < 1e-12 && found.depth_mm.is_some(), "{found:?}");
     }

@@ -118,7 +118,7 @@ impl Streaming {
 
     /// What was counted since it was opened.
     pub fn packets(&self) -> Packets {
-        self.ended.and(self.stream.as_ref().map(Packets::of).unwrap_or_default())
+        self.ended.and(self.stream.as_ref().map(Packets::from_stream).unwrap_or_default())
     }
 
     /// Returns the camera's temperature, °C, if the camera reports one.
@@ -181,7 +181,7 @@ impl Shutter for Streaming {
         self.check()?;
         self.camera.stop_acquisition().map_err(gone)?;
         if let Some(stream) = self.stream.take() {
-            self.ended = self.ended.and(Packets::of(&stream));
+            self.ended = self.ended.and(Packets::from_stream(&stream));
         }
         self.start()
     }
@@ -200,7 +200,7 @@ impl Drop for Streaming {
 }
 
 impl Packets {
-    fn of(stream: &GvStream) -> Self {
+    fn from_stream(stream: &GvStream) -> Self {
         let count = |name| stream.info_uint64_by_name(name);
         Packets {
             received: count("n_received_packets"),

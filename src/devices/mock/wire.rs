@@ -53,7 +53,7 @@ pub enum Refusal {
 
 impl Refusal {
     /// The one of this number.
-    pub(super) fn of(number: u8) -> Option<Self> {
+    pub(super) fn from_number(number: u8) -> Option<Self> {
         let all = [
             Refusal::IdGap,
             Refusal::WrongEpoch,

@@ -57,7 +57,7 @@ impl Moment {
     }
 
     /// Returns the controller's present state.
-    pub fn of(controller: &Controller) -> Self {
+    pub fn from_controller(controller: &Controller) -> Self {
         Moment {
             time_ms: controller.time_ms(),
             joints: controller.joints(),

@@ -176,7 +176,7 @@ mod tests {
     /// By hand: 1 of 100 points is 1 %, and enough; 0 is not.
     #[test]
     fn a_shot_needs_points() {
-        let mut planes = Planes::of(Size { width: 10, height: 10 });
+        let mut planes = Planes::with_size(Size { width: 10, height: 10 });
         planes.points_mm.fill([f32::NAN; 3]);
         let none = accept_points(&planes).expect_err("all missing").to_string();
         assert!(none.starts_with("C6 no 3D data: 0.00 % of"), "{none}");

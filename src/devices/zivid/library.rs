@@ -247,7 +247,7 @@ impl Sensor for Sdk {
         // SAFETY: what is pointed at outlives the call.
         self.call(|functions, session, message| unsafe { (functions.scan)(session, slot.0, into, message) })?;
         let exposed = taken.read()?;
-        let mut planes = Planes::of(exposed.size);
+        let mut planes = Planes::with_size(exposed.size);
         let pixels = planes.points_mm.len();
         let (points, colors) = (planes.points_mm.as_flattened_mut(), planes.colors.as_flattened_mut());
         let (points, colors, snr) = (points.as_mut_ptr(), colors.as_mut_ptr(), planes.snr.as_mut_ptr());

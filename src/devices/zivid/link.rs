@@ -102,7 +102,7 @@ fn bytes(size: Size, each: usize) -> usize {
 fn scan(opened: Opened, timed: &mut Timed<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
     opened.holds(bytes(taken.size, SCAN_BYTES))?;
     // Read directly into its final memory.
-    let mut planes = Planes::of(taken.size);
+    let mut planes = Planes::with_size(taken.size);
     let into = &mut [
         bytemuck::cast_slice_mut(planes.points_mm.as_mut_slice()),
         planes.colors.as_flattened_mut(),

@@ -145,7 +145,7 @@ impl ZividScanner {
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
         let most =
-            if ask == CameraRequest::Check { CHECK_PATIENCE } else { TRIES * self.patience.of(ask) + ENDING };
+            if ask == CameraRequest::Check { CHECK_PATIENCE } else { TRIES * self.patience.timeout(ask) + ENDING };
         loop {
             match answered.recv_timeout(LOOK) {
                 Ok(found) => return found,

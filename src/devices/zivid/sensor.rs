@@ -33,7 +33,7 @@ pub struct Planes {
 
 impl Planes {
     /// Room for a shot of this size.
-    pub fn of(size: Size) -> Self {
+    pub fn with_size(size: Size) -> Self {
         let pixels = size.pixels();
         Planes { points_mm: vec![[0.0; 3]; pixels], colors: vec![[0; 3]; pixels], snr: vec![0.0; pixels] }
     }

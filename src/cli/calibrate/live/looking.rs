@@ -62,7 +62,7 @@ fn flange_camera(
         false => {
             let wanted = Wanted { shot: Shot::Corner, simulation: args.simulation };
             let mut opened = opening::flange_camera(cell, &wanted, progress)?;
-            let poses = FlangePoses::of(cell);
+            let poses = FlangePoses::new(cell);
             loop {
                 let before = poses.now();
                 let shot = opened.camera.capture().map_err(Fault::stage)?;

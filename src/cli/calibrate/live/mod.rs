@@ -100,7 +100,7 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         moving::run((args, &cell, kind), (&board, camera), &mut session, (&so_far, progress))?;
     } else {
         let mut view = View::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
-        let poses = FlangePoses::of(&cell);
+        let poses = FlangePoses::new(&cell);
         while session.taken() < MOST && session.ask()? == Choice::Take {
             let before = poses.now();
             let (picture, from_camera) = view.take()?;

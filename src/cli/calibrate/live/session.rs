@@ -142,7 +142,7 @@ impl<'a> Session<'a> {
             }
             Err(error) => {
                 tell(&format!("{name}: no board: {error}"));
-                let gray = PictureQuality::of(picture).mean_gray;
+                let gray = PictureQuality::compute(picture).mean_gray;
                 if gray < DARK {
                     tell(&format!(
                         "  the picture is dark, mean grey level {gray:.0} of 255: switch on the light, or expose for longer"

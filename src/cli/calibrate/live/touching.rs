@@ -55,7 +55,7 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
     let cell = CellFiles::read(common)?;
     let file = folder.join("poses.toml");
     let mut text = if file.is_file() { disk::read_text(&file)? } else { String::new() };
-    let poses = FlangePoses::of(&cell);
+    let poses = FlangePoses::new(&cell);
     let on_file = |out| Tcp { poses: Some(file.clone()), live: None, out, ..args.clone() };
     let mut table = "poses";
     if !text.is_empty() {
@@ -117,7 +117,7 @@ pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome
     let cell = CellFiles::read(common)?;
     let Target { board, base_from_board } = Target::read(&args.target, args.board.named().as_ref())?;
     let flange_from_tool = cell.tool_tip()?.value;
-    let poses = FlangePoses::of(&cell);
+    let poses = FlangePoses::new(&cell);
     let mut text = String::new();
     for (index, (column, row)) in board.outer_corners().into_iter().enumerate() {
         let Some(corner) = board.corner(column, row) else { continue };

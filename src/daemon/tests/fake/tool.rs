@@ -98,7 +98,7 @@ pub struct Ended {
 
 impl AtContact {
     /// Runs a cycle up to there.
-    pub fn of(cell: Cell) -> Self {
+    pub fn new(cell: Cell) -> Self {
         let setup = Arc::new(cell.setup());
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&cell.world) };
         let (mut robot, mut tool) = (FakeRobot { world: cell.world.clone(), by_the_wall: false }, cell.tool());

@@ -92,7 +92,7 @@ impl Controller {
                 None
             }
             Fault::Refuse(number) => {
-                troubles.refusal = Refusal::of(number);
+                troubles.refusal = Refusal::from_number(number);
                 if let Some(running) = &mut self.running {
                     running.refuse_motion();
                 }

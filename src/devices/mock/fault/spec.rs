@@ -122,7 +122,7 @@ impl FromStr for FaultSpec {
         let mut spec = FaultSpec::default();
         let mut random = None;
         for text in text.split(',') {
-            let item = Item::of(text.trim())?;
+            let item = Item::parse(text.trim())?;
             match item.name {
                 "seed" => {
                     spec.seed = item.plain()?.value("a whole number, as seed=7", |text| text.parse().ok())?;
@@ -154,7 +154,7 @@ struct Item<'a> {
 }
 
 impl<'a> Item<'a> {
-    fn of(whole: &'a str) -> Result<Self, FaultSpecError> {
+    fn parse(whole: &'a str) -> Result<Self, FaultSpecError> {
         if whole.is_empty() {
             return Err(FaultSpecError::Empty);
         }

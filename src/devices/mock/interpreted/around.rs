@@ -46,7 +46,7 @@ impl Host for Around<'_> {
     }
 
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String> {
-        let command = Command::of(caller);
+        let command = Command::from_caller(caller);
         // A motion of a command: the retract is none.
         if command.is_some() && std::mem::take(&mut self.values.refuses) {
             return self.give_up("the controller was commanded to give up this motion".to_owned());
@@ -117,7 +117,7 @@ struct Command {
 }
 
 impl Command {
-    fn of(caller: &Caller<'_>) -> Option<Self> {
+    fn from_caller(caller: &Caller<'_>) -> Option<Self> {
         let cells = caller.local("CMD", 5)?;
         let numbers: Vec<i32> =
             cells.iter().map(|cell| if let Cell::Int(number) = cell { *number } else { 0 }).collect();

@@ -43,7 +43,7 @@ impl HeldDocuments {
         }
     }
 
-    pub(super) fn of(&mut self, channel: Channel) -> &mut VecDeque<Document> {
+    pub(super) fn queue_mut(&mut self, channel: Channel) -> &mut VecDeque<Document> {
         match channel {
             Channel::Command => &mut self.commands,
             Channel::State => &mut self.requests,

@@ -54,7 +54,7 @@ impl Controller {
             let newest = read.iter().filter_map(|command| command.epoch.zip(command.id)).max();
             held.arrived = held.arrived.max(newest.unwrap_or_default());
         }
-        held.of(channel).extend(read);
+        held.queue_mut(channel).extend(read);
         if channel == Channel::Command && arrived > 0 {
             self.count_arrived(arrived);
         }
@@ -72,7 +72,7 @@ impl Controller {
         };
         let Some(running) = &mut self.running else { return };
         running.held.framers[channel as usize] = Framer::new(limit_bytes);
-        running.held.of(channel).clear();
+        running.held.queue_mut(channel).clear();
         running.held.awaits_commands &= channel != Channel::Command;
     }
 

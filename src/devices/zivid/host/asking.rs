@@ -22,7 +22,7 @@ impl Host {
     /// Sends a request to a camera that is ready.
     pub(super) fn asked(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         let (scan, picture) = (self.scan.hash.clone(), self.picture.hash.clone());
-        let within = self.setup.patience.of(ask);
+        let within = self.setup.patience.timeout(ask);
         let request = match ask {
             CameraRequest::Scan => Request::Scan { settings: scan },
             CameraRequest::Picture => Request::Picture { settings: picture },
@@ -50,7 +50,7 @@ impl Host {
                     Err(ZividFault::Frozen(_)) if tries < 2 => continue,
                     other => return other.inspect_err(|fault| self.shared.note(fault)),
                 },
-                Err(Failed::Lost(error)) => return Err(self.lost(during, Loss::of(error, within))),
+                Err(Failed::Lost(error)) => return Err(self.lost(during, Loss::from_wire_error(error, within))),
                 Err(Failed::Refused(refusal)) => {
                     if let Some(fault) = self.refused(ask, &refusal) {
                         return Err(fault);

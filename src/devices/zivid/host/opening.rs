@@ -26,7 +26,7 @@ impl Host {
                 let expected = VERSION.to_string();
                 self.down(ZividFault::WrongVersion { found: format!("protocol {found}"), expected });
             }
-            Err(error) => drop(self.lost(during, Loss::of(error, self.setup.patience.hello))),
+            Err(error) => drop(self.lost(during, Loss::from_wire_error(error, self.setup.patience.hello))),
             Ok(hello) if hello.program != env!("CARGO_PKG_VERSION") => {
                 let expected = env!("CARGO_PKG_VERSION").to_owned();
                 self.down(ZividFault::WrongVersion { found: hello.program, expected });
@@ -125,7 +125,7 @@ impl Host {
         refused: impl FnOnce(Refusal) -> Opening,
     ) -> Result<Answer, Opening> {
         self.ask(request, within).map_err(|failed| match failed {
-            Failed::Lost(error) => Opening::Lost(during, Loss::of(error, within)),
+            Failed::Lost(error) => Opening::Lost(during, Loss::from_wire_error(error, within)),
             Failed::Refused(refusal) => refused(refusal),
         })
     }

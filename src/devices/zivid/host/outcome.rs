@@ -36,7 +36,7 @@ pub(super) enum Loss {
 }
 
 impl Loss {
-    pub(super) fn of(error: WireError, waited: Duration) -> Self {
+    pub(super) fn from_wire_error(error: WireError, waited: Duration) -> Self {
         match error {
             WireError::Ended | WireError::Cut { .. } => Loss::HungUp,
             WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => Loss::HungUp,

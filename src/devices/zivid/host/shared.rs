@@ -72,7 +72,7 @@ impl Patience {
     }
 
     /// Returns the time limit for the answer to this request, for each attempt.
-    pub fn of(&self, ask: CameraRequest) -> Duration {
+    pub fn timeout(&self, ask: CameraRequest) -> Duration {
         match ask {
             CameraRequest::Scan => self.scan,
             // At a clip's end the picture that is being taken is waited for.

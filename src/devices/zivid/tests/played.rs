@@ -170,7 +170,7 @@ impl Sensor for Played {
     fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
         assert_eq!(slot, Slot(0));
         let (number, exposed) = self.expose()?;
-        let mut planes = Planes::of(exposed.size);
+        let mut planes = Planes::with_size(exposed.size);
         for (k, point) in planes.points_mm.iter_mut().enumerate() {
             *point = [k as f32, self.content as f32, 700.0 + self.content as f32];
         }
