@@ -127,7 +127,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
             before.ended();
             std::thread::sleep(std::time::Duration::from_secs(4));
             service = Some(Service::start(folder));
-            browser.stdin.as_mut().expect("its input").write_all(b"go on\n").expect("it reads");
+            browser.stdin.as_mut().expect("its input").write_all(b"continue\n").expect("it reads");
         }
         told.push(line);
     }

@@ -139,7 +139,7 @@ class Changes:
 
 
 async def a_part(known):
-    """A part as a line runs it: start, hold, go on, judge, and what is seen of it meanwhile."""
+    """A part as a line runs it: start, hold, continue, judge, and what is seen of it meanwhile."""
     async with await known.client(URL, "operator") as client, await known.client(URL, "inspector") as inspector:
         changes = Changes()
         subscription = await inspector.create_subscription(100, changes)

@@ -35,7 +35,7 @@ const german = await person({ locale: "de-DE" });
 await logIn(german, "inspector");
 await german.locator("#review").waitFor();
 const said = await german.locator("#review").innerText();
-if ((said.match(/Was zu tun ist:/g) ?? []).length !== 1 || !/Prüfen|prüfen/.test(said) || !/grid r/.test(said)) fail(`the review is not told in German: ${said}`);
+if ((said.match(/Abhilfe:/g) ?? []).length !== 1 || !/Prüfen|prüfen/.test(said) || !/grid r/.test(said)) fail(`the review is not told in German: ${said}`);
 await judged(german, "run-review-german");
 await german.close();
 step("read the review in German");
@@ -58,7 +58,7 @@ while ((await state(operator)) !== "complete") {
   await operator.waitForTimeout(300);
 }
 await judged(operator, "run-complete");
-step("went on and completed");
+step("continued and completed");
 
 step("restart");
 await operator.waitForFunction(() => !document.querySelector("#stale").hidden);
@@ -120,8 +120,8 @@ await engineer.click("button.primary");
 await engineer.waitForFunction(() => document.querySelector("form .told").textContent === "Saved.");
 await engineer.evaluate(() => { document.querySelector("input[name=before]").value = "0".repeat(64); });
 await engineer.click("button.primary");
-await engineer.waitForFunction(() => /Somebody has changed this recipe/.test(document.querySelector("form .told").textContent));
-step("changed a recipe, and not over somebody else's change");
+await engineer.waitForFunction(() => /This recipe was changed after this page was opened/.test(document.querySelector("form .told").textContent));
+step("changed a recipe, and not over another person's change");
 
 await engineer.goto(`${base}/setup/recipe/recipe.toml/draw`);
 await engineer.waitForSelector("#propose:enabled");

@@ -77,7 +77,7 @@ step("looked on a phone, on a tablet and in the dark");
 
 await page.click("button.plain");
 await page.goto(`${base}/cells.json`);
-if (!page.url().endsWith("/login")) fail("a session goes on after logging out");
+if (!page.url().endsWith("/login")) fail("a session continues after logging out");
 await browser.close();
 if (wrong.length) fail(`${wrong.join("\n")}\n(pictures: ${pictures})`);
 step("whole");

@@ -63,7 +63,7 @@ await presses(operator, ".actions button[data-request=hold]:enabled", "Space");
 await reaches(operator, "held");
 await judged(operator, "keyboard-held");
 await presses(operator, ".actions button[data-request=unhold]:enabled");
-step("held and went on");
+step("held and continued");
 
 for (;;) {
   await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "complete" || document.querySelector("#review:not([hidden]) button:enabled"));

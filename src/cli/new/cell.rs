@@ -370,8 +370,8 @@ fn to_check(text: &str) -> String {
 }
 
 /// Written before each of those tables.
-const TO_CHECK: &str = "# TO CHECK before anything moves: numbers in this table that you did not answer are the sample's, not your \
-     cell's.";
+const TO_CHECK: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
+     from your cell.";
 
 /// The file's text.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
@@ -424,18 +424,21 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
 fn head(answers: &Answers) -> String {
     let socket = match answers.store == SERVICE_STORE {
         true => format!("socket = \"{SERVICE_SOCKET}\" # as in panelprep.service: its group may send requests\n"),
-        false => "# socket = \"panelprep.sock\" # where `panelprep ctl` finds `panelprep run`; without it, in the store\n".to_owned(),
+        false => {
+            "# socket = \"panelprep.sock\" # `panelprep ctl` finds `panelprep run` here; without it, in the store\n"
+                .to_owned()
+        }
     };
     format!(
-        "# A robot cell, begun by `panelprep new cell`. Names of files are relative to this file's folder; `panelprep check FILE` lists
-# what is wrong and states what was understood.
+        "# A robot cell, created by `panelprep new cell`. Names of files are relative to this file's folder; `panelprep check FILE`
+# lists the errors and describes the cell as it was read.
 
-store = \"store\" # folder for taught panels, cycles and their pictures; everything is kept for ever
-# Or, at the end of this file, as a table that says how long clips and scans are kept (pages and records stay for ever):
+store = \"store\" # folder for taught panels, cycles and their pictures; all is kept for ever
+# Or, at the end of this file, as a table that states how long clips and scans are kept (pages and records stay for ever):
 # [store]
 # folder = \"store\"
-# record_key = \"record-key.pem\"   # the private key that signs records; without it, in the store, or a credential of systemd
-# keep = {{ days = 30, cycles = 200, failed_days = 365, failed_cycles = 1000 }}   # days before the newest cycle; newest cycles
+# record_key = \"record-key.pem\"   # the private key that signs records; without it, a key in the store, or a credential of systemd
+# keep = {{ days = 30, cycles = 200, failed_days = 365, failed_cycles = 1000 }}   # days before the newest cycle; number of newest cycles
 {socket}
 "
     )

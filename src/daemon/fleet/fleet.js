@@ -1,5 +1,5 @@
-// Loads the page's content again and again, so that it stays where it is and keeps the reader's place. It says that no person asks: it
-// keeps no session alive.
+// Reloads the page's content at an interval, without a new page, so the reader's scroll position stays. The request states that no
+// person made it, so it does not keep a session alive.
 const every_ms = 1000 * Number(document.querySelector("meta[name=again]").content);
 
 async function again() {

@@ -176,9 +176,9 @@ mod tests {
         };
         let active = html(&alarm(None), true);
         assert!(
-            active.contains("!! medium, lasts")
+            active.contains("!! medium, active")
                 && active.contains("85 % &lt;b&gt;")
-                && active.contains("Remove what stands in front of the panel")
+                && active.contains("Remove objects in front of the panel")
         );
         assert!(
             active.contains("name=\"raised_unix_ms\" value=\"5000\"")

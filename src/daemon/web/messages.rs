@@ -84,8 +84,7 @@ mod tests {
         let (english, german) = (page(english), page(german));
         assert!(at(&english, "moved 80 mm, allowed &lt; 60 mm") < at(&english, "farther from its nominal place"));
         assert!(
-            at(&german, "Was zu tun ist") < at(&german, "moved 80 mm")
-                && german.contains("<code lang=\"en\">[locate]")
+            at(&german, "Abhilfe") < at(&german, "moved 80 mm") && german.contains("<code lang=\"en\">[locate]")
         );
         let two = [("a", "1"), ("b", "2"), ("a", "3")].map(|(code, message)| Reason::new(code, message));
         let listed = by_code(words.language(Some("de"), None), &two).into_string();

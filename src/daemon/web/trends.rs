@@ -248,7 +248,7 @@ mod tests {
             );
         }
         let html = body(words.language(None, None), &shown_of(0)).into_string();
-        assert!(html.contains("No cycle of this panel has such a number.") && !html.contains("<svg.chart"));
+        assert!(html.contains("No cycle of this panel has this value.") && !html.contains("<svg.chart"));
     }
 
     #[test]

@@ -29,7 +29,7 @@ at("save").addEventListener("click", async () => {
 at("done").addEventListener("click", async () => {
   try {
     await ask("done", { method: "POST" });
-    tell("Closed; the program goes on at the terminal.", false);
+    tell("Closed. The program continues in the terminal.", false);
     for (const button of document.querySelectorAll("button")) button.disabled = true;
   } catch (error) {
     tell(error.message, true);

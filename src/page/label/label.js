@@ -28,7 +28,7 @@ function tell(words, isWrong = false) {
   at("told").classList.toggle("wrong", isWrong);
 }
 
-const drafts = new Drafts((problem) => tell(`What is drawn is not kept: ${problem}`, true));
+const drafts = new Drafts((problem) => tell(`The drawing is not kept: ${problem}`, true));
 
 // --- labels
 
@@ -189,7 +189,7 @@ function beginDrawing() {
 function endDrawing() {
   const { from_s, corners_px } = drawn;
   if (corners_px.length < 3) {
-    tell(`A break has three corners or more; this one has ${corners_px.length}.`, true);
+    tell(`A break needs at least three corners; this one has ${corners_px.length}.`, true);
     return;
   }
   drawn = null;
@@ -198,7 +198,7 @@ function endDrawing() {
 }
 
 function giveUp() {
-  if (drawn) tell("The break was given up.");
+  if (drawn) tell("The drawing of the break was cancelled.");
   drawn = null;
   render();
 }
@@ -367,10 +367,10 @@ window.addEventListener("resize", () => { if (clip) setZoom(zoom); });
 
 at("save").addEventListener("click", async () => {
   try {
-    if (drawn) throw new Error("A break is still being drawn: end it with Enter, or give it up with Escape.");
+    if (drawn) throw new Error("A break is still being drawn: end it with Enter, or cancel it with Escape.");
     await drafts.areKept();
     const { labels, former, saved_at } = await ask("save", posted(said));
-    const kept = former ? ` The former labels are kept as ${former}.` : "";
+    const kept = former ? ` The previous labels are kept as ${former}.` : "";
     tell(`Saved in ${labels}, with mask.png and times.png.${kept}`);
     at("kept").textContent = `labelled, saved ${saved_at}`;
   } catch (error) {
@@ -383,7 +383,7 @@ at("done").addEventListener("click", async () => {
     await drafts.areKept();
     await ask("done", { method: "POST" });
     pause();
-    tell("Closed; the program goes on at the terminal.");
+    tell("Closed. The program continues in the terminal.");
     for (const one of document.querySelectorAll("button, input, select")) one.disabled = true;
   } catch (error) {
     tell(error.message, true);
@@ -394,7 +394,7 @@ at("done").addEventListener("click", async () => {
 
 function tellWhatIsKept({ saved_at, is_draft, note }) {
   at("kept").textContent = saved_at ? `labelled, saved ${saved_at}` : "not labelled yet";
-  if (note) tell(`Look: ${note}.`, true);
+  if (note) tell(`Note: ${note}.`, true);
   else if (is_draft) tell("This was drawn and is not saved yet.");
 }
 

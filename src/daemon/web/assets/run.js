@@ -29,7 +29,7 @@ const COMMANDS = [["unhold --dried", "unhold_dried"], ["unhold", "unhold"], ["ac
 /** Decisions that depend on the shown state; they name the step. */
 const DECISIONS = new Set(["unhold", "accept", "clear"]);
 
-/** A text of the program for this page: with buttons instead of commands, and without the marks around names. */
+/** A text of the program for this page: with buttons instead of commands, and without the backticks around names. */
 const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
 
 /** The meanings of the requested codes, by code: { cause, remedy }, or null if there is no answer yet. */
@@ -207,14 +207,14 @@ async function readReview() {
 async function ask(button) {
   button.disabled = true;
   const body = button.dataset.body ? JSON.parse(button.dataset.body) : {};
-  // The step that the person decided on: of the shown state, or of the review beside the button.
+  // The step of the decision: of the shown state, or of the review beside the button.
   if (DECISIONS.has(button.dataset.request)) body.step = button.dataset.request === "accept" ? reviewStep : now?.step ?? null;
   if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
   tell(id("told"), await send(`/request/${button.dataset.request}`, body));
   if (now) showButtons();
 }
 
-// The next part is another one: the form keeps nothing from the last start.
+// The next part is another one, so the form is emptied after a start.
 id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) { field.value = ""; field.checked = false; } });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));

@@ -47,7 +47,7 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
     assert!(saved.body.contains(&content_hash(text.as_bytes())), "the form goes on: {}", saved.body);
     let late = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(b"an older text"))).await;
     assert_eq!(late.status, StatusCode::UNPROCESSABLE_ENTITY);
-    assert!(late.body.contains("Somebody has changed this recipe"), "{}", late.body);
+    assert!(late.body.contains("This recipe was changed after this page was opened"), "{}", late.body);
 }
 
 #[tokio::test]
