@@ -9,7 +9,7 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
 /// The largest file that is read completely. The numbers of a full-size scan as text need a quarter of this.
-pub const MOST_BYTES: u64 = 512 << 20;
+pub const MAX_BYTES: u64 = 512 << 20;
 
 /// Opens a regular file for reading. Never waits for a writer.
 ///
@@ -24,12 +24,12 @@ pub fn open(file: &Path) -> Result<File> {
     Ok(opened)
 }
 
-/// Returns the bytes of a regular file of at most [`MOST_BYTES`].
+/// Returns the bytes of a regular file of at most [`MAX_BYTES`].
 ///
 /// # Errors
 /// As [`open`], and if the file is larger.
 pub fn read(file: &Path) -> Result<Vec<u8>> {
-    read_at_most(file, MOST_BYTES)
+    read_at_most(file, MAX_BYTES)
 }
 
 fn read_at_most(file: &Path, most_bytes: u64) -> Result<Vec<u8>> {
@@ -91,7 +91,7 @@ mod tests {
         let error = read_at_most(&file, 4).expect_err("too large").to_string();
         assert!(error.contains("is 5 bytes or more") && error.contains("4 bytes at most"), "{error}");
         // Sparse: the file needs no disk space, but reading it would need the memory.
-        File::create(&file).and_then(|file| file.set_len(MOST_BYTES + 1)).expect("grown");
+        File::create(&file).and_then(|file| file.set_len(MAX_BYTES + 1)).expect("grown");
         assert!(read(&file).expect_err("too large").to_string().contains("536870912 bytes at most"));
     }
 }

@@ -130,7 +130,7 @@ fn limits(cell: &Cell) -> Vec<Unmet> {
 }
 
 /// No box in which a robot works is as small as this, mm: its numbers are metres.
-const SMALLEST_BOX_MM: f64 = 10.0;
+const MIN_BOX_MM: f64 = 10.0;
 
 /// Reports a box with a longest edge so short that its numbers must be metres.
 fn in_metres(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<Unmet> {
@@ -139,7 +139,7 @@ fn in_metres(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<Unmet> {
         let [x, y, z] = edges.map(|edge| fixed(edge, 2));
         format!("found a box of {x} × {y} × {z} mm; are these metres? write millimetres")
     };
-    edges.iter().all(|edge| *edge < SMALLEST_BOX_MM).then(|| Unmet::new(key, message()))
+    edges.iter().all(|edge| *edge < MIN_BOX_MM).then(|| Unmet::new(key, message()))
 }
 
 fn calibrations(cell: &Cell) -> Vec<Unmet> {

@@ -239,7 +239,7 @@ mod injected {
 mod tests {
     use super::*;
 
-    const SOON: Duration = Duration::from_millis(20);
+    const LIMIT: Duration = Duration::from_millis(20);
 
     fn words(supervisor: &Supervisor) -> String {
         supervisor.check().expect_err("a fault").to_string()
@@ -271,18 +271,18 @@ mod tests {
     #[test]
     fn a_thread_that_works_is_silent_for_no_longer_than_it_may_be() {
         let supervisor = Supervisor::default();
-        let (thread, watched) = supervised("link", SOON);
+        let (thread, watched) = supervised("link", LIMIT);
         supervisor.watch(watched);
-        std::thread::sleep(2 * SOON);
+        std::thread::sleep(2 * LIMIT);
         assert_eq!(supervisor.check(), Ok(()), "it has no work yet");
         thread.works();
         assert_eq!(supervisor.check(), Ok(()));
-        std::thread::sleep(2 * SOON);
+        std::thread::sleep(2 * LIMIT);
         assert!(words(&supervisor).contains("the thread \"link\" has not answered for 0.0"));
         thread.works();
         assert_eq!(supervisor.check(), Ok(()));
         thread.rests();
-        std::thread::sleep(2 * SOON);
+        std::thread::sleep(2 * LIMIT);
         assert_eq!(supervisor.check(), Ok(()));
     }
 

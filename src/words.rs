@@ -9,7 +9,7 @@ use jiff::tz::Offset;
 use std::fmt::{self, Display, Formatter};
 
 /// Digits after the point that are tried at most: a double has no more that matter here.
-const MOST_DECIMALS: usize = 15;
+const MAX_DECIMALS: usize = 15;
 
 /// Checks a name or a remark that is shown on a page as it is.
 ///
@@ -78,7 +78,7 @@ pub fn apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
         let [found, limit] = at(*decimals);
         found != limit
     };
-    let enough = (decimals..=MOST_DECIMALS).find(differ).unwrap_or(decimals);
+    let enough = (decimals..=MAX_DECIMALS).find(differ).unwrap_or(decimals);
     let [found_text, limit_text] = at(enough);
     [found_text, trimmed(&limit_text).to_owned()]
 }

@@ -21,7 +21,7 @@ use std::process::Command;
 const BOARD: &str = "--board 9x6 --square-mm 25";
 const POSES: usize = 13;
 /// The arm reaches one in twelve of the poses that are drawn.
-const DRAWN: usize = 400;
+const MAX_DRAWS: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
 /// Runs the program: exit code, its object, its error output.
@@ -69,7 +69,7 @@ fn pictures<A: Side>(
     std::fs::create_dir(folder.join(name)).expect("a folder");
     let mut poses = String::new();
     let mut shots = Vec::new();
-    for shot in A::shots(cell, DRAWN) {
+    for shot in A::shots(cell, MAX_DRAWS) {
         let Some(joints) = axes(arm, &shot.base_from_flange) else { continue };
         let (drawn, seen) = (*shot.base_from_flange.isometry(), *shot.camera_from_board.isometry());
         let real = *base_from_flange(arm.geometry(), &joints, errors).isometry();

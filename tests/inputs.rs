@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A reader that waits for a writer waits for ever; one that refuses is done at once.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn begin(folder: &Path, arguments: &str) -> Child {
     Command::new(env!("CARGO_BIN_EXE_panelprep"))
@@ -55,7 +55,7 @@ fn no_reader_waits_for_a_pipe() {
         let mut child = begin(folder, &command);
         let since = Instant::now();
         while child.try_wait().expect("its status").is_none() {
-            if since.elapsed() > PATIENCE {
+            if since.elapsed() > TIMEOUT {
                 child.kill().expect("killed");
                 panic!("{command}: it still waits");
             }

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Layers at most.
-const MOST_LAYERS: usize = 9;
+const MAX_LAYERS: usize = 9;
 
 /// The modules that touch the world outside of the program; all others are pure.
 const EDGE: [&str; 11] =
@@ -167,7 +167,7 @@ fn every_module_names_only_layers_above_it() {
     let layers = layers(&std::fs::read_to_string(source.join("lib.rs")).expect("lib.rs"));
     assert!(layers.len() > 5, "{layers:?}");
     let depth = layers.values().max().map_or(0, |deepest| deepest + 1);
-    assert!(depth <= MOST_LAYERS, "lib.rs has {depth} layers, at most {MOST_LAYERS} are allowed");
+    assert!(depth <= MAX_LAYERS, "lib.rs has {depth} layers, at most {MAX_LAYERS} are allowed");
     let (mut seen, mut all_wrongs) = (0, Vec::new());
     for file in rust_files(&source) {
         let relative = file.strip_prefix(&source).expect("below src").with_extension("");

@@ -121,7 +121,7 @@ pub fn run(
                     let name = format!("{pattern}, disc {disc_mm} mm, seed {}, {}", demo.seed, names.join(" "));
                     row.plans += 1;
                     match planned {
-                        Ok((plan, recipe)) => row.take(&name, &plan, recipe.path()),
+                        Ok((plan, recipe)) => row.add(&name, &plan, recipe.path()),
                         Err(error) => row.faults.push(format!("{name}: {error}")),
                     }
                 }
@@ -132,7 +132,7 @@ pub fn run(
 }
 
 impl Row {
-    fn take(&mut self, name: &str, plan: &Plan, settings: &panelprep::recipe::Path) {
+    fn add(&mut self, name: &str, plan: &Plan, settings: &panelprep::recipe::Path) {
         let judgement = path::judge(plan, settings);
         let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
         let step_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);

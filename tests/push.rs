@@ -19,7 +19,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Long enough for a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// What a server does with a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,7 +76,7 @@ impl Server {
     fn wait_for(&self, name: &str) {
         let since = Instant::now();
         while !self.taken().files.contains_key(name) {
-            assert!(since.elapsed() < PATIENCE, "{name} never came: {:?}", self.taken().asked);
+            assert!(since.elapsed() < TIMEOUT, "{name} never came: {:?}", self.taken().asked);
             thread::sleep(Duration::from_millis(20));
         }
     }
@@ -267,7 +267,7 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
             if reasons.iter().any(|reason| reason.message.contains(words)) {
                 return;
             }
-            assert!(since.elapsed() < PATIENCE, "{words}: {reasons:?}");
+            assert!(since.elapsed() < TIMEOUT, "{words}: {reasons:?}");
             thread::sleep(Duration::from_millis(20));
         }
     };
@@ -289,7 +289,7 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
         if text.contains("\"number\":2") {
             break text;
         }
-        assert!(since.elapsed() < PATIENCE, "{text}");
+        assert!(since.elapsed() < TIMEOUT, "{text}");
         thread::sleep(Duration::from_millis(20));
     };
     drop(sender);

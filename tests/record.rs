@@ -10,7 +10,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(240);
+const TIMEOUT: Duration = Duration::from_secs(240);
 
 fn record(folder: &Path, cycle: i64) -> CycleRecord {
     let store = Store::open(&folder.join("cell/store")).expect("the store opens");
@@ -53,7 +53,7 @@ fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
     let cycle = service.done(START)["cycle_id"].as_i64().expect("a cycle");
     let since = Instant::now();
     while phase(folder) != "abrade" {
-        assert!(since.elapsed() < PATIENCE, "it never abrades: {:?}", service.ctl("state"));
+        assert!(since.elapsed() < TIMEOUT, "it never abrades: {:?}", service.ctl("state"));
     }
     std::thread::sleep(after);
     service.killed();
@@ -215,7 +215,7 @@ fn a_kill_at_the_verdict_leaves_no_cycle_without_a_page() {
         service.done(START);
         let since = Instant::now();
         while record(folder, cycle).judgement.is_none() {
-            assert!(since.elapsed() < PATIENCE, "no verdict");
+            assert!(since.elapsed() < TIMEOUT, "no verdict");
         }
         service.killed();
         let had = page_file(folder, cycle).exists();

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Long enough for a busy machine; nothing here measures time.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// A service that runs; killed when the test ends.
 pub struct Service {
@@ -97,7 +97,7 @@ impl Service {
     pub fn wait(&self, what: &str, mut until: impl FnMut(&Self) -> bool) {
         let since = Instant::now();
         while !until(self) {
-            assert!(since.elapsed() < PATIENCE, "{what} never came; {:?}\n{}", self.ctl("state"), self.log());
+            assert!(since.elapsed() < TIMEOUT, "{what} never came; {:?}\n{}", self.ctl("state"), self.log());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -141,7 +141,7 @@ impl Service {
             if let Some(status) = self.child.try_wait().expect("its status") {
                 return status;
             }
-            assert!(since.elapsed() < PATIENCE, "it does not end\n{}", self.log());
+            assert!(since.elapsed() < TIMEOUT, "it does not end\n{}", self.log());
             std::thread::sleep(Duration::from_millis(20));
         }
     }

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Wrong passwords in a row.
-pub const TRIES: u32 = 5;
+pub const MAX_ATTEMPTS: u32 = 5;
 /// How long an account pauses after them, s; twice as long after each further row of them, up to an hour.
 pub const PAUSE_S: f64 = 60.0;
-const LONGEST_S: f64 = 3_600.0;
+const MAX_PAUSE_S: f64 = 3_600.0;
 /// Names without an account are not remembered: all of them share a fixed number of counts, selected by a hash of
 /// the name. Therefore made-up names pause as accounts do, need no memory, and end no account's pause.
 const BUCKETS: u64 = 256;
@@ -42,7 +42,7 @@ struct Tried {
 
 /// Returns how long an account pauses after this many full rows, s.
 fn pause_s(rows: u32) -> f64 {
-    (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(LONGEST_S)
+    (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(MAX_PAUSE_S)
 }
 
 impl Lockout {
@@ -62,7 +62,7 @@ impl Lockout {
         let who = Who::new(name, is_account);
         let former = self.0.get(&who).map_or(0, |tried| tried.wrong);
         let wrong = former.saturating_add(1);
-        let until_s = wrong.is_multiple_of(TRIES).then(|| now_s + pause_s(wrong / TRIES));
+        let until_s = wrong.is_multiple_of(MAX_ATTEMPTS).then(|| now_s + pause_s(wrong / MAX_ATTEMPTS));
         self.0.insert(who, Tried { wrong, until_s });
         until_s.is_some()
     }

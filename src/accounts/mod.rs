@@ -12,9 +12,9 @@ mod password;
 mod role;
 
 pub use line_limit::{LineLimit, MostLines};
-pub use lockout::{Lockout, PAUSE_S, TRIES};
-pub use name::{MOST_PRINTED, NameError, checked_name};
-pub use password::{LEAST_CHARACTERS, PasswordError, hashed, is_right};
+pub use lockout::{Lockout, MAX_ATTEMPTS, PAUSE_S};
+pub use name::{MAX_PRINTED, NameError, checked_name};
+pub use password::{MIN_CHARACTERS, PasswordError, hashed, is_right};
 pub use role::{Permission, Role};
 
 use crate::words::printable;
@@ -49,7 +49,7 @@ impl Account {
         former: Option<&Account>,
     ) -> Result<Self, String> {
         checked_name(name).map_err(|error| error.to_string())?;
-        printable(printed_name, MOST_PRINTED).map_err(|problem| format!("the printed name: {problem}"))?;
+        printable(printed_name, MAX_PRINTED).map_err(|problem| format!("the printed name: {problem}"))?;
         let password_hash = match (password, former) {
             (None, Some(former)) => former.password_hash.clone(),
             (password, _) => hashed(password.unwrap_or_default(), name, salt).map_err(|error| error.to_string())?,

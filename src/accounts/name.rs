@@ -1,10 +1,10 @@
 //! Names of accounts: short, plain, and the same in a log, a table and an address.
 
 /// The longest name, in characters.
-const MOST_CHARACTERS: usize = 40;
+const MAX_CHARACTERS: usize = 40;
 
 /// The longest printed name, in characters.
-pub const MOST_PRINTED: usize = 80;
+pub const MAX_PRINTED: usize = 80;
 
 /// Why a name cannot be one.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -24,10 +24,10 @@ pub struct NameError {
 pub fn checked_name(name: &str) -> Result<&str, NameError> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '-' | '_');
     let begins = name.starts_with(|c: char| c.is_ascii_lowercase());
-    if begins && name.len() <= MOST_CHARACTERS && name.chars().all(is_plain) {
+    if begins && name.len() <= MAX_CHARACTERS && name.chars().all(is_plain) {
         return Ok(name);
     }
-    Err(NameError { found: name.chars().take(2 * MOST_CHARACTERS).collect() })
+    Err(NameError { found: name.chars().take(2 * MAX_CHARACTERS).collect() })
 }
 
 #[cfg(test)]

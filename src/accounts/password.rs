@@ -6,9 +6,9 @@ use argon2::{Algorithm, Argon2, Params, Version};
 
 /// The minimum length of a password (NIST SP 800-63B requires eight characters if it is the only factor; here it
 /// also signs).
-pub const LEAST_CHARACTERS: usize = 10;
+pub const MIN_CHARACTERS: usize = 10;
 /// The maximum length, so that no one can keep the computer busy with one password.
-const MOST_CHARACTERS: usize = 200;
+const MAX_CHARACTERS: usize = 200;
 /// Memory, KiB, and passes.
 const MEMORY_KIB: u32 = 19 * 1_024;
 const PASSES: u32 = 2;
@@ -17,7 +17,7 @@ const PASSES: u32 = 2;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// Too few characters, or far too many.
-    #[error("the password has {found} characters; the limits are {LEAST_CHARACTERS} to {MOST_CHARACTERS}")]
+    #[error("the password has {found} characters; the limits are {MIN_CHARACTERS} to {MAX_CHARACTERS}")]
     Length {
         /// Its characters.
         found: usize,
@@ -36,12 +36,12 @@ pub enum PasswordError {
 /// If the password is too short, too long or obvious.
 pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
     let found = password.chars().count();
-    if !(LEAST_CHARACTERS..=MOST_CHARACTERS).contains(&found) {
+    if !(MIN_CHARACTERS..=MAX_CHARACTERS).contains(&found) {
         return Err(PasswordError::Length { found });
     }
     let first = password.chars().next();
     let lower = password.to_lowercase();
-    if lower.contains(&name.to_lowercase()) && found < name.chars().count() + LEAST_CHARACTERS
+    if lower.contains(&name.to_lowercase()) && found < name.chars().count() + MIN_CHARACTERS
         || password.chars().all(|c| Some(c) == first)
     {
         return Err(PasswordError::Obvious);
@@ -53,7 +53,7 @@ pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, Pass
 /// Returns whether this is the password. The check needs a fraction of a second, the same for an invalid hash.
 pub fn is_right(password: &str, hash: &str) -> bool {
     let Ok(hasher) = hasher() else { return false };
-    let is_short = password.chars().count() <= MOST_CHARACTERS;
+    let is_short = password.chars().count() <= MAX_CHARACTERS;
     let bytes = if is_short { password.as_bytes() } else { b"" };
     match PasswordHash::new(hash) {
         Ok(hash) => hasher.verify_password(bytes, &hash).is_ok() && is_short,

@@ -13,9 +13,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use tokio_postgres::{Client, Row};
 
 /// Records that are read at a time.
-const AT_ONCE: i64 = 500;
+const BATCH_RECORDS: i64 = 500;
 /// Messages of one cell; the rest is counted.
-const MOST: usize = 200;
+const MAX_MESSAGES: usize = 200;
 
 /// A cell's list of its records.
 #[derive(Debug, Clone)]
@@ -98,8 +98,8 @@ async fn one(
         checked.same = Some(compared.same);
         checked.found.extend(compared.found);
     }
-    let rest = checked.found.len().saturating_sub(MOST);
-    checked.found.truncate(MOST);
+    let rest = checked.found.len().saturating_sub(MAX_MESSAGES);
+    checked.found.truncate(MAX_MESSAGES);
     checked.found.extend((rest > 0).then(|| format!("{rest} more are not listed")));
     Ok(checked)
 }
@@ -108,7 +108,7 @@ async fn page(client: &Client, cell: &str, after: &Position) -> Result<Vec<Row>,
     let sql = "SELECT epoch, number, kind, unix_ms, hash, content, signature, public_key FROM records
         WHERE cell = $1 AND (epoch, number) > ($2, $3) ORDER BY epoch, number LIMIT $4";
     let number = i64::try_from(after.number).unwrap_or(i64::MAX);
-    let rows = client.query(sql, &[&cell, &after.epoch, &number, &AT_ONCE]).await;
+    let rows = client.query(sql, &[&cell, &after.epoch, &number, &BATCH_RECORDS]).await;
     rows.map_err(ArchiveError::database("read its records"))
 }
 

@@ -9,9 +9,9 @@ use tokio::time::timeout;
 use tokio_postgres::{Client, Config, NoTls};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
-const PATIENCE: Duration = Duration::from_secs(5);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Connected, and seen to the tables.
-const OPENS_WITHIN: Duration = Duration::from_secs(10);
+const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Describes the address of a database for people.
 fn place(Database { host, port, name, user, .. }: &Database) -> String {
@@ -37,10 +37,10 @@ pub(super) async fn open(database: &Database) -> Result<Client, ArchiveError> {
         Ok(client)
     };
     let silent = |_| {
-        let problem = format!("no answer within {} s", OPENS_WITHIN.as_secs());
+        let problem = format!("no answer within {} s", OPEN_TIMEOUT.as_secs());
         Err(ArchiveError::Connect { place: place(database), problem })
     };
-    timeout(OPENS_WITHIN, opening).await.unwrap_or_else(silent)
+    timeout(OPEN_TIMEOUT, opening).await.unwrap_or_else(silent)
 }
 
 async fn connect(database: &Database) -> Result<Client, ArchiveError> {
@@ -57,7 +57,7 @@ async fn connect(database: &Database) -> Result<Client, ArchiveError> {
     let mut config = Config::new();
     config.host(host).port(*port).dbname(name).user(user).application_name("panelprep archive");
     config
-        .connect_timeout(PATIENCE)
+        .connect_timeout(CONNECT_TIMEOUT)
         .tcp_user_timeout(Duration::from_secs(30))
         .keepalives_idle(Duration::from_secs(10));
     if let Some(file) = password_file {

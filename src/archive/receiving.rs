@@ -14,16 +14,16 @@ use std::time::{Duration, Instant};
 use tokio_postgres::Client;
 
 /// Messages of the broker at a time.
-const AT_ONCE: usize = 500;
+const BATCH_MESSAGES: usize = 500;
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
-const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+const MAX_RETRY_DELAY: Duration = Duration::from_secs(30);
 
 /// At most this many records that wait for their files are reported at a time.
-const MOST_TOLD: usize = 5;
+const MAX_REPORTED: usize = 5;
 /// A failure that stays the same is reported again after this time.
-const TOLD_AGAIN: Duration = Duration::from_secs(3_600);
+const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
 /// A database that does not answer within this time is lost: what was not acknowledged comes again.
-const KEEPS_WITHIN: Duration = Duration::from_secs(60);
+const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Works until `ended` completes. A failure that may pass is retried, with a new connection.
 ///
@@ -46,17 +46,17 @@ async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
             return error;
         }
         let words = error.to_string();
-        let was_good = since.elapsed() > LONGEST_PAUSE;
+        let was_good = since.elapsed() > MAX_RETRY_DELAY;
         if was_good {
             pause = Duration::from_secs(1);
         }
-        let is_known = told.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < TOLD_AGAIN);
+        let is_known = told.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < REPORT_INTERVAL);
         if was_good || !is_known {
             tracing::warn!("{words}; it is tried again");
             told = Some((words, Instant::now()));
         }
         tokio::time::sleep(pause).await;
-        pause = LONGEST_PAUSE.min(pause * 2);
+        pause = MAX_RETRY_DELAY.min(pause * 2);
     }
 }
 
@@ -67,10 +67,10 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("receives the messages of the cells through the broker {}", settings.broker.address);
     // A cell may have missed it, or the broker lost it.
-    for (cell, epoch, archived) in database::within(KEEPS_WITHIN, keeping::epochs(&client)).await? {
+    for (cell, epoch, archived) in database::within(WRITE_TIMEOUT, keeping::epochs(&client)).await? {
         link.say_archived(&cell, &epoch, archived).await?;
     }
-    database::within(KEEPS_WITHIN, offering::offer_again(&client, &link)).await?;
+    database::within(WRITE_TIMEOUT, offering::offer_again(&client, &link)).await?;
     let listener = database::open(&settings.database).await?;
     let states = link.states().await?;
     let records = receive(&mut client, &mut link, files);
@@ -87,8 +87,8 @@ async fn receive(
 ) -> Result<std::convert::Infallible, ArchiveError> {
     let mut receiver = Receiver { files, assembly: Assembly::default(), waiting: Vec::new() };
     loop {
-        let batch = link.next(AT_ONCE).await?;
-        receiver.take(client, link, batch).await?;
+        let batch = link.next(BATCH_MESSAGES).await?;
+        receiver.receive_batch(client, link, batch).await?;
         if link.begin_anew_where_stuck().await? {
             receiver.forget();
         }
@@ -100,7 +100,7 @@ async fn listen(client: &Client, mut states: States) -> Result<std::convert::Inf
     let mut names = Names::default();
     loop {
         let (by, bytes) = states.next().await?;
-        database::within(KEEPS_WITHIN, keep_state((client, &mut names), &by, &bytes)).await?;
+        database::within(WRITE_TIMEOUT, keep_state((client, &mut names), &by, &bytes)).await?;
     }
 }
 
@@ -113,7 +113,7 @@ struct Receiver {
 }
 
 impl Receiver {
-    async fn take(
+    async fn receive_batch(
         &mut self,
         client: &mut Client,
         link: &OfficeLink,
@@ -128,7 +128,7 @@ impl Receiver {
                     continue;
                 }
             };
-            let whole = match self.assembly.take(chunk, receipt) {
+            let whole = match self.assembly.add(chunk, receipt) {
                 Ok(None) => continue,
                 Ok(Some(whole)) => whole,
                 Err(Unfit { error, receipts }) => {
@@ -156,7 +156,7 @@ impl Receiver {
         let (messages, receipts): (Vec<Message>, Vec<Vec<Receipt>>) = whole.unzip();
         if !messages.is_empty() {
             let Kept { new, known, contradictions, archived } =
-                database::within(KEEPS_WITHIN, keeping::keep(client, &messages)).await?;
+                database::within(WRITE_TIMEOUT, keeping::keep(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
             tracing::debug!("{new} new records, {known} that were there");
             for ((cell, epoch), number) in archived {
@@ -171,7 +171,7 @@ impl Receiver {
 
     /// All that was not acknowledged comes again.
     fn forget(&mut self) {
-        for (Message { cell, envelope }, _) in self.waiting.iter().take(MOST_TOLD) {
+        for (Message { cell, envelope }, _) in self.waiting.iter().take(MAX_REPORTED) {
             let Position { epoch, number } = &envelope.position;
             tracing::warn!("cell {cell}: record {number} of epoch {epoch} waits for its files");
         }

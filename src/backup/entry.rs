@@ -37,8 +37,8 @@ const CELL: &str = "configuration/cell.toml";
 const NAMED: &str = "configuration/named";
 const RECIPES: &str = "configuration/recipes";
 /// Folders between the cell's file and a recipe, at most, and the longest name of one.
-const MOST_PARTS: usize = 4;
-const LONGEST: usize = 255;
+const MAX_PARTS: usize = 4;
+const MAX_NAME_BYTES: usize = 255;
 
 impl Entry {
     /// Its name in the archive.
@@ -88,10 +88,10 @@ fn is_plain(path: &str) -> bool {
     let names: Option<Vec<String>> = parts.iter().map(text).collect();
     names.is_some_and(|names| {
         names.join("/") == path
-            && names.len() <= MOST_PARTS
+            && names.len() <= MAX_PARTS
             && names
                 .iter()
-                .all(|name| name.len() <= LONGEST && !name.contains(['\0', '\\']) && !name.starts_with('.'))
+                .all(|name| name.len() <= MAX_NAME_BYTES && !name.contains(['\0', '\\']) && !name.starts_with('.'))
             && path.ends_with(".toml")
     })
 }

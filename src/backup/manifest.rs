@@ -9,7 +9,7 @@ pub const NAME: &str = "manifest.json";
 /// The newest format that this program supports.
 pub const FORMAT: u32 = 1;
 /// The largest that is read.
-pub const MOST_BYTES: u64 = 256 << 20;
+pub const MAX_BYTES: u64 = 256 << 20;
 
 /// What an archive holds.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

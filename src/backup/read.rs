@@ -2,7 +2,7 @@
 
 use super::entry::Entry;
 use super::error::BackupError;
-use super::manifest::{FORMAT, Listed, MOST_BYTES, Manifest, NAME};
+use super::manifest::{FORMAT, Listed, MAX_BYTES, Manifest, NAME};
 use super::seal::{self, Sealed};
 use crate::files::hex;
 use serde::Deserialize;
@@ -93,11 +93,11 @@ impl Archive {
         let mut entries = archive.entries().map_err(|error| self.unreadable(&error))?;
         let first = entries.next().ok_or_else(|| self.damaged("it is empty"))?;
         let first = first.map_err(|error| self.unreadable(&error))?;
-        if *first.path_bytes() != *NAME.as_bytes() || first.size() > MOST_BYTES {
+        if *first.path_bytes() != *NAME.as_bytes() || first.size() > MAX_BYTES {
             return Err(self.damaged("it does not begin with a manifest"));
         }
         let mut text = Vec::new();
-        first.take(MOST_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable(&error))?;
+        first.take(MAX_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable(&error))?;
         let no_manifest = |error: serde_json::Error| self.damaged(&format!("its manifest cannot be read: {error}"));
         let AnyFormat { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
         if format > FORMAT {

@@ -105,7 +105,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
             return Err(BackupError::NotReplaced { paths: vec![folder.to_owned()], option: "store" });
         }
         // Kept until the end: no program writes to what is replaced.
-        lease = Some(Lease::take(folder)?);
+        lease = Some(Lease::acquire(folder)?);
     }
     let mut placing = Placing::default();
     let replaced = store.as_deref().and_then(last_cycle);

@@ -37,11 +37,11 @@ pub struct Written {
 }
 
 /// A file of the configuration is a page of text; a settings file of a camera has some pages.
-const MOST_CONFIGURATION_BYTES: u64 = 4 << 20;
+const MAX_CONFIGURATION_BYTES: u64 = 4 << 20;
 /// zstd's default: pictures are packed already, rows and scans are not.
 const LEVEL: i32 = 3;
 /// The service may remove old clips between the copy of the rows and that of a file; then it is begun again.
-const TRIES: usize = 3;
+const MAX_ATTEMPTS: usize = 3;
 
 /// The source of an entry's bytes.
 enum Source {
@@ -91,7 +91,7 @@ pub fn write(
     fs::create_dir_all(folder).map_err(BackupError::file("create", folder))?;
     let beside = || tempfile::Builder::new().prefix(".panelprep-backup-").tempdir_in(folder);
     let mut last = String::new();
-    for _ in 0..TRIES {
+    for _ in 0..MAX_ATTEMPTS {
         let staging = beside().map_err(BackupError::file("write in", folder))?;
         let mut load = Load::default();
         if let Some(store) = store
@@ -197,8 +197,8 @@ impl Load {
 fn small(file: &Path) -> Result<Vec<u8>, BackupError> {
     let bytes = crate::disk::read(file).map_err(BackupError::file("read", file))?;
     match bytes.len() as u64 {
-        found if found > MOST_CONFIGURATION_BYTES => {
-            Err(BackupError::TooLarge { path: file.to_owned(), found, most: MOST_CONFIGURATION_BYTES })
+        found if found > MAX_CONFIGURATION_BYTES => {
+            Err(BackupError::TooLarge { path: file.to_owned(), found, most: MAX_CONFIGURATION_BYTES })
         }
         _ => Ok(bytes),
     }

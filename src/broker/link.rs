@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// The time limit for an answer; a later one does not count.
-const PATIENCE: Duration = Duration::from_secs(5);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(5);
 /// Messages on their way without an acknowledgement.
-const IN_FLIGHT: usize = 1_024;
+const MAX_IN_FLIGHT: usize = 1_024;
 
 #[derive(Debug, Clone)]
 pub(super) struct Link {
@@ -38,8 +38,8 @@ impl Link {
     pub async fn connect(broker: &Broker, name: &str) -> Result<Self, BrokerError> {
         let options = ConnectOptions::new()
             .name(name)
-            .connection_timeout(PATIENCE)
-            .request_timeout(Some(PATIENCE))
+            .connection_timeout(REQUEST_TIMEOUT)
+            .request_timeout(Some(REQUEST_TIMEOUT))
             .ping_interval(Duration::from_secs(10))
             .max_reconnects(1);
         let options = match &broker.ca {
@@ -66,9 +66,9 @@ impl Link {
         };
         let client = options.connect(&broker.address).await.map_err(|error| failed(&error.to_string()))?;
         let context = jetstream::ContextBuilder::new()
-            .timeout(PATIENCE)
-            .ack_timeout(PATIENCE)
-            .max_ack_inflight(IN_FLIGHT)
+            .timeout(REQUEST_TIMEOUT)
+            .ack_timeout(REQUEST_TIMEOUT)
+            .max_ack_inflight(MAX_IN_FLIGHT)
             .backpressure_on_inflight(true)
             .build(client.clone());
         Ok(Link { address: broker.address.clone(), client, context, refused })

@@ -17,15 +17,15 @@ const CONSUMER: &str = "archive";
 const ACK_WAIT: Duration = Duration::from_secs(60);
 /// The first message that is not acknowledged comes again within [`ACK_WAIT`]. If it stays the first for this time,
 /// it does not come.
-const STUCK: Duration = Duration::from_secs(150);
+const STUCK_TIMEOUT: Duration = Duration::from_secs(150);
 /// The interval of that check.
-const LOOK_EVERY: Duration = Duration::from_secs(15);
+const STUCK_CHECK_INTERVAL: Duration = Duration::from_secs(15);
 /// Messages that are delivered and not acknowledged: the parts of what is not whole yet among them.
-const PENDING: i64 = 20_000;
+const MAX_ACK_PENDING: i64 = 20_000;
 /// How long the broker recognises a message that comes again; afterwards the archive does.
-const KNOWN: Duration = Duration::from_secs(3_600);
+const DUPLICATE_WINDOW: Duration = Duration::from_secs(3_600);
 /// A batch waits for its first message so long.
-const EXPIRES: Duration = Duration::from_secs(1);
+const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The archive's connection.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
         durable_name: Some(CONSUMER.to_owned()),
         ack_policy: AckPolicy::Explicit,
         ack_wait: ACK_WAIT,
-        max_ack_pending: PENDING,
+        max_ack_pending: MAX_ACK_PENDING,
         ..pull::Config::default()
     };
     let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
@@ -122,7 +122,7 @@ impl OfficeLink {
             discard: DiscardPolicy::New,
             storage: StorageType::File,
             max_bytes: most_bytes,
-            duplicate_window: KNOWN,
+            duplicate_window: DUPLICATE_WINDOW,
             ..Config::default()
         };
         let archived = Config {
@@ -156,7 +156,7 @@ impl OfficeLink {
     /// # Errors
     /// If the broker does not answer.
     pub async fn begin_anew_where_stuck(&mut self) -> Result<bool, BrokerError> {
-        if self.looked.elapsed() < LOOK_EVERY {
+        if self.looked.elapsed() < STUCK_CHECK_INTERVAL {
             return Ok(false);
         }
         self.looked = Instant::now();
@@ -167,13 +167,13 @@ impl OfficeLink {
             self.floor = (floor, Instant::now());
             return Ok(false);
         }
-        if self.floor.1.elapsed() < STUCK {
+        if self.floor.1.elapsed() < STUCK_TIMEOUT {
             return Ok(false);
         }
         self.floor.1 = Instant::now();
         tracing::warn!(
             "the broker has held back one of {waits} messages for {} s: they are requested again",
-            STUCK.as_secs()
+            STUCK_TIMEOUT.as_secs()
         );
         let stream = self.link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| self.link.failed("find its stream", error))?;
@@ -189,7 +189,7 @@ impl OfficeLink {
     /// If the broker does not answer.
     pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
         let failed = |problem: String| self.link.failed("deliver messages", problem);
-        let batch = self.consumer.batch().max_messages(most).expires(EXPIRES).messages().await;
+        let batch = self.consumer.batch().max_messages(most).expires(BATCH_TIMEOUT).messages().await;
         let mut batch = batch.map_err(|error| failed(error.to_string()))?;
         let mut all = Vec::new();
         while let Some(message) = batch.next().await {

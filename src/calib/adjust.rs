@@ -35,9 +35,9 @@ const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
 /// The number of steps after which the noise estimate may still change slowly if camera and board no longer move.
-const ENOUGH_STEPS: usize = 60;
+const SUFFICIENT_STEPS: usize = 60;
 /// The steps end when camera and board move by less than this, mm and mrad.
-const SETTLED: f64 = 1e-7;
+const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 
 /// A camera mount and a board's place with the evidence for them.
 #[derive(Debug, Clone)]
@@ -131,7 +131,7 @@ pub(super) fn adjust<A: Arrangement>(
             && steady(noise.shift_mm, estimated.shift_mm);
         // A few poses hardly determine a small noise of the robot: it still changes slowly while camera and board
         // no longer move.
-        let settled = moved < SETTLED && (is_steady || index >= ENOUGH_STEPS);
+        let settled = moved < CONVERGENCE_TOLERANCE && (is_steady || index >= SUFFICIENT_STEPS);
         noise = estimated;
         if settled {
             return Ok(Adjusted {

@@ -16,15 +16,15 @@ pub(super) struct Blob {
 }
 
 /// Smaller pieces have no shape, px.
-const LEAST_PX: f64 = 12.0;
+const MIN_PX: f64 = 12.0;
 /// Larger ones are no circle among many, as a share of the picture.
-const MOST_SHARE: f64 = 0.03;
+const MAX_SHARE: f64 = 0.03;
 /// How far A / (4π √det C) may be from 1.
 const ROUND: f64 = 0.12;
 /// The longest axis by the shortest: a circle seen at 70° is 2.9.
-const LONGEST: f64 = 3.5;
+const MAX_AXIS_RATIO: f64 = 3.5;
 /// The least difference of a pixel from its surroundings, grey levels.
-const LEAST_CONTRAST: f64 = 6.0;
+const MIN_CONTRAST: f64 = 6.0;
 /// From this grey level on a pixel may belong to a glare, which would lift the mean of what is around it.
 const GLARE: u8 = 225;
 /// … and so may those around it, as a part of the picture's longer side.
@@ -46,7 +46,7 @@ pub(super) fn blobs(
     let (width, height) = (picture.width, picture.height);
     let is_marked = |index: usize| {
         let away = f64::from(picture.gray[index]) - sums.mean(index % width, index / width, reach_px);
-        if lighter { away > LEAST_CONTRAST } else { away < -LEAST_CONTRAST }
+        if lighter { away > MIN_CONTRAST } else { away < -MIN_CONTRAST }
     };
     let mask = Mask { width, height, inside: (0..width * height).map(is_marked).collect() };
     let piece = |pixels: &Vec<usize>| {
@@ -137,7 +137,7 @@ impl Piece {
     }
 
     fn blob(&self, picture_px: f64) -> Option<Blob> {
-        if self.at_rim || self.count < LEAST_PX || self.count > MOST_SHARE * picture_px {
+        if self.at_rim || self.count < MIN_PX || self.count > MAX_SHARE * picture_px {
             return None;
         }
         let [u, v] = self.sum.map(|sum| sum / self.count);
@@ -147,7 +147,7 @@ impl Piece {
         let axes = covariance.symmetric_eigenvalues();
         let (long, short) = (axes.max().sqrt(), axes.min().max(0.0).sqrt());
         let round = self.count / (4.0 * std::f64::consts::PI * long * short);
-        let is_ellipse = (round - 1.0).abs() < ROUND && long < LONGEST * short;
+        let is_ellipse = (round - 1.0).abs() < ROUND && long < MAX_AXIS_RATIO * short;
         is_ellipse.then_some(Blob { middle: Pixel::at(u, v), area_px: self.count })
     }
 }

@@ -18,13 +18,13 @@ use std::collections::BTreeMap;
 /// Rounds of the adjustment in turn.
 const ROUNDS: usize = 6;
 /// With fewer pictures a shape cannot be distinguished from noise.
-const LEAST_VIEWS: usize = 6;
+const MIN_VIEWS: usize = 6;
 /// A corner's place is an unknown if at least this many pictures show it.
-const LEAST_SEEN: usize = 4;
+const MIN_VIEWS_PER_CORNER: usize = 4;
 /// Corners that miss a flat board by less are good, px.
 const GOOD_PX: f64 = 0.08;
 /// With the board's own shape corners miss by this share, or less, of what they miss a flat one, or it is flat.
-const EXPLAINS: f64 = 0.8;
+const MAX_ERROR_RATIO: f64 = 0.8;
 
 /// A board that is not flat, or not square.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +50,7 @@ pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> O
     let rms = |square: f64, free: f64| (2.0 * square / free).sqrt();
     let own = model.count() as f64 + 6.0 * corners.len() as f64;
     let flat_px = rms(flat.square, flat.rows - own);
-    if corners.len() < LEAST_VIEWS || flat_px.is_nan() || flat_px < GOOD_PX {
+    if corners.len() < MIN_VIEWS || flat_px.is_nan() || flat_px < GOOD_PX {
         return None;
     }
     let mut offsets: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
@@ -67,7 +67,7 @@ pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> O
     }
     let own_px = rms(fit.square, free);
     let [bow_mm, beside_mm] = stated(&offsets)?;
-    (own_px <= EXPLAINS * flat_px).then_some(BoardShape { flat_px, own_px, bow_mm, beside_mm })
+    (own_px <= MAX_ERROR_RATIO * flat_px).then_some(BoardShape { flat_px, own_px, bow_mm, beside_mm })
 }
 
 fn with_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Corners {
@@ -95,7 +95,7 @@ fn moved(
         }
     }
     let offset = |(at, (normal, pull, seen)): ([i64; 2], (Matrix3<f64>, Vector3<f64>, usize))| {
-        let step = if seen < LEAST_SEEN { Vector3::zeros() } else { normal.cholesky()?.solve(&pull) };
+        let step = if seen < MIN_VIEWS_PER_CORNER { Vector3::zeros() } else { normal.cholesky()?.solve(&pull) };
         Some((at, before.get(&at).copied().unwrap_or_default() + step))
     };
     sums.into_iter().map(offset).collect()

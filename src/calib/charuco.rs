@@ -25,9 +25,9 @@ const MIN_CORNERS: usize = 8;
 /// How far a marker's corner may lie from the common plane of all, as a share of its side: a lens bends far less.
 const BENT_WHOLE: f64 = 0.6;
 /// If the markers lead to this share of the corners, the others are hidden.
-const ENOUGH: f64 = 0.6;
+const MIN_CORNER_SHARE: f64 = 0.6;
 /// Lattices of one look that are compared with the board.
-const MOST_LATTICES: usize = 6;
+const MAX_LATTICES: usize = 6;
 
 /// Finds the board, or reports which other board the picture shows.
 pub(super) fn detect(
@@ -45,7 +45,7 @@ pub(super) fn detect(
         let markers = board.markers()?;
         let corners = found(name, picture, board, markers, None).ok()?.corners.len();
         // A few markers of another layout lie as this one has them: what the picture shows it shows whole.
-        (corners as f64 >= ENOUGH * board.count() as f64).then_some(corners)
+        (corners as f64 >= MIN_CORNER_SHARE * board.count() as f64).then_some(corners)
     };
     let other = |what: String| CalibError::OtherCharuco { picture: name.to_owned(), what };
     let dictionary = &charuco.dictionary;
@@ -136,7 +136,7 @@ fn found(
     let (places, pixels) = placed(board, charuco, &seen);
     let mut best = search.grown(places.into_iter().zip(pixels).collect());
     let cells: Cells = squares.into_iter().zip(cells).collect();
-    if (best.len() as f64) < ENOUGH * board.count() as f64 {
+    if (best.len() as f64) < MIN_CORNER_SHARE * board.count() as f64 {
         let by_lattice = of_lattices(&search, &cells)?;
         if by_lattice.len() > best.len() {
             best = by_lattice;
@@ -227,7 +227,7 @@ fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
     for times in chessboard::reductions(search.picture) {
         let mut grids = chessboard::look(search.picture, times)?;
         grids.sort_by_key(|grid| std::cmp::Reverse(grid.seen()));
-        for grid in grids.into_iter().filter(|grid| grid.seen() >= MIN_CORNERS).take(MOST_LATTICES) {
+        for grid in grids.into_iter().filter(|grid| grid.seen() >= MIN_CORNERS).take(MAX_LATTICES) {
             let Some(corners) = identified(search.smooth, &grid, search.board, cells) else { continue };
             let known =
                 corners.into_iter().map(|((c, r), pixel)| ([f64::from(c) * side, f64::from(r) * side], pixel));

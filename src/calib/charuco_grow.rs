@@ -12,12 +12,12 @@ use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
-/// A corner is predicted from the known places within `NEAR_SQUARES` squares, at most `NEAREST` of them.
+/// A corner is predicted from the known places within `NEAR_SQUARES` squares, at most `MAX_NEIGHBOURS` of them.
 const NEAR_SQUARES: f64 = 2.6;
-const NEAREST: usize = 20;
+const MAX_NEIGHBOURS: usize = 20;
 /// Limits of the search: its rounds, the standard deviation of a corner, px, and the distance of a corner from its
 /// prediction, as a share of a square's side.
-const MOST_ROUNDS: usize = 12;
+const MAX_ROUNDS: usize = 12;
 const KNOWN_PX: f64 = 0.6;
 const MOVED: f64 = 0.2;
 
@@ -40,7 +40,7 @@ impl Search<'_> {
     pub fn grown(&self, mut known: Known) -> Grown {
         let mut all = Grown::new();
         let mut blur_px = None;
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             let mut views: Vec<((usize, usize), View)> = Vec::new();
             for row in 0..self.board.rows() {
                 let columns = (0..self.board.columns()).filter(|column| !all.contains_key(&(*column, row)));
@@ -122,7 +122,7 @@ impl Search<'_> {
         let mut near: Known =
             known.iter().filter(|(place, _)| away(*place) < NEAR_SQUARES * side).copied().collect();
         near.sort_by(|a, b| away(a.0).total_cmp(&away(b.0)));
-        near.truncate(NEAREST);
+        near.truncate(MAX_NEIGHBOURS);
         let reach = |axis: usize| {
             let along = near.iter().map(|(place, _)| place[axis]);
             along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)

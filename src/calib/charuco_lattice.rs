@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 pub(super) const ALIKE: f64 = 0.4;
 const ABOVE: f64 = 0.15;
 /// Squares of a marker that must be compared.
-const LEAST_SQUARES: usize = 4;
+const MIN_SQUARES: usize = 4;
 
 /// Corners by column and row of the board.
 pub(super) type LatticeCorners = Vec<((i32, i32), Pixel)>;
@@ -85,7 +85,7 @@ fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64
     let squares = cells.iter().filter(|(square, _)| is_beside(*square));
     let all: Vec<f64> =
         squares.map(|(square, cells)| correlation(smooth, &plane, *square, (cells, share, 0))).collect();
-    (all.len() >= LEAST_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
+    (all.len() >= MIN_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
 }
 
 /// Returns the correlation of the grey levels with a square's print, without a number of cells at its rim: the

@@ -1,7 +1,7 @@
 //! Finds a chessboard in a picture to about a pixel, by work that does not depend on the picture's content.
 //!
 //! The picture is examined several times, at a small size first: a large board is found there, and the last pass
-//! sees at most [`MOST_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`, `lattice`). A
+//! sees at most [`MAX_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`, `lattice`). A
 //! lattice with the board's columns and rows is the board, even if a glare hides some of its corners. No outer line
 //! may be followed by another one, since a part of a larger board is no board. Neither a white rim nor light around
 //! the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for
@@ -18,16 +18,16 @@ use crate::imaging::ImagingError;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// A larger picture is searched at half its size, or less.
-const MOST_PX: usize = 3_400_000;
+const MAX_PX: usize = 3_400_000;
 /// A picture is not reduced below this length of its longer side, px.
-const LEAST_SIDE_PX: usize = 480;
+const MIN_SIDE_PX: usize = 480;
 /// The largest number of pixels that the last pass examines.
 const SECTOR_BASED_PX: usize = 850_000;
 /// An outer line of which less was seen is none: of a board with a glare near its rim, of one with a glare, and of
 /// one beside which something looks like corners.
 const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// The smallest chessboard that is called one, inner corners.
-const SMALLEST: usize = 3;
+const MIN_BOARD_CORNERS: usize = 3;
 /// The share of the board's corners that must be seen.
 const SEEN_SHARE: f64 = 0.5;
 /// … and of another board, before it is called one.
@@ -70,7 +70,7 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
                 if best.as_ref().is_none_or(|best| best.seen() < seen) && !goes_on(picture, &grid) {
                     best = Some(grid);
                 }
-            } else if found.columns.min(found.rows) >= SMALLEST
+            } else if found.columns.min(found.rows) >= MIN_BOARD_CORNERS
                 && found.share() >= OTHER_SHARE
                 && found.has_whole_sides()
                 && other.is_none_or(|(_, most)| most < seen)
@@ -109,8 +109,8 @@ pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
     let long = picture.width.max(picture.height);
     let times = (0..16).map(|power| 1usize << power);
     let mut all: Vec<usize> = times
-        .take_while(|times| *times == 1 || long / times >= LEAST_SIDE_PX)
-        .filter(|times| picture.gray.len() / (times * times) <= MOST_PX)
+        .take_while(|times| *times == 1 || long / times >= MIN_SIDE_PX)
+        .filter(|times| picture.gray.len() / (times * times) <= MAX_PX)
         .collect();
     all.reverse();
     all

@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// A step differs from the prediction of the one before by at most this share of its length.
-const FORETOLD: f64 = 0.27;
+const PREDICTION_TOLERANCE: f64 = 0.27;
 /// The areas of neighbours differ by at most this factor; one circle of a board may be larger, as its mark.
 const AREAS: f64 = 5.5;
 /// First neighbours that are tried, the pairs of them, and blobs to begin from.
@@ -107,7 +107,7 @@ fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)
             let nearest = (0..blobs.len())
                 .filter(|index| !taken.contains(index) && are_alike(&blobs[*index], &blobs[own]))
                 .min_by(|a, b| off(*a).total_cmp(&off(*b)));
-            if let Some(index) = nearest.filter(|index| off(*index) < FORETOLD * foretold.norm()) {
+            if let Some(index) = nearest.filter(|index| off(*index) < PREDICTION_TOLERANCE * foretold.norm()) {
                 lattice.insert(there, index);
                 taken.insert(index);
                 open.push_back(there);

@@ -1,6 +1,6 @@
 //! Grids of circles: found as ellipses, ordered as a grid, each centre located by its grey levels.
 //!
-//! Candidates are ordered by `circle_lattice`, which receives at most [`MOST_CANDIDATES`]. A centre is the middle
+//! Candidates are ordered by `circle_lattice`, which receives at most [`MAX_CANDIDATES`]. A centre is the middle
 //! of the pixels that differ from the plane of grey levels around the circle, so that blur and falling light do not
 //! move it. The centre of the ellipse that a tilted circle shows is not the image of the circle's centre (Heikkilä,
 //! IEEE T-PAMI 22, 2000). The board's homography and the circles' size give this difference, and it is subtracted.
@@ -21,13 +21,13 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// At most this multiple of the board's number of circles is examined as candidates.
 const CANDIDATES_EACH: usize = 3;
-const MOST_CANDIDATES: usize = 450;
+const MAX_CANDIDATES: usize = 450;
 /// Blobs of all reaches together, at most: of a weave there are more, and each is compared with all.
-const MOST_TOGETHER: usize = 2_000;
+const MAX_BLOBS: usize = 2_000;
 /// Surroundings for a blob's threshold, as parts of the picture's longer side.
 const REACHES: [usize; 3] = [12, 32, 80];
 /// Grids that are placed.
-const MOST_GRIDS: usize = 3;
+const MAX_GRIDS: usize = 3;
 /// The extent of the window towards the neighbours' centres; its outermost part is background.
 const WINDOW: f64 = 0.48;
 const GROUND: f64 = 0.40;
@@ -84,7 +84,7 @@ pub(super) fn detect(
     }
     // The largest grid is the likeliest; the next ones are tried if it is no grid of the board.
     all.sort_by_key(|(rough, _)| std::cmp::Reverse(rough.len()));
-    let best = all.iter().take(MOST_GRIDS).find_map(|(rough, lighter)| {
+    let best = all.iter().take(MAX_GRIDS).find_map(|(rough, lighter)| {
         let (first, radii_mm) = placed(picture, board, rough, *lighter)?;
         let turned = if asymmetric { None } else { marked_first(rough, &radii_mm, board) };
         Some(
@@ -97,7 +97,7 @@ pub(super) fn detect(
 
 /// Adds the blobs that are none of those before.
 fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
-    if all.len() + more.len() > MOST_TOGETHER {
+    if all.len() + more.len() > MAX_BLOBS {
         return;
     }
     for blob in more {
@@ -117,7 +117,7 @@ fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
     let mut areas: Vec<f64> = found.iter().map(|blob| blob.area_px).collect();
     areas.sort_by(f64::total_cmp);
     // Circles are of one size, and so the most alike sizes are taken: the narrowest range that holds a board's worth.
-    let most = (CANDIDATES_EACH * board.count()).min(MOST_CANDIDATES).max(board.count());
+    let most = (CANDIDATES_EACH * board.count()).min(MAX_CANDIDATES).max(board.count());
     let narrowest = areas.windows(count).min_by(|a, b| (a[count - 1] / a[0]).total_cmp(&(b[count - 1] / b[0])));
     let middle = narrowest.map_or(1.0, |window| (window[0] * window[count - 1]).sqrt());
     let mut alike: Vec<Blob> = found.to_vec();

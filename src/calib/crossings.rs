@@ -37,16 +37,16 @@ const RING: usize = 32;
 const ALIKE: f64 = 0.55;
 /// Half contrasts below this are no corner, grey levels, nor are those below this multiple of the noise that is
 /// left.
-const LEAST_CONTRAST: f64 = 3.0;
-const LEAST_BY_NOISE: f64 = 3.0;
+const MIN_CONTRAST: f64 = 3.0;
+const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
 /// The smoothing leaves this share of white noise.
 const NOISE_LEFT: f64 = 0.27;
 /// Opposite changes of the ring lie on a line within this angle, rad.
 const BENT_RAD: f64 = 0.6;
 /// Edges that cross at less than this are none, rad.
-const LEAST_ANGLE_RAD: f64 = 0.3;
+const MIN_ANGLE_RAD: f64 = 0.3;
 /// Hardly a board has more corners; the ones with the most contrast are kept.
-const MOST: usize = 6000;
+const MAX_CROSSINGS: usize = 6000;
 /// A saddle's position in a window of this half width, px.
 const APART_PX: usize = 3;
 
@@ -146,7 +146,7 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
     response.par_chunks_mut(width).enumerate().skip(3).take(picture.height - 6).for_each(|(row, line)| {
         (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
     });
-    let least_contrast = LEAST_CONTRAST.max(LEAST_BY_NOISE * NOISE_LEFT * picture.noise);
+    let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * NOISE_LEFT * picture.noise);
     // Of a sharp corner the determinant is about the square of its half contrast, of a blurred one a fifth of that.
     let least = (0.15 * least_contrast * least_contrast) as f32;
     let rows: Vec<Vec<Crossing>> = (rim..picture.height - rim)
@@ -170,9 +170,9 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
         })
         .collect();
     let mut all = rows.concat();
-    if all.len() > MOST {
+    if all.len() > MAX_CROSSINGS {
         all.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
-        all.truncate(MOST);
+        all.truncate(MAX_CROSSINGS);
     }
     all
 }
@@ -233,7 +233,7 @@ fn judged(picture: &Smooth, column: usize, row: usize, least_contrast: f64) -> O
         })
     };
     let edges = [edge(changes[0], changes[2])?, edge(changes[1], changes[3])?];
-    (edges[0].perp(&edges[1]).abs() > LEAST_ANGLE_RAD.sin()).then_some(Crossing { at, edges, contrast })
+    (edges[0].perp(&edges[1]).abs() > MIN_ANGLE_RAD.sin()).then_some(Crossing { at, edges, contrast })
 }
 
 impl Crossing {

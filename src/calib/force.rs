@@ -18,13 +18,13 @@ use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::words::apart;
 
 /// Readings at least.
-const LEAST: usize = 3;
+const MIN_READINGS: usize = 3;
 /// The attitudes must differ by this much of x at least: 60° about the horizontal.
-const LEAST_SPREAD: f64 = 0.5;
+const MIN_SPREAD: f64 = 0.5;
 /// What a sensor resolves at best, 95 %, N: 1.96 · 0.05.
 const RESOLVED_95_N: f64 = 0.098;
 /// Farther than this from the line a reading was not taken without contact, N.
-const MOST_RESIDUAL_N: f64 = 3.0;
+const MAX_RESIDUAL_N: f64 = 3.0;
 
 /// A reading without contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,7 +54,7 @@ pub struct ForceCalibration {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// Too few.
-    #[error("{found} readings, at least {LEAST} at different attitudes are needed")]
+    #[error("{found} readings, at least {MIN_READINGS} at different attitudes are needed")]
     TooFew {
         /// How many there are.
         found: usize,
@@ -68,7 +68,7 @@ pub enum CalibrationError {
     /// They are too much alike.
     #[error(
         "the tool points down by {least:.2} to {most:.2} in all readings, these values must differ by at least \
-         {LEAST_SPREAD}: take one reading pointing down, one level and one pointing up, as far as the arm allows"
+         {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as the arm allows"
     )]
     Alike {
         /// The least.
@@ -79,8 +79,8 @@ pub enum CalibrationError {
     /// One of them does not fit.
     #[error(
         "reading {index} is {} N off the others (limit {} N); did the tool touch something?",
-        apart(*off_n, MOST_RESIDUAL_N, 1)[0],
-        apart(*off_n, MOST_RESIDUAL_N, 1)[1]
+        apart(*off_n, MAX_RESIDUAL_N, 1)[0],
+        apart(*off_n, MAX_RESIDUAL_N, 1)[1]
     )]
     Outlier {
         /// Which, from 1.
@@ -105,7 +105,7 @@ pub enum CalibrationError {
 /// If the readings cannot determine a result.
 pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, CalibrationError> {
     let n = readings.len() as f64;
-    if readings.len() < LEAST {
+    if readings.len() < MIN_READINGS {
         return Err(CalibrationError::TooFew { found: readings.len() });
     }
     let is_number = |reading: &AttitudeReading| reading.downwards.abs() <= 1.000_1 && reading.force_n.is_finite();
@@ -114,7 +114,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
     }
     let all = || readings.iter().map(|reading| reading.downwards);
     let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-    if most - least < LEAST_SPREAD {
+    if most - least < MIN_SPREAD {
         return Err(CalibrationError::Alike { least, most });
     }
     let (mean_x, mean_n) =
@@ -125,7 +125,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
     let zero_n = mean_n - slope_n * mean_x;
     let off_n = |read: &AttitudeReading| read.force_n - zero_n - slope_n * read.downwards;
     let farthest = readings.iter().map(|read| off_n(read).abs()).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
-    if let Some((index, off_n)) = farthest.filter(|(_, off_n)| *off_n > MOST_RESIDUAL_N) {
+    if let Some((index, off_n)) = farthest.filter(|(_, off_n)| *off_n > MAX_RESIDUAL_N) {
         return Err(CalibrationError::Outlier { index: index + 1, off_n });
     }
     let payload_kg = -slope_n / STANDARD_GRAVITY_M_S2;

@@ -152,7 +152,7 @@ pub(super) fn dictionary_number(name: &str) -> Option<i32> {
 }
 
 /// Smaller markers are not read, px.
-const LEAST_MARKER_PX: f64 = 14.0;
+const MIN_MARKER_PX: f64 = 14.0;
 
 /// The markers of a dictionary in a picture, with their numbers and corners, clockwise from the top left.
 pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
@@ -165,8 +165,7 @@ pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usi
     parameters.set_adaptive_thresh_win_size_min(5);
     parameters.set_adaptive_thresh_win_size_max(21);
     parameters.set_adaptive_thresh_win_size_step(16);
-    parameters
-        .set_min_marker_perimeter_rate(LEAST_MARKER_PX * 4.0 / picture.width.max(picture.height).max(1) as f64);
+    parameters.set_min_marker_perimeter_rate(MIN_MARKER_PX * 4.0 / picture.width.max(picture.height).max(1) as f64);
     let mut rejected: Vector<Vector<Point2f>> = Vector::new();
     let found = aruco::detect_markers(&source, &dictionary, &mut corners, &mut numbers, &parameters, &mut rejected);
     named(OPERATION, found)?;

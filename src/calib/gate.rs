@@ -34,7 +34,7 @@ const TOOL_RMS_MM: Bounds = (0.4, 1.5);
 const AXIS_DEG: Bounds = (0.5, 2.0);
 const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
 const COVERAGE: f64 = 0.6;
-const LEAST_TILT_DEG: f64 = 20.0;
+const MIN_TILT_DEG: f64 = 20.0;
 const FEW_VIEWS: usize = 8;
 /// Share of the picture in which a lens must be known: below the first a person must look, below the second it is rejected.
 const SUPPORT: Bounds = (0.95, 0.1);
@@ -194,8 +194,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         reasons.review.push(supported(SUPPORT.0));
     }
     let [low, high] = found.tilt_deg;
-    reasons.doubt("tilt", high < LEAST_TILT_DEG, || {
-        let [high, needed] = apart(high, LEAST_TILT_DEG, 0);
+    reasons.doubt("tilt", high < MIN_TILT_DEG, || {
+        let [high, needed] = apart(high, MIN_TILT_DEG, 0);
         format!(
             "the board was tilted by {}° to {high}°; tilt it by {needed}° and more in both directions, or focal \
              length and distance cannot be separated",

@@ -27,7 +27,7 @@ pub const MIN_STATIONS: usize = 5;
 /// A right station is set aside in one calibration of a thousand.
 const FALSE_ALARM: f64 = 1e-3;
 /// Stations beyond this many medians do not begin.
-const BEGIN_WITHIN: f64 = 3.0;
+const MAX_START_MEDIANS: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
 /// Squares that are off by more make right poses look wrong.
 const OTHER_SIZE: f64 = 0.001;
@@ -165,7 +165,7 @@ pub fn hand_eye<A: Arrangement>(
     let mut sorted = start.distances_mm.clone();
     sorted.sort_by(f64::total_cmp);
     let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
-    let reach_mm = (BEGIN_WITHIN * start.median_mm.max(1e-3)).max(sorted[needed - 1]);
+    let reach_mm = (MAX_START_MEDIANS * start.median_mm.max(1e-3)).max(sorted[needed - 1]);
     let begin: Vec<bool> = start.distances_mm.iter().map(|distance| *distance <= reach_mm).collect();
     let all = All { camera, stations, poses: &poses };
     let (adjusted, used) = all.settle((start.to_from_camera, start.holder_from_board), begin)?;

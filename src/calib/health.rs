@@ -249,12 +249,13 @@ pub fn health(
 }
 
 /// The last tenth of a verification's time.
-const SOON: f64 = 0.9;
+const WARNING_AGE_SHARE: f64 = 0.9;
 
 /// A verification that still counts, and will be too old soon.
 pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: Demands) -> Option<Reason> {
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
-    let is_soon = last.struck.is_none() && age_h > SOON * demands.max_age_h && age_h <= demands.max_age_h;
+    let is_soon =
+        last.struck.is_none() && age_h > WARNING_AGE_SHARE * demands.max_age_h && age_h <= demands.max_age_h;
     is_soon.then(|| {
         let (subject, advice) = (&last.subject, advice(&last.subject));
         let [age, allowed] = apart(age_h, demands.max_age_h, 1);

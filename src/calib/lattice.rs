@@ -14,9 +14,9 @@ use std::collections::{BTreeMap, VecDeque};
 pub(super) type Lattice = BTreeMap<(i32, i32), usize>;
 
 /// Neighbours are at least this far apart, px.
-const LEAST_PX: f64 = 6.0;
+const MIN_PX: f64 = 6.0;
 /// … and at most this far: a larger board is found in a smaller picture.
-const MOST_PX: f64 = 170.0;
+const MAX_PX: f64 = 170.0;
 /// If there are enough candidates within this distance, none is searched farther away, px.
 const FIRST_PX: f64 = 60.0;
 /// The largest angle between a first step and an edge's direction, as its cosine.
@@ -24,17 +24,17 @@ const CONE: f64 = 0.966;
 /// A neighbour's own edge runs along the line to it: cosine.
 const ALONG: f64 = 0.90;
 /// A step differs from the prediction of the one before by at most this share of its length.
-const FORETOLD: f64 = 0.28;
+const PREDICTION_TOLERANCE: f64 = 0.28;
 /// The number of crossings that are examined along a first edge.
-const NEAREST: usize = 10;
+const MAX_NEIGHBOURS: usize = 10;
 /// The contrast across the edge by that of the corners.
 const EDGE_SHARE: f64 = 0.3;
 /// Contrasts of neighbours differ by at most this factor.
 const CONTRASTS: f64 = 3.5;
 /// Looks at edges in one picture.
-const MOST_LOOKS: usize = 250_000;
+const MAX_EDGE_CHECKS: usize = 250_000;
 /// Smaller lattices are none.
-const LEAST_CORNERS: usize = 6;
+const MIN_CORNERS: usize = 6;
 
 /// All lattices of a picture, the largest first.
 pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice> {
@@ -42,11 +42,11 @@ pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice>
     let mut used = vec![false; crossings.len()];
     let mut all: Vec<Lattice> = Vec::new();
     for seed in 0..crossings.len() {
-        if used[seed] || field.looks > MOST_LOOKS {
+        if used[seed] || field.looks > MAX_EDGE_CHECKS {
             continue;
         }
         let grown = field.grow(seed, &used);
-        if grown.len() >= LEAST_CORNERS {
+        if grown.len() >= MIN_CORNERS {
             grown.values().for_each(|index| used[*index] = true);
             all.push(grown);
         }
@@ -192,17 +192,17 @@ impl<'a> Field<'a> {
         let foretold = back.or_else(|| across.into_iter().find_map(side));
         let near: Vec<usize> = match foretold {
             Some(shift) => {
-                let all = self.near(here + shift, FORETOLD * shift.norm(), &|_, _| true);
+                let all = self.near(here + shift, PREDICTION_TOLERANCE * shift.norm(), &|_, _| true);
                 all.into_iter().map(|(_, index)| index).collect()
             }
             None => {
                 let is_ahead =
-                    |away: f64, between: Vector2<f64>| away > LEAST_PX && between.dot(&along) > CONE * away;
+                    |away: f64, between: Vector2<f64>| away > MIN_PX && between.dot(&along) > CONE * away;
                 let mut all = self.near(here, FIRST_PX, &is_ahead);
-                if all.len() < NEAREST {
-                    all = self.near(here, MOST_PX, &is_ahead);
+                if all.len() < MAX_NEIGHBOURS {
+                    all = self.near(here, MAX_PX, &is_ahead);
                 }
-                all.into_iter().map(|(_, index)| index).take(NEAREST).collect()
+                all.into_iter().map(|(_, index)| index).take(MAX_NEIGHBOURS).collect()
             }
         };
         for index in near {
@@ -230,7 +230,7 @@ impl<'a> Field<'a> {
         let between = b.at - a.at;
         let length = between.norm();
         let factor = a.contrast / b.contrast;
-        if length < LEAST_PX || !(1.0 / CONTRASTS..=CONTRASTS).contains(&factor) {
+        if length < MIN_PX || !(1.0 / CONTRASTS..=CONTRASTS).contains(&factor) {
             return false;
         }
         let along = between / length;

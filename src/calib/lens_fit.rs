@@ -32,9 +32,9 @@ const MAX_STEPS: usize = 60;
 /// μ of (1), px².
 const BARRIER_PX2: f64 = 2.5e-3;
 /// The steps end when the sum of squares falls by a smaller share.
-const SETTLED: f64 = 1e-10;
+const CONVERGENCE_TOLERANCE: f64 = 1e-10;
 /// The least growth of the distorted radius with the undistorted one.
-const LEAST_SLOPE: f64 = 0.05;
+const MIN_SLOPE: f64 = 0.05;
 const RADII: usize = 12;
 /// The principal point's deviation from the middle, as a share of the picture's side.
 const CENTRE_SHARE: f64 = 0.15;
@@ -54,13 +54,13 @@ pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Optio
             continue;
         };
         if next.cost <= here.cost {
-            let settled = here.cost - next.cost <= SETTLED * here.cost && damping <= 1.0;
+            let settled = here.cost - next.cost <= CONVERGENCE_TOLERANCE * here.cost && damping <= 1.0;
             here = next;
             damping = (damping * 0.1).max(1e-12);
             if settled {
                 return Some(here.done());
             }
-        } else if foretold <= SETTLED * here.cost || damping > 1e12 {
+        } else if foretold <= CONVERGENCE_TOLERANCE * here.cost || damping > 1e12 {
             return Some(here.done());
         } else {
             damping *= 10.0;
@@ -81,7 +81,7 @@ pub(super) fn place(
         let step = scaled_inverse(&gram.pose)? * gram.pose_pull;
         let next = moved(&pose, &step);
         let there = LensGram::compute(camera, corners, &next)?;
-        if there.square > gram.square * (1.0 - SETTLED) {
+        if there.square > gram.square * (1.0 - CONVERGENCE_TOLERANCE) {
             break;
         }
         (pose, gram) = (next, there);
@@ -129,7 +129,7 @@ pub(super) fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
     if !(camera.fx_px > 1.0 && camera.fy_px > 1.0) {
         return None;
     }
-    camera.radius_without_fold(LEAST_SLOPE)
+    camera.radius_without_fold(MIN_SLOPE)
 }
 
 fn moved(pose: &Rigid<Camera, Board>, step: &Vector6<f64>) -> Rigid<Camera, Board> {
@@ -229,7 +229,7 @@ fn barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SV
     (1..=RADII).map(move |index| {
         let r2 = (radius * index as f64 / RADII as f64).powi(2);
         let by = [3.0 * r2, 5.0 * r2 * r2, 7.0 * r2.powi(3)];
-        let slope = 1.0 + k1 * by[0] + k2 * by[1] + k3 * by[2] - 0.9 * LEAST_SLOPE;
+        let slope = 1.0 + k1 * by[0] + k2 * by[1] + k3 * by[2] - 0.9 * MIN_SLOPE;
         (slope, SVector::from([0.0, 0.0, 0.0, 0.0, by[0], by[1], 0.0, 0.0, by[2]]))
     })
 }

@@ -27,7 +27,7 @@ const PARTS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
 const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
 const TILT_DEG: f64 = 35.0;
 /// A picture that leaves more of the error is not worth taking.
-const WORTH: f64 = 0.98;
+const MAX_REMAINING_SHARE: f64 = 0.98;
 /// Widths of the board as shares of the picture's width, the largest first.
 const WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
 
@@ -61,7 +61,7 @@ pub(super) fn next_picture(
             }
         }
     }
-    best.filter(|best| best.error_share < WORTH)
+    best.filter(|best| best.error_share < MAX_REMAINING_SHARE)
 }
 
 fn told(column: &str, row: &str, tilt: &str, width: f64) -> String {

@@ -27,8 +27,8 @@ pub struct Support {
 pub const SUPPORT_PX: f64 = 0.3;
 /// … and the error that is stated if the pictures do not allow this anywhere: a multiple of the error in the
 /// middle, and its largest value, px.
-const HARDLY_WORSE: f64 = 1.5;
-const MOST_PX: f64 = 3.0;
+const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
+const MAX_PX: f64 = 3.0;
 /// χ² of two numbers, 95 %.
 const CIRCLE_95: f64 = 5.991;
 const DIRECTIONS: usize = 48;
@@ -49,8 +49,8 @@ pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views
     );
     // If the lens is less well known even in the middle, the stated part is the one in which it is hardly worse
     // than there.
-    let allowed_px = SUPPORT_PX.max(HARDLY_WORSE * error_at(middle));
-    if allowed_px.is_nan() || allowed_px > MOST_PX {
+    let allowed_px = SUPPORT_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
+    if allowed_px.is_nan() || allowed_px > MAX_PX {
         return nowhere;
     }
     let is_known = |pixel: Pixel| error_at(pixel) <= allowed_px;

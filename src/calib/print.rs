@@ -66,18 +66,18 @@ const UNKNOWNS: usize = 9;
 /// Blurs that are tried, px.
 const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
 /// The largest number of times that the print is rendered, and the displacement that ends it, px.
-const DRAWN: usize = 5;
-const SETTLED_PX: f64 = 0.03;
+const MAX_RENDERINGS: usize = 5;
+const CONVERGENCE_PX: f64 = 0.03;
 /// Turns in which pixels lose weight.
 const TURNS: usize = 4;
 /// The share of the window's pixels that must show the print.
-const LEAST_PART: f64 = 0.4;
+const MIN_PRINT_SHARE: f64 = 0.4;
 /// Less is no print, grey levels.
-const LEAST_CONTRAST: f64 = 8.0;
+const MIN_CONTRAST: f64 = 8.0;
 /// A print that is not quite as it is drawn leaves this share of the contrast at its edges.
-const LEAST_LEFT: f64 = 0.06;
+const MIN_RESIDUAL_SHARE: f64 = 0.06;
 /// What is left must be less than this share of the contrast, beside the noise.
-const MOST_LEFT: f64 = 0.2;
+const MAX_RESIDUAL_SHARE: f64 = 0.2;
 
 impl Print {
     /// Of a chessboard, or a board with markers.
@@ -129,7 +129,7 @@ impl Print {
     pub fn matched(&self, picture: &GrayPicture, view: &View, noise: f64) -> Option<Matched> {
         let mut view = *view;
         let first = view.start;
-        for turn in 0..DRAWN {
+        for turn in 0..MAX_RENDERINGS {
             let drawn = self.drawn(picture, &view)?;
             let fitted = fitted(&drawn, noise)?;
             let step = Vector2::new(fitted.at.u - view.start.u, fitted.at.v - view.start.v);
@@ -137,7 +137,7 @@ impl Print {
             if view.start.distance_px(first) > 0.35 * view.most_px.max(4.0) {
                 return None;
             }
-            if step.norm() < SETTLED_PX || turn + 1 == DRAWN {
+            if step.norm() < CONVERGENCE_PX || turn + 1 == MAX_RENDERINGS {
                 return Some(fitted).filter(|_| step.norm() < 0.3);
             }
         }
@@ -265,7 +265,7 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
         let found = factor.solve(&pull);
         let left: Vec<f64> = drawn.pixels.iter().map(|seen| seen.gray - by(seen).dot(&found)).collect();
         let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / 0.674;
-        let scale = 2.5 * usual.max(noise).max(LEAST_LEFT * found[3].abs()).max(0.5);
+        let scale = 2.5 * usual.max(noise).max(MIN_RESIDUAL_SHARE * found[3].abs()).max(0.5);
         weights = left.iter().map(|left| (1.0 + (left / scale).powi(2)).powi(-2)).collect();
         last = Some((found, factor, left, scale));
     }
@@ -280,7 +280,7 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     let rms = (near.iter().map(|left| left * left).sum::<f64>() / near.len().max(1) as f64).sqrt();
     let contrast = found[3];
     let beyond = (rms * rms - 1.5 * noise * noise).max(0.0).sqrt();
-    if part < LEAST_PART || contrast.abs() < LEAST_CONTRAST || beyond > MOST_LEFT * contrast.abs() {
+    if part < MIN_PRINT_SHARE || contrast.abs() < MIN_CONTRAST || beyond > MAX_RESIDUAL_SHARE * contrast.abs() {
         return None;
     }
     let spread = factor.inverse();

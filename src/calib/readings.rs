@@ -31,9 +31,9 @@ const MAX_TRIPLES: usize = 120;
 /// A reading that leaves more than this fits not, mm.
 const FITS_MM: f64 = 5.0;
 /// The reading that is named leaves this share of what the poses leave as they are, or less.
-const BETTER: f64 = 0.2;
+const MAX_ERROR_RATIO: f64 = 0.2;
 /// Readings that leave less than this many times the best are named with it.
-const ALIKE: f64 = 3.0;
+const MAX_RATIO_TO_BEST: f64 = 3.0;
 
 /// Returns the readings in which these stations fit, best first; none if they fit as they are, or in no reading.
 pub(super) fn fitting<A: Arrangement>(
@@ -103,10 +103,10 @@ pub fn of_tip(poses: &[Rigid<Base, Flange>]) -> Vec<Reading> {
 /// The readings that fit, of those that were tried, each with what it leaves, mm.
 fn named(as_read_mm: f64, tried: &[(Meaning, f64)]) -> Vec<Reading> {
     let best = tried.iter().map(|(_, left_mm)| *left_mm).fold(f64::INFINITY, f64::min);
-    if !(best <= FITS_MM && best <= BETTER * as_read_mm) {
+    if !(best <= FITS_MM && best <= MAX_ERROR_RATIO * as_read_mm) {
         return Vec::new();
     }
-    let fits = |left_mm: f64| left_mm <= (ALIKE * best).min(FITS_MM);
+    let fits = |left_mm: f64| left_mm <= (MAX_RATIO_TO_BEST * best).min(FITS_MM);
     let others = tried.iter().map(|(_, left_mm)| *left_mm).filter(|left_mm| !fits(*left_mm));
     let next_mm = others.fold(as_read_mm, f64::min);
     let fitting = tried.iter().filter(|(_, left_mm)| fits(*left_mm));

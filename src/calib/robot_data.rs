@@ -53,7 +53,7 @@ pub struct ArmView {
 pub(super) const REPEAT_MM: f64 = 0.03;
 const REPEAT_RAD: f64 = 5e-5;
 /// The least assumed error of a corner, px.
-const LEAST_PX: f64 = 0.02;
+const MIN_PX: f64 = 0.02;
 
 impl ArmView {
     /// Makes a view from the corners that a picture shows.
@@ -83,7 +83,7 @@ pub(super) fn information(
     rms_px: f64,
 ) -> Option<Matrix6<f64>> {
     let gram = LensGram::compute(camera, corners, camera_from_board)?;
-    let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(LEAST_PX).powi(2);
+    let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(MIN_PX).powi(2);
     let far_mm = camera_from_board.origin().mm.coords.norm();
     let (turn, shift) = (REPEAT_RAD.powi(2), REPEAT_MM.powi(2) + (far_mm * REPEAT_RAD).powi(2));
     let of_robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));

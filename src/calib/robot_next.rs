@@ -55,14 +55,14 @@ pub struct NextPose {
 impl NextPose {
     /// Would no further picture reduce the tip's stated error enough to be worth taking?
     pub fn is_enough(&self) -> bool {
-        self.tip_share > ENOUGH
+        self.tip_share > MAX_REMAINING_SHARE
     }
 }
 
 /// A picture that leaves more of the tip's stated error is not worth taking.
-const ENOUGH: f64 = 0.95;
+const MAX_REMAINING_SHARE: f64 = 0.95;
 /// A number counts as determined if less than this share of its usual deviation is left.
-pub const TOLD: f64 = 0.7;
+pub const DETERMINED_SHARE: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
 const TURNS: usize = 4;
@@ -150,7 +150,7 @@ struct Gain {
 /// is no candidate, or the data determine no number.
 pub fn next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
     let own = found.state.own();
-    let told = (0..own).filter(|index| found.numbers[*index].untold < TOLD);
+    let told = (0..own).filter(|index| found.numbers[*index].untold < DETERMINED_SHARE);
     let weakest = told.max_by(|a, b| found.numbers[*a].untold.total_cmp(&found.numbers[*b].untold))?;
     let slopes: Vec<DMatrix<f64>> = volume
         .iter()

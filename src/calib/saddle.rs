@@ -18,7 +18,7 @@ use statrs::function::erf::erf;
 const UNKNOWNS: usize = 9;
 const MAX_STEPS: usize = 30;
 /// The steps end when the corner moves by less, px.
-const SETTLED_PX: f64 = 1e-4;
+const CONVERGENCE_PX: f64 = 1e-4;
 /// A corner that moves farther from its start is another one, px.
 const MAX_MOVE_PX: f64 = 1.5;
 /// Half contrasts below this are no corner, grey levels.
@@ -74,7 +74,7 @@ fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
         let step = factor.solve(&here.gradient);
         let next = model.moved(&step);
         let there = patch.sums(&next);
-        let is_settled = step.fixed_rows::<2>(0).norm() < SETTLED_PX;
+        let is_settled = step.fixed_rows::<2>(0).norm() < CONVERGENCE_PX;
         if there.square <= here.square {
             (model, here) = (next, there);
             damping *= 0.1;

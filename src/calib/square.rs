@@ -20,7 +20,7 @@ use nalgebra::{Isometry3, SMatrix, SVector};
 
 const MAX_STEPS: usize = 8;
 /// The steps end when the size changes by less than this share.
-const SETTLED: f64 = 1e-7;
+const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 /// A size that is right is called wrong in one calibration of a thousand.
 const FALSE_ALARM: f64 = 1e-3;
 
@@ -116,7 +116,7 @@ pub(super) fn measure<A: Arrangement>(
         let chosen: Vec<&Station<A::From>> = now.iter().collect();
         let from = (&adjusted.to_from_camera, &adjusted.holder_from_board);
         adjusted = adjust::adjust::<A>(&lens, &chosen, from, None).ok()?;
-        if (grown - 1.0).abs() < SETTLED.max(0.01 * step.deviation) {
+        if (grown - 1.0).abs() < CONVERGENCE_TOLERANCE.max(0.01 * step.deviation) {
             let redundancy = (adjusted.redundancy - 1.0).max(1.0);
             return Some(SquareSize { ratio, of, deviation: step.deviation * ratio, redundancy, adjusted });
         }

@@ -8,12 +8,12 @@ use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
 /// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
-const STANDS_APART_PX: f64 = 0.4;
-const STANDS_APART: f64 = 5.0;
+const OUTLIER_PX: f64 = 0.4;
+const OUTLIER_MEDIANS: f64 = 5.0;
 /// … and, if it is placed well, by this multiple of the surface's own deviation there.
 const UNCERTAIN: f64 = 5.0;
 /// … and the least limit there, px: at a board's outer corners a lens bends by more than a third degree.
-const WELL_APART_PX: f64 = 0.9;
+const MIN_OUTLIER_PX: f64 = 0.9;
 /// The standard deviation up to which a single corner is accepted, px.
 pub(super) const KNOWN_PX: f64 = 0.2;
 /// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
@@ -155,9 +155,9 @@ impl Surface {
     /// A corner farther from it is another one, px: one that is badly known may be farther, and counts the less.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
         let is_well = placed.deviation_px < WELL_PX;
-        let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(WELL_APART_PX) } else { 0.0 };
+        let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
         let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
-        STANDS_APART_PX.max(STANDS_APART * self.usual_px).max(own_px)
+        OUTLIER_PX.max(OUTLIER_MEDIANS * self.usual_px).max(own_px)
     }
 
     /// How well it is known at a place, each way, px².

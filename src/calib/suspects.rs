@@ -18,7 +18,7 @@ const GRAZING_DEG: f64 = 65.0;
 /// Corners that miss the board's pose by this many times what others do make a picture doubtful.
 const ROUGHER: f64 = 3.0;
 /// Corners that miss it by less are good in any company, px or mm.
-const LEAST_RMS: f64 = 0.05;
+const MIN_RMS: f64 = 0.05;
 /// A pose that is off by less than both was not mistyped, mm and degrees.
 const TYPED_MM: f64 = 1.0;
 const TYPED_DEG: f64 = 0.2;
@@ -223,7 +223,7 @@ impl<A: Arrangement> Trial<'_, A> {
         let mut others: Vec<f64> =
             self.poses.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, pose)| pose.rms).collect();
         let usual = median(&mut others)?;
-        (pose.rms > ROUGHER * usual.max(LEAST_RMS)).then_some(Fault::Rough { rms: pose.rms, usual })
+        (pose.rms > ROUGHER * usual.max(MIN_RMS)).then_some(Fault::Rough { rms: pose.rms, usual })
     }
 
     fn mistyped(&self, index: usize) -> Fault {

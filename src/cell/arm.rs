@@ -139,9 +139,9 @@ impl Arm {
     }
 }
 
-pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) -> Option<Arm> {
-    let table = ArmTable::take(section);
-    let keep_out: Vec<Option<KeepOut>> = keep_out.iter().map(take_keep_out).collect();
+pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) -> Option<Arm> {
+    let table = ArmTable::parse(section);
+    let keep_out: Vec<Option<KeepOut>> = keep_out.iter().map(parse_keep_out).collect();
     let (table, keep_out) = (table?, keep_out.into_iter().collect::<Option<Vec<_>>>()?);
     let (geometry, axes) = match table.model {
         ArmModel::Named(preset) => known(section, &table, preset)?,
@@ -250,9 +250,9 @@ fn needed<T>(section: &Section<'_, '_>, key: &str, value: Option<T>) -> Option<T
     value
 }
 
-fn take_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
-    let name = section.take::<String>("name", (), None);
-    let corner = |key| section.take::<[f64; 3]>(key, -10_000.0..=10_000.0, None);
+fn parse_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
+    let name = section.parse::<String>("name", (), None);
+    let corner = |key| section.parse::<[f64; 3]>(key, -10_000.0..=10_000.0, None);
     let (low, high) = (corner("min_mm"), corner("max_mm"));
     section.done();
     let (name, low, high) = (name?, low?, high?);

@@ -20,8 +20,8 @@ impl std::fmt::Display for BoardSize {
 }
 
 impl BoardSize {
-    pub(super) fn take(section: &Section<'_, '_>) -> Option<Self> {
-        let (board, square_mm) = (section.take("board", (), None), section.take("square_mm", SQUARE_MM, None));
+    pub(super) fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let (board, square_mm) = (section.parse("board", (), None), section.parse("square_mm", SQUARE_MM, None));
         Some(BoardSize { board: board?, square_mm: square_mm? })
     }
 }

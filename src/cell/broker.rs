@@ -39,10 +39,10 @@ const SCHEMES: [(&str, u16); 2] = [(OPEN, 4_222), ("tls", 4_222)];
 impl Broker {
     /// Reads the address under this key and the keys that belong to it; the outer `None` is a problem, the inner
     /// one no broker.
-    pub fn take(folder: &Path, section: &Section<'_, '_>, key: &'static str) -> Option<Option<Broker>> {
+    pub fn parse(folder: &Path, section: &Section<'_, '_>, key: &'static str) -> Option<Option<Broker>> {
         let keys = [key, "ca", "credentials", "user", "password_file"];
         let [address, ca, credentials, user, password_file] =
-            keys.map(|key| section.take::<Option<String>>(key, (), Some(None)));
+            keys.map(|key| section.parse::<Option<String>>(key, (), Some(None)));
         let (address, ca, credentials, user, password_file) = (address?, ca?, credentials?, user?, password_file?);
         let file = |name: String| folder.join(name);
         let login = match (credentials, user, password_file) {

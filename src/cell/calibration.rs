@@ -129,25 +129,25 @@ impl Intrinsics {
             return Self::foreign(file, text);
         }
         config::check(file, text, |top| {
-            let (intrinsics, errors) = (Self::take(&top.section("camera")), MeasuredScanner::take(top));
+            let (intrinsics, errors) = (Self::parse(&top.section("camera")), MeasuredScanner::parse(top));
             top.done();
             Some(Intrinsics { errors: errors?, ..intrinsics? })
         })
     }
 
-    fn take(section: &Section<'_, '_>) -> Option<Self> {
-        let size = |key| section.take(key, SIZE_PX, None);
-        let number = |key, limits| section.take::<f64>(key, limits, None);
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let size = |key| section.parse(key, SIZE_PX, None);
+        let number = |key, limits| section.parse::<f64>(key, limits, None);
         let (width_px, height_px) = (size("width_px"), size("height_px"));
         let [fx_px, fy_px] = ["fx_px", "fy_px"].map(|key| number(key, FOCAL_PX));
         let [cx_px, cy_px] = ["cx_px", "cy_px"].map(|key| number(key, CENTRE_PX));
         let [k1, k2, p1, p2, k3] = ["k1", "k2", "p1", "p2", "k3"].map(|key| number(key, COEFFICIENT));
-        let covariance = section.take::<Option<Covariance>>("covariance", (), Some(None));
-        let serial = section.take("serial", (), Some(None));
-        let date = section.take("date", (), Some(None));
-        let rms_px = section.take("rms_px", RESIDUAL, Some(None));
-        let extent = LensExtent::take(section);
-        let provenance = Provenance::take(section, "residuals_px");
+        let covariance = section.parse::<Option<Covariance>>("covariance", (), Some(None));
+        let serial = section.parse("serial", (), Some(None));
+        let date = section.parse("date", (), Some(None));
+        let rms_px = section.parse("rms_px", RESIDUAL, Some(None));
+        let extent = LensExtent::parse(section);
+        let provenance = Provenance::parse(section, "residuals_px");
         section.done();
         let camera = PinholeCamera {
             width_px: width_px?,
@@ -325,23 +325,23 @@ impl<M: Mount> MountedPose<M> {
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::check(file, text, |top| {
-            let mounted = Self::take(&top.section(M::TABLE));
+            let mounted = Self::parse(&top.section(M::TABLE));
             top.done();
             mounted
         })
     }
 
-    fn take(section: &Section<'_, '_>) -> Option<Self> {
-        let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.take(key, PLACE_MM, None));
-        let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.take(key, ANGLE_DEG, None));
-        let date = section.take("date", (), Some(None));
-        let rms_mm = section.take("rms_mm", RESIDUAL, Some(None));
-        let uncertainty_mm = section.take("uncertainty_mm", RESIDUAL, Some(None));
-        let axis_measured = if M::HAS_AXIS { section.take("axis_measured", (), Some(None)) } else { Some(None) };
-        let board = if M::IS_BOARD { BoardSize::take(section).map(Some) } else { Some(None) };
-        let serial = section.take("serial", (), Some(None));
-        let robot_correction = section.take("robot_correction", (), Some(None));
-        let provenance = Provenance::take(section, "residuals_mm");
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, PLACE_MM, None));
+        let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));
+        let date = section.parse("date", (), Some(None));
+        let rms_mm = section.parse("rms_mm", RESIDUAL, Some(None));
+        let uncertainty_mm = section.parse("uncertainty_mm", RESIDUAL, Some(None));
+        let axis_measured = if M::HAS_AXIS { section.parse("axis_measured", (), Some(None)) } else { Some(None) };
+        let board = if M::IS_BOARD { BoardSize::parse(section).map(Some) } else { Some(None) };
+        let serial = section.parse("serial", (), Some(None));
+        let robot_correction = section.parse("robot_correction", (), Some(None));
+        let provenance = Provenance::parse(section, "residuals_mm");
         section.done();
         let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
         let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);

@@ -27,22 +27,22 @@ impl<Device> Camera<Device> {
 
 /// What makes a device of one kind: the word for it, the keys that it must have with what to do, the keys that it
 /// alone has, and how they are taken.
-pub(super) struct Kind<'k, Take> {
+pub(super) struct Kind<'k, Parse> {
     pub word: &'static str,
     pub required: &'k [(&'static str, &'static str)],
     pub keys: &'k [&'static str],
-    pub take: Take,
+    pub parse: Parse,
 }
 
 /// A camera of this kind, a recorded or a simulated one; a key that has no effect is a problem.
-pub(super) fn take_camera<Device>(
+pub(super) fn parse_camera<Device>(
     cell_folder: &Path,
     section: &Section<'_, '_>,
     device: Kind<'_, impl FnOnce(&Section<'_, '_>) -> Option<Device>>,
 ) -> Option<Camera<Device>> {
-    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", device.word], Some("simulated"));
-    let folder = section.take::<Option<String>>("folder", (), Some(None));
-    let taken = (device.take)(section);
+    let kind = section.parse::<&str>("kind", vec!["simulated", "recorded", device.word], Some("simulated"));
+    let folder = section.parse::<Option<String>>("folder", (), Some(None));
+    let taken = (device.parse)(section);
     section.done();
     let (kind, folder) = (kind?, folder?);
     let needs = device.keys.iter().map(|key| (*key, device.word)).chain([("folder", "recorded")]);
@@ -169,17 +169,17 @@ pub(super) fn is_host(host: &str) -> bool {
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 
 /// Sums of programs are below 1000003.
-const LARGEST_SUM: usize = 1_000_002;
+const MAX_CHECKSUM: usize = 1_000_002;
 
 const THIS_MACHINE: &str = "127.0.0.1";
 
-pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
-    let kind = section.take("kind", (), Some(RobotKind::Mock));
-    let controller = section.take("controller", (), Some(MockController::Programs));
-    let host = section.take::<Option<String>>("host", (), Some(None));
-    let command_port = section.take("command_port", PORTS, Some(54_600));
-    let state_port = section.take("state_port", PORTS, Some(54_601));
-    let programs_sum = section.take::<Option<usize>>("programs_sum", 0..=LARGEST_SUM, Some(None));
+pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
+    let kind = section.parse("kind", (), Some(RobotKind::Mock));
+    let controller = section.parse("controller", (), Some(MockController::Programs));
+    let host = section.parse::<Option<String>>("host", (), Some(None));
+    let command_port = section.parse("command_port", PORTS, Some(54_600));
+    let state_port = section.parse("state_port", PORTS, Some(54_601));
+    let programs_sum = section.parse::<Option<usize>>("programs_sum", 0..=MAX_CHECKSUM, Some(None));
     section.done();
     let (kind, controller, host) = (kind?, controller?, host?);
     let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);

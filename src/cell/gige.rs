@@ -33,19 +33,19 @@ pub(super) const KIND: Kind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = Kind {
          such that the brightest parts are not saturated (`panelprep shoot corner` reports it)",
     )],
     keys: &["serial", "address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"],
-    take,
+    parse,
 };
 
-fn take(section: &Section<'_, '_>) -> Option<Gige> {
-    let text = |key| section.take::<Option<String>>(key, (), Some(None));
+fn parse(section: &Section<'_, '_>) -> Option<Gige> {
+    let text = |key| section.parse::<Option<String>>(key, (), Some(None));
     let (serial, address) = (text("serial"), text("address"));
-    let user_set = section.take::<String>("user_set", (), Some("Default".to_owned()));
-    let pixel_format = section.take::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
+    let user_set = section.parse::<String>("user_set", (), Some("Default".to_owned()));
+    let pixel_format = section.parse::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
     // A missing value is reported by the code that knows the kind.
-    let exposure_us = section.take::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
-    let gain_db = section.take::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
+    let exposure_us = section.parse::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
+    let gain_db = section.parse::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
     // From GigE Vision's least to the largest of an ordinary jumbo frame.
-    let packet_bytes = section.take("packet_bytes", 576..=9_000, Some(1_400));
+    let packet_bytes = section.parse("packet_bytes", 576..=9_000, Some(1_400));
     let (serial, address) = (serial?, address?);
     if serial.is_some() && address.is_some() {
         section.problem("address", "serial names a camera already; name it by one of the two");

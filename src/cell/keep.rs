@@ -41,25 +41,25 @@ pub(super) struct StoreTable {
 }
 
 /// `store = "folder"`, or `[store]` with `folder`, `record_key` and `keep`.
-pub(super) fn take_store(top: &Section<'_, '_>) -> Option<StoreTable> {
+pub(super) fn parse_store(top: &Section<'_, '_>) -> Option<StoreTable> {
     let default = || Some("store".to_owned());
     if !top.is_table("store") {
-        let folder = top.take::<String>("store", (), default())?;
+        let folder = top.parse::<String>("store", (), default())?;
         return Some(StoreTable { folder, keep: Keep::default(), record_key: None });
     }
     let section = top.section("store");
-    let folder = section.take::<String>("folder", (), default());
-    let record_key = section.take::<Option<String>>("record_key", (), Some(None));
-    let keep = take_keep(&section.section("keep"));
+    let folder = section.parse::<String>("folder", (), default());
+    let record_key = section.parse::<Option<String>>("record_key", (), Some(None));
+    let keep = parse_keep(&section.section("keep"));
     section.done();
     Some(StoreTable { folder: folder?, keep: keep?, record_key: record_key? })
 }
 
-fn take_keep(section: &Section<'_, '_>) -> Option<Keep> {
+fn parse_keep(section: &Section<'_, '_>) -> Option<Keep> {
     let [days, failed_days] =
-        ["days", "failed_days"].map(|key| section.take::<Option<usize>>(key, DAYS, Some(None)));
+        ["days", "failed_days"].map(|key| section.parse::<Option<usize>>(key, DAYS, Some(None)));
     let [cycles, failed_cycles] =
-        ["cycles", "failed_cycles"].map(|key| section.take::<Option<usize>>(key, CYCLES, Some(None)));
+        ["cycles", "failed_cycles"].map(|key| section.parse::<Option<usize>>(key, CYCLES, Some(None)));
     section.done();
     let passed = KeepFor { days: days?, cycles: cycles? };
     let failed = KeepFor { days: failed_days?, cycles: failed_cycles? };

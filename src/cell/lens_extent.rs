@@ -40,11 +40,11 @@ impl LensExtent {
         self.supported.as_ref().is_none_or(|supported| supported.holds(pixel))
     }
 
-    pub(super) fn take(section: &Section<'_, '_>) -> Option<Self> {
-        let model = section.take::<Option<String>>("model", (), Some(None));
-        let left_out = section.take("left_out", (), Some(Texts::default()));
-        let error_px = section.take::<Option<f64>>("supported_error_px", ERROR_PX, Some(None));
-        let outline = section.take::<Option<Outline>>("supported_px", (), Some(None));
+    pub(super) fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let model = section.parse::<Option<String>>("model", (), Some(None));
+        let left_out = section.parse("left_out", (), Some(Texts::default()));
+        let error_px = section.parse::<Option<f64>>("supported_error_px", ERROR_PX, Some(None));
+        let outline = section.parse::<Option<Outline>>("supported_px", (), Some(None));
         let supported = match (error_px?, outline?) {
             (Some(error_px), Some(Outline(outline_px))) => Some(Supported { error_px, outline_px }),
             (None, None) => None,

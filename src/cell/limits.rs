@@ -73,8 +73,8 @@ impl Limits {
     }
 }
 
-pub(super) fn take_limits(section: &Section<'_, '_>) -> Option<Limits> {
-    let limits = Limits::take(section)?;
+pub(super) fn parse_limits(section: &Section<'_, '_>) -> Option<Limits> {
+    let limits = Limits::parse(section)?;
     let mut wrong = Vec::new();
     if limits.min_points > limits.window_commands {
         let (found, allowed) = (limits.min_points, limits.window_commands);

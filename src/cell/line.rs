@@ -22,7 +22,7 @@ pub struct Line {
     pub operator: Option<String>,
 }
 
-pub(super) fn take_line(
+pub(super) fn parse_line(
     folder: &Path,
     section: &Section<'_, '_>,
     io: Option<&InputsOutputs>,
@@ -30,8 +30,8 @@ pub(super) fn take_line(
     if !section.is_present() {
         return Some(None);
     }
-    let recipe = section.take::<String>("recipe", (), None);
-    let name = |key| section.take::<Option<String>>(key, (), Some(None));
+    let recipe = section.parse::<String>("recipe", (), None);
+    let name = |key| section.parse::<Option<String>>(key, (), Some(None));
     let [serial, order, operator] = ["serial", "order", "operator"].map(name);
     section.done();
     let io = io?;

@@ -38,7 +38,7 @@ impl LineSignal {
 }
 
 /// Reads `[io.line_outputs]`: an output for the line is none that the process switches.
-pub(super) fn take_line_outputs(
+pub(super) fn parse_line_outputs(
     section: &Section<'_, '_>,
     numbers: BTreeMap<String, u16>,
     outputs: &BTreeMap<String, u16>,

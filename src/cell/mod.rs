@@ -110,9 +110,9 @@ impl CalibrationFiles {
         all.into_iter().filter_map(|(key, file)| Some((key, file.as_deref()?))).collect()
     }
 
-    fn take(folder: &Path, section: &Section<'_, '_>) -> Option<Self> {
+    fn parse(folder: &Path, section: &Section<'_, '_>) -> Option<Self> {
         let file =
-            |key| section.take::<Option<String>>(key, (), Some(None)).map(|name| name.map(|n| folder.join(n)));
+            |key| section.parse::<Option<String>>(key, (), Some(None)).map(|name| name.map(|n| folder.join(n)));
         let [scanner, flange_camera] = ["scanner", "flange_camera"].map(file);
         let [base_from_camera, flange_from_camera] = ["base_from_camera", "flange_from_camera"].map(file);
         let [flange_from_tool, robot_correction] = ["flange_from_tool", "robot_correction"].map(file);
@@ -187,29 +187,29 @@ impl Cell {
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         let folder = Path::new(file).parent().unwrap_or(Path::new(""));
-        config::check(file, text, |top| Self::take(folder, top))
+        config::check(file, text, |top| Self::parse(folder, top))
     }
 
-    fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
-        let store = keep::take_store(top);
-        let socket = top.take::<Option<String>>("socket", (), Some(None));
-        let socket_role = top.take::<Option<Role>>("socket_role", (), Some(None));
-        let scanner = devices::take_camera(folder, &top.section("scanner"), zivid::kind(folder));
-        let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), gige::KIND);
-        let robot = devices::take_robot(&top.section("robot"));
-        let tool = tool::take_tool(&top.section("tool"));
-        let poses = names::take_poses(&top.section("poses"));
-        let io = names::take_io(&top.section("io"));
-        let calibration = CalibrationFiles::take(folder, &top.section("calibration"));
-        let limits = limits::take_limits(&top.section("limits"));
-        let rough = rough::take_rough(&top.section("rough"));
-        let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
-        let page = page::take_page(folder, &top.section("page"));
-        let office = office::take_office(folder, &top.section("office"));
-        let push = push::take_push(folder, &top.section("push"));
-        let sparkplug = sparkplug::take_sparkplug(folder, &top.section("sparkplug"));
-        let opcua = opcua::take_opcua(folder, &top.section("opcua"));
-        let line = line::take_line(folder, &top.section("line"), io.as_ref());
+    fn parse(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
+        let store = keep::parse_store(top);
+        let socket = top.parse::<Option<String>>("socket", (), Some(None));
+        let socket_role = top.parse::<Option<Role>>("socket_role", (), Some(None));
+        let scanner = devices::parse_camera(folder, &top.section("scanner"), zivid::kind(folder));
+        let flange_camera = devices::parse_camera(folder, &top.section("flange_camera"), gige::KIND);
+        let robot = devices::parse_robot(&top.section("robot"));
+        let tool = tool::parse_tool(&top.section("tool"));
+        let poses = names::parse_poses(&top.section("poses"));
+        let io = names::parse_io(&top.section("io"));
+        let calibration = CalibrationFiles::parse(folder, &top.section("calibration"));
+        let limits = limits::parse_limits(&top.section("limits"));
+        let rough = rough::parse_rough(&top.section("rough"));
+        let arm = arm::parse_arm(&top.section("arm"), &top.sections("keep_out"));
+        let page = page::parse_page(folder, &top.section("page"));
+        let office = office::parse_office(folder, &top.section("office"));
+        let push = push::parse_push(folder, &top.section("push"));
+        let sparkplug = sparkplug::parse_sparkplug(folder, &top.section("sparkplug"));
+        let opcua = opcua::parse_opcua(folder, &top.section("opcua"));
+        let line = line::parse_line(folder, &top.section("line"), io.as_ref());
         top.done();
         let store = store?;
         let store_folder = folder.join(&store.folder);

@@ -1,24 +1,24 @@
 //! `[poses]` and `[io]`: what the user gives names to, and what goes off by itself.
 
-use super::line_signal::{LineSignal, take_line_outputs};
+use super::line_signal::{LineSignal, parse_line_outputs};
 use crate::config::Section;
 use crate::geometry::Joints;
 use std::collections::BTreeMap;
 use strum::VariantArray;
 
 /// Reads `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which accepts nothing else.
-pub(super) fn take_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
+pub(super) fn parse_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
     let named = section.named_sections();
     if section.is_present() && !named.iter().any(|(name, _)| name == "park") {
         section.problem("park", "is missing; every cycle begins by parking the arm clear of the panel");
         return None;
     }
-    named.into_iter().map(|(name, pose)| Some((name, take_joints(&pose)?))).collect()
+    named.into_iter().map(|(name, pose)| Some((name, parse_joints(&pose)?))).collect()
 }
 
-fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
+fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
     // A wide range: `requirements` and the gate state which angles this arm reaches.
-    let axis = |key| section.take::<f64>(key, -360.0..=360.0, None);
+    let axis = |key| section.parse::<f64>(key, -360.0..=360.0, None);
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
         ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);
     section.done();
@@ -207,26 +207,26 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
 }
 
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
-const MOST_FEEDBACKS: usize = 31;
+const MAX_FEEDBACKS: usize = 31;
 /// Outputs that do harm while no one supervises them: the tool, and all that let water run.
 const OFF_AT_ONCE: [&str; 3] = ["rinse", "spray", "tool"];
 /// An output that is left on for longer is left on, s.
-const LONGEST_OFF_S: u16 = 600;
+const MAX_OFF_DELAY_S: u16 = 600;
 /// As many as the controller's list of mapped inputs has places.
-const MOST_MAPPED: usize = 8;
+const MAX_MAPPED: usize = 8;
 
-pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
+pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
     let mapped = section.section("mapped_inputs");
     let off_after = section.section("off_after_s");
     let line_outputs = section.section("line_outputs");
     section.done();
     let (outputs, feedbacks_taken, mapped_taken) =
-        (take_numbers(&outputs), take_numbers(&feedbacks), take_numbers(&mapped));
+        (parse_numbers(&outputs), parse_numbers(&feedbacks), parse_numbers(&mapped));
     let outputs = outputs?;
-    let off_after_s = take_off_after(&off_after, &outputs);
-    let line_numbers = take_numbers(&line_outputs);
-    let line_outputs = take_line_outputs(&line_outputs, line_numbers?, &outputs);
+    let off_after_s = parse_off_after(&off_after, &outputs);
+    let line_numbers = parse_numbers(&line_outputs);
+    let line_outputs = parse_line_outputs(&line_outputs, line_numbers?, &outputs);
     let io = InputsOutputs {
         outputs,
         off_after_s: off_after_s?,
@@ -246,7 +246,7 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     }
     let mut right = constant.is_empty() && feigned.is_empty();
     for (key, found, most) in
-        [("mapped_inputs", io.mapped_inputs.len(), MOST_MAPPED), ("feedbacks", io.feedbacks.len(), MOST_FEEDBACKS)]
+        [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
     {
         if found > most {
             section.problem(key, format!("found {found} names (limit {most})"));
@@ -257,8 +257,8 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
 }
 
 /// `[io.off_after_s]`: what the controller's program switches off after the end of an epoch.
-fn take_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
-    let stated = section.take_named::<u16>(&(0..=LONGEST_OFF_S));
+fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
+    let stated = section.parse_named::<u16>(&(0..=MAX_OFF_DELAY_S));
     let mut right = true;
     for (name, after_s) in &stated {
         let wrong = if !outputs.contains_key(name) {
@@ -284,8 +284,8 @@ fn take_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) ->
     right.then_some(all)
 }
 
-fn take_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
-    let named = section.take_named::<u16>(&(1..=4096));
+fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
+    let named = section.parse_named::<u16>(&(1..=4096));
     let mut first_names = BTreeMap::new();
     let mut right = true;
     for (name, number) in &named {

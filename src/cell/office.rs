@@ -6,7 +6,7 @@ use std::fmt;
 use std::path::Path;
 
 /// The longest name of a cell.
-const MOST_CHARACTERS: usize = 40;
+const MAX_CHARACTERS: usize = 40;
 const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 
 /// The destination of the cell's records.
@@ -32,11 +32,11 @@ impl CellName {
     /// States what is allowed.
     pub fn new(name: &str) -> Result<Self, String> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if !name.is_empty() && name.len() <= MOST_CHARACTERS && name.chars().all(is_allowed) {
+        if !name.is_empty() && name.len() <= MAX_CHARACTERS && name.chars().all(is_allowed) {
             return Ok(CellName(name.to_owned()));
         }
         Err(format!(
-            "found \"{}\", valid: 1 to {MOST_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
+            "found \"{}\", valid: 1 to {MAX_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
             name.escape_debug()
         ))
     }
@@ -54,10 +54,10 @@ impl fmt::Display for CellName {
 }
 
 /// The outer `None` is a problem, the inner one no office.
-pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
-    let broker = Broker::take(folder, section, "broker");
-    let cell = section.take::<Option<String>>("cell", (), Some(None));
-    let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
+pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
+    let broker = Broker::parse(folder, section, "broker");
+    let cell = section.parse::<Option<String>>("cell", (), Some(None));
+    let behind_min = section.parse::<usize>("behind_min", BEHIND_MIN, Some(60));
     // A wrong name is reported together with a wrong broker.
     let cell = cell.and_then(|name| match name.as_deref().map(CellName::new).transpose() {
         Ok(name) => Some(name),

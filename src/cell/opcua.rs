@@ -45,12 +45,12 @@ impl OpcUa {
     }
 }
 
-pub(super) fn take_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<OpcUa> {
-    let listen = section.take::<Option<String>>("listen", (), Some(None));
-    let host = section.take::<Option<String>>("host", (), Some(None));
-    let anonymous = section.take::<Anonymous>("anonymous", (), Some(Anonymous::Nothing));
-    let unencrypted = section.take::<bool>("unencrypted", (), Some(false));
-    let certificates = section.take::<Option<String>>("certificates", (), Some(None));
+pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<OpcUa> {
+    let listen = section.parse::<Option<String>>("listen", (), Some(None));
+    let host = section.parse::<Option<String>>("host", (), Some(None));
+    let anonymous = section.parse::<Anonymous>("anonymous", (), Some(Anonymous::Nothing));
+    let unencrypted = section.parse::<bool>("unencrypted", (), Some(false));
+    let certificates = section.parse::<Option<String>>("certificates", (), Some(None));
     section.done();
     let (anonymous, is_unencrypted_allowed) = (anonymous?, unencrypted?);
     if is_unencrypted_allowed && anonymous == Anonymous::Nothing {

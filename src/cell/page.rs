@@ -25,14 +25,14 @@ pub struct Page {
 const IDLE_MIN: std::ops::RangeInclusive<usize> = 1..=720;
 const SESSIONS: std::ops::RangeInclusive<usize> = 1..=20;
 
-pub(super) fn take_page(folder: &Path, section: &Section<'_, '_>) -> Option<Page> {
-    let listen = section.take::<Option<String>>("listen", (), Some(None));
+pub(super) fn parse_page(folder: &Path, section: &Section<'_, '_>) -> Option<Page> {
+    let listen = section.parse::<Option<String>>("listen", (), Some(None));
     let [certificate, key] =
-        ["certificate", "certificate_key"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
-    let recipes = section.take::<String>("recipes", (), Some(".".to_owned()));
-    let words = section.take::<Option<String>>("words", (), Some(None));
-    let idle_min = section.take::<usize>("idle_min", IDLE_MIN, Some(30));
-    let sessions = section.take::<usize>("sessions", SESSIONS, Some(3));
+        ["certificate", "certificate_key"].map(|key| section.parse::<Option<String>>(key, (), Some(None)));
+    let recipes = section.parse::<String>("recipes", (), Some(".".to_owned()));
+    let words = section.parse::<Option<String>>("words", (), Some(None));
+    let idle_min = section.parse::<usize>("idle_min", IDLE_MIN, Some(30));
+    let sessions = section.parse::<usize>("sessions", SESSIONS, Some(3));
     section.done();
     let (certificate, key) = (certificate?, key?);
     if certificate.is_some() != key.is_some() {

@@ -17,10 +17,10 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    pub(super) fn take(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
-        let program = section.take("program", (), Some(None));
-        let pictures = section.take("pictures", (), Some(Texts::default()));
-        let residuals = section.take(residuals, (), Some(Numbers::default()));
+    pub(super) fn parse(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
+        let program = section.parse("program", (), Some(None));
+        let pictures = section.parse("pictures", (), Some(Texts::default()));
+        let residuals = section.parse(residuals, (), Some(Numbers::default()));
         Some(Provenance { program: program?, pictures: pictures?.0, residuals: residuals?.0 })
     }
 

@@ -53,14 +53,14 @@ impl fmt::Display for WebFolder {
 }
 
 /// The outer `None` is a problem, the inner one that nothing is pushed.
-pub(super) fn take_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Push>> {
+pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Push>> {
     if !section.is_present() {
         return Some(None);
     }
-    let to = section.take::<String>("to", (), None);
+    let to = section.parse::<String>("to", (), None);
     let [ca_certificate, token_file] =
-        ["ca_certificate", "token_file"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
-    let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
+        ["ca_certificate", "token_file"].map(|key| section.parse::<Option<String>>(key, (), Some(None)));
+    let behind_min = section.parse::<usize>("behind_min", BEHIND_MIN, Some(60));
     section.done();
     let (to, ca_certificate, token_file, behind_min) = (to?, ca_certificate?, token_file?, behind_min?);
     let Some(to) = folder_at(&to) else {

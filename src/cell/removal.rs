@@ -55,17 +55,17 @@ impl RemovalCalibration {
     /// Every problem with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::check(file, text, |top| {
-            let calibration = Self::take(&top.section("removal"));
+            let calibration = Self::parse(&top.section("removal"));
             top.done();
             calibration
         })
     }
 
-    fn take(section: &Section<'_, '_>) -> Option<Self> {
-        let date = section.take("date", (), Some(None));
-        let provenance = Provenance::take(section, "residuals_percent");
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let date = section.parse("date", (), Some(None));
+        let provenance = Provenance::parse(section, "residuals_percent");
         // Parses the remaining keys and reports unknown ones.
-        let numbers = RemovalNumbers::take(section);
+        let numbers = RemovalNumbers::parse(section);
         Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
     }
 

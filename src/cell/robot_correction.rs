@@ -81,21 +81,21 @@ impl RobotCorrection {
     /// Every problem with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::check(file, text, |top| {
-            let correction = Self::take(&top.section("robot_correction"));
+            let correction = Self::parse(&top.section("robot_correction"));
             top.done();
             correction
         })
     }
 
-    fn take(section: &Section<'_, '_>) -> Option<Self> {
-        let kind = section.take::<String>("kind", (), None);
-        let numbers = section.take::<Numbers>("numbers", (), None);
-        let middle_mm = section.take::<Option<[f64; 3]>>("middle_mm", PLACE_MM, Some(None));
-        let half_mm = section.take::<Option<[f64; 3]>>("half_mm", 1.0..=20_000.0, Some(None));
-        let before = section.take("left_out_before_mm", OFF_MM, None);
-        let after = section.take("left_out_after_mm", OFF_MM, None);
-        let date = section.take("date", (), Some(None));
-        let provenance = Provenance::take(section, "residuals_mm");
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let kind = section.parse::<String>("kind", (), None);
+        let numbers = section.parse::<Numbers>("numbers", (), None);
+        let middle_mm = section.parse::<Option<[f64; 3]>>("middle_mm", PLACE_MM, Some(None));
+        let half_mm = section.parse::<Option<[f64; 3]>>("half_mm", 1.0..=20_000.0, Some(None));
+        let before = section.parse("left_out_before_mm", OFF_MM, None);
+        let after = section.parse("left_out_after_mm", OFF_MM, None);
+        let date = section.parse("date", (), Some(None));
+        let provenance = Provenance::parse(section, "residuals_mm");
         section.done();
         let (kind, list, middle_mm, half_mm) = (kind?, numbers?.0, middle_mm?, half_mm?);
         let (as_geometry, as_smooth) = (list.as_slice().try_into().ok(), list.as_slice().try_into().ok());

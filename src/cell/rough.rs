@@ -12,9 +12,9 @@ pub struct RoughMounts {
     pub flange_from_camera: Option<Rigid<Flange, FlangeCamera>>,
 }
 
-pub(super) fn take_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
+pub(super) fn parse_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
     let [base_from_camera, flange_from_camera] =
-        ["base_from_camera", "flange_from_camera"].map(|key| take_pose(&section.section(key)));
+        ["base_from_camera", "flange_from_camera"].map(|key| parse_pose(&section.section(key)));
     section.done();
     let rough = RoughMounts {
         base_from_camera: base_from_camera?.map(|pose| pose.to_rigid()),
@@ -24,11 +24,11 @@ pub(super) fn take_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
 }
 
 /// Returns `Some(None)` if the table is absent.
-fn take_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
+fn parse_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
     if !section.is_present() {
         return Some(None);
     }
-    let number = |key, limit: f64| section.take::<f64>(key, -limit..=limit, None);
+    let number = |key, limit: f64| section.parse::<f64>(key, -limit..=limit, None);
     let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| number(key, 20_000.0));
     let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| number(key, 360.0));
     section.done();

@@ -40,21 +40,21 @@ const FIELD_MM: RangeInclusive<f64> = -50.0..=50.0;
 
 impl MeasuredScanner {
     /// Reads the table, if there is one.
-    pub(super) fn take(top: &Section<'_, '_>) -> Option<Option<Self>> {
+    pub(super) fn parse(top: &Section<'_, '_>) -> Option<Option<Self>> {
         let section = top.section(TABLE);
         if !section.is_present() {
             return Some(None);
         }
-        let error = |key| section.take::<f64>(key, ERROR_MM, None);
+        let error = |key| section.parse::<f64>(key, ERROR_MM, None);
         let (white_mm, smooth_mm) = (error("white_mm"), error("smooth_mm"));
-        let correlation_mm = section.take::<f64>("correlation_mm", LENGTH_MM, None);
-        let percent = |key| section.take::<f64>(key, PERCENT, None);
+        let correlation_mm = section.parse::<f64>("correlation_mm", LENGTH_MM, None);
+        let percent = |key| section.parse::<f64>(key, PERCENT, None);
         let (scale_percent, scale_deviation_percent) =
             (percent("scale_percent"), percent("scale_deviation_percent"));
-        let places = section.take::<usize>("places", 1..=10_000, None);
+        let places = section.parse::<usize>("places", 1..=10_000, None);
         let field = Self::field(&section);
-        let date = section.take("date", (), Some(None));
-        let provenance = Provenance::take(&section, "residuals_mm");
+        let date = section.parse("date", (), Some(None));
+        let provenance = Provenance::parse(&section, "residuals_mm");
         section.done();
         Some(Some(MeasuredScanner {
             white_mm: white_mm?,
@@ -71,9 +71,9 @@ impl MeasuredScanner {
 
     /// Its three keys, all or none of them.
     fn field(section: &Section<'_, '_>) -> Option<Option<DepthField>> {
-        let direction = |key| section.take::<Option<[f64; 2]>>(key, DIRECTION, Some(None));
+        let direction = |key| section.parse::<Option<[f64; 2]>>(key, DIRECTION, Some(None));
         let (from, to) = (direction("field_from"), direction("field_to"));
-        let coefficients = section.take::<Option<[f64; FIELD_SIZE]>>("field_mm", FIELD_MM, Some(None));
+        let coefficients = section.parse::<Option<[f64; FIELD_SIZE]>>("field_mm", FIELD_MM, Some(None));
         match (from?, to?, coefficients?) {
             (None, None, None) => Some(None),
             (Some(from), Some(to), Some(coefficients_mm)) if from[0] < to[0] && from[1] < to[1] => {
@@ -89,7 +89,7 @@ impl MeasuredScanner {
         }
     }
 
-    /// Writes the table so that [`MeasuredScanner::take`] reads it back to the last bit.
+    /// Writes the table so that [`MeasuredScanner::parse`] reads it back to the last bit.
     pub(super) fn write(&self, text: &mut String) {
         text.push_str("\n[scanner_errors]\n");
         let numbers = [

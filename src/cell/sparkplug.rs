@@ -56,26 +56,26 @@ const PORTS: std::ops::RangeInclusive<u16> = 1..=u16::MAX;
 /// The usual ports of MQTT over TLS and without it.
 const USUAL: [u16; 2] = [8_883, 1_883];
 /// The longest part of a topic, in bytes; the whole topic must stay below MQTT's 65 535.
-const MOST_BYTES: usize = 200;
+const MAX_BYTES: usize = 200;
 
-pub(super) fn take_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Option<Option<SparkplugNode>> {
+pub(super) fn parse_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Option<Option<SparkplugNode>> {
     if !section.is_present() {
         return Some(None);
     }
-    let broker = section.take::<String>("broker", (), None);
-    let port = section.take::<Option<u16>>("port", PORTS, Some(None));
-    let text = |key| section.take::<Option<String>>(key, (), Some(None));
+    let broker = section.parse::<String>("broker", (), None);
+    let port = section.parse::<Option<u16>>("port", PORTS, Some(None));
+    let text = |key| section.parse::<Option<String>>(key, (), Some(None));
     let [ca_certificate, certificate, key] = ["ca_certificate", "certificate", "certificate_key"].map(text);
     let [user, password_file, primary_host_id] = ["user", "password_file", "primary_host_id"].map(text);
-    let group_id = section.take::<String>("group_id", (), None);
-    let edge_node_id = section.take::<String>("edge_node_id", (), None);
-    let commands = section.take::<NodeCommands>("commands", (), Some(NodeCommands::None));
-    let aliases = section.take::<bool>("aliases", (), Some(true));
+    let group_id = section.parse::<String>("group_id", (), None);
+    let edge_node_id = section.parse::<String>("edge_node_id", (), None);
+    let commands = section.parse::<NodeCommands>("commands", (), Some(NodeCommands::None));
+    let aliases = section.parse::<bool>("aliases", (), Some(true));
     section.done();
     let (broker, port, ca_certificate) = (broker?, port?, ca_certificate?);
     let own = both(section, ["certificate", "certificate_key"], [certificate?, key?]);
     let login = both(section, ["user", "password_file"], [user?, password_file?]);
-    let tls = take_tls(folder, section, &broker, (ca_certificate, own?));
+    let tls = parse_tls(folder, section, &broker, (ca_certificate, own?));
     let (group_id, edge_node_id) = (group_id?, edge_node_id?);
     let primary_host_id = primary_host_id?;
     let ids = [
@@ -111,7 +111,7 @@ fn both(
 }
 
 /// Without TLS everybody on the way could read the password and send commands: only a broker on this computer needs none.
-fn take_tls(
+fn parse_tls(
     folder: &Path,
     section: &Section<'_, '_>,
     broker: &str,
@@ -140,7 +140,7 @@ fn take_tls(
 }
 
 fn is_part_of_topic(section: &Section<'_, '_>, key: &str, id: &str) -> bool {
-    let is_right = id.len() <= MOST_BYTES && !id.chars().any(|c| "+/#".contains(c) || c.is_control());
+    let is_right = id.len() <= MAX_BYTES && !id.chars().any(|c| "+/#".contains(c) || c.is_control());
     if !is_right {
         let allowed =
             "valid: up to 200 bytes without the characters +, / and #, since it is a part of an MQTT topic";

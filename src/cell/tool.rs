@@ -101,23 +101,23 @@ const REQUIRED: [(&str, &str); 5] = [
     ("payload_kg", "kind = \"acf\" needs the mass that it carries, in kg; `panelprep calibrate force` measures it"),
 ];
 
-pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
-    let kind = section.take("kind", (), Some(Kind::Spring));
-    let host = section.take::<Option<String>>("host", (), Some(None));
-    let port = section.take("tcp_port", 1..=65_535, Some(7_070_u16));
-    let login = section.take::<String>("login", (), Some("ferba".to_owned()));
-    let id = section.take("id", 0..=65_535, Some(1_040_u16));
+pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
+    let kind = section.parse("kind", (), Some(Kind::Spring));
+    let host = section.parse::<Option<String>>("host", (), Some(None));
+    let port = section.parse("tcp_port", 1..=65_535, Some(7_070_u16));
+    let login = section.parse::<String>("login", (), Some("ferba".to_owned()));
+    let id = section.parse("id", 0..=65_535, Some(1_040_u16));
     // The simulated one's own; a real one must state its own.
-    let stroke_mm = section.take("stroke_mm", 2.0..=200.0, Some(30.0));
-    let min_force_n = section.take("min_force_n", -1_000.0..=-1.0, Some(-60.0));
-    let max_force_n = section.take("max_force_n", 1.0..=1_000.0, Some(100.0));
-    let payload_kg = section.take("payload_kg", 0.0..=50.0, Some(1.5));
-    let zero_n = section.take("zero_n", -50.0..=50.0, Some(0.0));
-    let period_ms = section.take("period_ms", 4..=50, Some(10_u16));
-    let reply_ms = section.take("reply_ms", 10..=150, Some(100_u16));
-    let band_n = section.take("band_n", 0.5..=100.0, Some(5.0));
-    let band_ms = section.take("band_ms", 20..=200, Some(150_u16));
-    let contact_ms = section.take("contact_ms", 20..=250, Some(200_u16));
+    let stroke_mm = section.parse("stroke_mm", 2.0..=200.0, Some(30.0));
+    let min_force_n = section.parse("min_force_n", -1_000.0..=-1.0, Some(-60.0));
+    let max_force_n = section.parse("max_force_n", 1.0..=1_000.0, Some(100.0));
+    let payload_kg = section.parse("payload_kg", 0.0..=50.0, Some(1.5));
+    let zero_n = section.parse("zero_n", -50.0..=50.0, Some(0.0));
+    let period_ms = section.parse("period_ms", 4..=50, Some(10_u16));
+    let reply_ms = section.parse("reply_ms", 10..=150, Some(100_u16));
+    let band_n = section.parse("band_n", 0.5..=100.0, Some(5.0));
+    let band_ms = section.parse("band_ms", 20..=200, Some(150_u16));
+    let contact_ms = section.parse("contact_ms", 20..=250, Some(200_u16));
     section.done();
     let (kind, host, login) = (kind?, host?, login?);
     if !is_right(section, kind, (host.as_deref(), &login)) {

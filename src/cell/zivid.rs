@@ -22,11 +22,11 @@ pub struct ZividCamera {
 /// The keys that a Zivid alone has, and how they are taken; its files start at the cell's folder.
 pub(super) fn kind(cell_folder: &Path) -> Kind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
     let keys = &["serial", "file_camera", "settings", "settings_2d", "library"];
-    Kind { word: "zivid", required: &[], keys, take: |section: &Section<'_, '_>| take(cell_folder, section) }
+    Kind { word: "zivid", required: &[], keys, parse: |section: &Section<'_, '_>| parse(cell_folder, section) }
 }
 
-fn take(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {
-    let text = |key| section.take::<Option<String>>(key, (), Some(None));
+fn parse(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {
+    let text = |key| section.parse::<Option<String>>(key, (), Some(None));
     let file = |key| Some(text(key)?.map(|name| cell_folder.join(name)));
     let (serial, file_camera) = (text("serial"), file("file_camera"));
     let (settings, settings_2d, library) = (file("settings"), file("settings_2d"), file("library"));

@@ -6,7 +6,7 @@ use crate::krl::{File, Kss, analyse, parse};
 use std::collections::BTreeMap;
 
 /// Names that one warning lists.
-const LISTED: usize = 12;
+const MAX_LISTED: usize = 12;
 
 /// Whether this is the name of a KRL file.
 pub fn is_krl(name: &str) -> bool {
@@ -44,10 +44,10 @@ fn together(mut same: Vec<Problem>) -> Problem {
     if same.is_empty() {
         return first;
     }
-    let others = same.iter().take(LISTED - 1).map(|other| format!("{} (line {})", other.key, other.line));
+    let others = same.iter().take(MAX_LISTED - 1).map(|other| format!("{} (line {})", other.key, other.line));
     let mut names: Vec<String> = [first.key].into_iter().chain(others).collect();
-    if same.len() >= LISTED {
-        names.push(format!("{} more", same.len() + 1 - LISTED));
+    if same.len() >= MAX_LISTED {
+        names.push(format!("{} more", same.len() + 1 - MAX_LISTED));
     }
     Problem { line: first.line, key: names.join(", "), message: first.message }
 }
@@ -67,8 +67,8 @@ fn only_checked(unexecuted: &[Problem]) -> Option<String> {
     }
     // What occurs most often comes first.
     each.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-    let rest = each.len().saturating_sub(LISTED);
-    let mut each: Vec<String> = each.into_iter().take(LISTED).map(|(_, words)| words).collect();
+    let rest = each.len().saturating_sub(MAX_LISTED);
+    let mut each: Vec<String> = each.into_iter().take(MAX_LISTED).map(|(_, words)| words).collect();
     if rest > 0 {
         each.push(format!("{rest} more"));
     }

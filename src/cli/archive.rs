@@ -43,7 +43,7 @@ fn settings(file: &Path) -> Result<ArchiveSettings, Fault> {
 }
 
 /// The end waits so long for names of hosts that are still looked up.
-const END_WITHIN: Duration = Duration::from_secs(1);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Works on this to its end.
 fn work<T, E: std::error::Error + Send + Sync + 'static>(
@@ -51,7 +51,7 @@ fn work<T, E: std::error::Error + Send + Sync + 'static>(
 ) -> Result<T, Fault> {
     let runtime = Builder::new_current_thread().enable_io().enable_time().build().map_err(Fault::stage)?;
     let done = runtime.block_on(doing).map_err(Fault::stage);
-    runtime.shutdown_timeout(END_WITHIN);
+    runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
     done
 }
 

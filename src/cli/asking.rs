@@ -2,7 +2,7 @@
 
 use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::daemon::{MOST_BYTES, Reply, What, request_line};
+use crate::daemon::{MAX_BYTES, Reply, What, request_line};
 use crate::geometry::Joints;
 use serde_json::{Map, Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
@@ -12,9 +12,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// How long a stop or an abort is repeated if the service has no place for it.
-const INSISTS: Duration = Duration::from_secs(5);
+const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
 
-const AGAIN: Duration = Duration::from_millis(20);
+const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Repeats a request for a stop while the service, or the way to it, is too busy to accept it.
 pub(super) fn insist(socket: &Path, what: &What) -> Result<Reply, Fault> {
@@ -26,10 +26,10 @@ pub(super) fn insist(socket: &Path, what: &What) -> Result<Reply, Fault> {
             Err(Fault::NoService { .. }) => false,
             Err(_) => true,
         };
-        if !is_busy || since.elapsed() >= INSISTS {
+        if !is_busy || since.elapsed() >= RETRY_TIMEOUT {
             return answered;
         }
-        thread::sleep(AGAIN);
+        thread::sleep(RETRY_INTERVAL);
     }
 }
 
@@ -39,13 +39,13 @@ pub(super) fn ask(socket: &Path, what: &What) -> Result<Reply, Fault> {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
         _ => named(error),
     })?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(named)?;
-    stream.set_write_timeout(Some(PATIENCE)).map_err(named)?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
     let line = request_line(what).map_err(Fault::stage)?;
     // A line that is too long is answered before it is read whole.
     let written = stream.write_all(line.as_bytes());
     let mut answer = Vec::new();
-    let read = BufReader::new(stream).take(MOST_BYTES as u64).read_until(b'\n', &mut answer);
+    let read = BufReader::new(stream).take(MAX_BYTES as u64).read_until(b'\n', &mut answer);
     if answer.is_empty() {
         written.and(read.map(drop)).map_err(named)?;
     }
@@ -112,4 +112,4 @@ pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
 }
 
 /// The service answers a start once it has loaded what was taught.
-const PATIENCE: Duration = Duration::from_secs(60);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A robot that sends nothing for this time is not connected.
-const PATIENCE: Duration = Duration::from_secs(10);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Confirms that the cause of the last abort is removed.
 ///
@@ -97,7 +97,7 @@ impl Requester for Clears {
         let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
         let what = match (state.at, self.asked) {
             (at, true) if at.rests() => Some(What::Leave),
-            (At::Aborted { .. }, false) if is_there || self.since.elapsed() >= PATIENCE => {
+            (At::Aborted { .. }, false) if is_there || self.since.elapsed() >= CONNECT_TIMEOUT => {
                 self.asked = true;
                 Some(What::Table(cycle::Request::Clear))
             }

@@ -17,10 +17,10 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// The axes must stay within this tolerance from before a picture until after it, degrees.
-const STANDS_DEG: f64 = 0.002;
+const STANDSTILL_TOLERANCE_DEG: f64 = 0.002;
 /// Time limit for a controller's answer.
-const ANSWERS: Duration = Duration::from_secs(5);
-const MOST_SILENCES: u32 = 2;
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
+const MAX_SILENCES: u32 = 2;
 
 /// What is known of the flange at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +67,7 @@ impl<'c> FlangePoses<'c> {
 
     /// Reads the axes in the same way as `panelprep robot state`: nothing is set and nothing moves.
     fn told_by_controller(&self) -> Option<Joints> {
-        if self.cell.robot().kind() != RobotKind::Eki || self.silences.get() >= MOST_SILENCES {
+        if self.cell.robot().kind() != RobotKind::Eki || self.silences.get() >= MAX_SILENCES {
             return None;
         }
         let mut kept = self.link.borrow_mut();
@@ -132,7 +132,7 @@ impl<'c> FlangePoses<'c> {
 /// Returns the controller's next report from now on; earlier reports are still in the queue and are skipped.
 fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
     let (begun, mut is_drained) = (Instant::now(), false);
-    while begun.elapsed() < ANSWERS {
+    while begun.elapsed() < RESPONSE_TIMEOUT {
         match link.next().ok()? {
             None => is_drained = true,
             Some(Report::Connected { state } | Report::State(state)) if is_drained => return Some(state.joints),
@@ -144,7 +144,7 @@ fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
 
 fn known(arm: &Kinematics, axes: Option<(Joints, Joints)>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
     if let Some((before, after)) = axes {
-        if before.farthest_deg(&after) > STANDS_DEG {
+        if before.farthest_deg(&after) > STANDSTILL_TOLERANCE_DEG {
             return Known::Moved;
         }
         if let Some(flange) = reported(arm, &after) {

@@ -14,12 +14,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Between two questions.
-const EVERY: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// A service that does not answer for so long is gone; one that restarts may be away for a moment.
-const GONE: Duration = Duration::from_secs(5);
+const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A reset warms the cameras up, which may need minutes.
-const RESETS: Duration = Duration::from_secs(600);
+const RESET_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Prints each change until the output has no reader or the service is gone.
 ///
@@ -34,7 +34,7 @@ pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
             return Ok(Outcome { exit: 0, json: asking::object(&reply), words: vec![] });
         }
         told = Some(line);
-        thread::sleep(EVERY);
+        thread::sleep(POLL_INTERVAL);
     }
 }
 
@@ -61,7 +61,7 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
             let exit = verdict.exit_code();
             return Ok(Outcome { exit, ..asking::outcome(&reply) });
         }
-        thread::sleep(EVERY);
+        thread::sleep(POLL_INTERVAL);
     }
 }
 
@@ -74,15 +74,15 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
     loop {
         let reply = state(socket)?;
         let is_at = |word: &str| reply.state.as_deref() == Some(word);
-        if is_at("resetting") && since.elapsed() < RESETS {
-            thread::sleep(EVERY);
+        if is_at("resetting") && since.elapsed() < RESET_TIMEOUT {
+            thread::sleep(POLL_INTERVAL);
             continue;
         }
         let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
         let mut outcome = Outcome { exit: exit.code(), ..asking::outcome(&reply) };
         if is_at("resetting") {
             let words = "the reset has not ended after";
-            outcome.say(format!("{words} {} s: `panelprep ctl state` shows its progress", RESETS.as_secs()));
+            outcome.say(format!("{words} {} s: `panelprep ctl state` shows its progress", RESET_TIMEOUT.as_secs()));
         }
         return Ok(outcome);
     }
@@ -98,9 +98,9 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
     loop {
         match asking::ask(socket, &What::State) {
             Ok(reply) if reply.state.is_some() => return Ok(reply),
-            Ok(reply) if since.elapsed() >= GONE => return Ok(reply),
-            Err(fault) if since.elapsed() >= GONE => return Err(fault),
-            Ok(_) | Err(_) => thread::sleep(EVERY),
+            Ok(reply) if since.elapsed() >= SERVICE_TIMEOUT => return Ok(reply),
+            Err(fault) if since.elapsed() >= SERVICE_TIMEOUT => return Err(fault),
+            Ok(_) | Err(_) => thread::sleep(POLL_INTERVAL),
         }
     }
 }

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Pictures decoded at once; bounds the memory of a long clip.
-const DECODED_AT_ONCE: usize = 8;
+const DECODE_BATCH: usize = 8;
 
 /// An inspected clip.
 pub struct Inspected {
@@ -116,7 +116,7 @@ pub fn inspect(
         filming.assume_place();
     }
     let mut wet_ms = Vec::with_capacity(shots.len());
-    for group in shots.chunks(DECODED_AT_ONCE) {
+    for group in shots.chunks(DECODE_BATCH) {
         let decoded: Vec<Result<ColorPicture, Fault>> =
             group.par_iter().map(|shot| load::picture(&clip.join(&shot.file), setup.camera)).collect();
         for (shot, picture) in group.iter().zip(decoded) {

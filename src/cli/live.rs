@@ -70,7 +70,7 @@ pub const FULL_WIDTH_PX: usize = 1944;
 /// The simulated lamp gives its full light after so long, and some.
 const LAMP_MS: u64 = 500;
 /// The renderer's smallest pictures are this many times smaller.
-const SMALLEST: usize = 8;
+const MAX_REDUCTION: usize = 8;
 
 impl Live {
     /// Starts the devices that the cell's file names. The robot's link begins to connect; nothing moves.
@@ -229,7 +229,7 @@ pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Faul
 /// # Errors
 /// As [`Live::start`].
 pub fn robot_alone_at(cell: &Cell, stands: Option<Joints>) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
-    let world = || sim::Cell::new(1, sim::Scene::Good, SMALLEST);
+    let world = || sim::Cell::new(1, sim::Scene::Good, MAX_REDUCTION);
     let simulated = match cell.robot().kind() {
         RobotKind::Mock => Some(Simulated::started(cell, world(), stands)?),
         RobotKind::Eki => None,
@@ -248,7 +248,7 @@ fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fau
 
 /// The simulated cell with the calibrated scanner.
 pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<sim::Cell, Fault> {
-    let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
+    let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, MAX_REDUCTION);
     let simulated_cell =
         sim::Cell::new(simulation.seed, simulation.scene.into(), reduction).placed(simulation.place);
     let simulated_cell = simulated_cell.with_arm(real_arm(simulation.seed, simulation.arm_error_mm));

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Interval between reports of events.
-const ROUND: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Listens on the ports of the EthernetKRL files and reports what the controller does. Its inputs follow its
 /// outputs as configured in the cell's file.
@@ -59,7 +59,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     let mut told = Told::default();
     loop {
         server.handle().with(|controller| told.news(controller)).iter().for_each(|line| tell(line));
-        std::thread::sleep(ROUND);
+        std::thread::sleep(POLL_INTERVAL);
     }
 }
 

@@ -7,7 +7,7 @@ use crate::store::{PassesOfCycle, Store};
 use crate::words::{printable, utc_day};
 
 /// The longest of its names, in characters.
-const MOST_CHARACTERS: usize = 120;
+const MAX_CHARACTERS: usize = 120;
 
 /// Returns the names if at least one is given.
 ///
@@ -17,7 +17,7 @@ pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
         let Some(name) = name else { continue };
-        printable(name, MOST_CHARACTERS).map_err(|problem| {
+        printable(name, MAX_CHARACTERS).map_err(|problem| {
             let found = name.escape_debug().to_string();
             RecordFault::PartName { option, found, problem }
         })?;

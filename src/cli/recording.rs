@@ -87,7 +87,7 @@ fn is_inside(folder: &Path, store: &Path) -> Result<bool, Fault> {
 }
 
 fn refused_name(file: &Path, words: &'static str) -> Fault {
-    let shown: String = file.to_string_lossy().chars().flat_map(char::escape_debug).take(MOST_SHOWN).collect();
+    let shown: String = file.to_string_lossy().chars().flat_map(char::escape_debug).take(MAX_SHOWN).collect();
     Fault::RecordName { file: shown, words }
 }
 
@@ -129,7 +129,7 @@ pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
 }
 
 /// Number of characters of a refused name that are shown.
-const MOST_SHOWN: usize = 200;
+const MAX_SHOWN: usize = 200;
 
 /// The fault to report if the disk refuses a recording in a new file.
 pub fn refused(file: &Path, error: std::io::Error) -> Fault {

@@ -190,11 +190,11 @@ fn within_reach<C: Frame>(
 ) -> Vec<BoardShot<C>> {
     let Some(arm) = arm else { return shots(count) };
     let comes = |shot: &BoardShot<C>| arm.reported(&shot.base_from_flange).is_some();
-    shots(MOST_DRAWN * count).into_iter().filter(comes).take(count).collect()
+    shots(MAX_DRAWS_PER_SHOT * count).into_iter().filter(comes).take(count).collect()
 }
 
 /// Shots to draw for each one that is needed; at least one of them is within reach.
-const MOST_DRAWN: usize = 10;
+const MAX_DRAWS_PER_SHOT: usize = 10;
 
 fn save(rendered: &Rendered, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
     disk::write(&rendered.file(name), files::write_gray_png(picture).map_err(Fault::stage)?)

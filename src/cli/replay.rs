@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Number of differences that are shown to a person; the JSON has them all.
-const MOST_TOLD: usize = 20;
+const MAX_SHOWN: usize = 20;
 
 /// Runs the recorded cycle again and reports the differences.
 ///
@@ -81,10 +81,10 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     if let Some(verdict) = verdict {
         outcome.say(format!("the cycle's verdict: {}", verdict.word()));
     }
-    for difference in played.differences.iter().take(MOST_TOLD) {
+    for difference in played.differences.iter().take(MAX_SHOWN) {
         outcome.say(format!("  {difference}"));
     }
-    if let Some(more @ 1..) = played.differences.len().checked_sub(MOST_TOLD) {
+    if let Some(more @ 1..) = played.differences.len().checked_sub(MAX_SHOWN) {
         outcome.say(format!("  and {more} more; --json lists all of them"));
     }
     if !played.to_the_end {

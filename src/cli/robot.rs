@@ -150,15 +150,16 @@ fn not_this_arm(reason: Reason) -> SingleError {
 }
 
 /// The lowest speed that is requested from a controller, mm/s.
-const SLOWEST_MM_S: f64 = 1.0;
+const MIN_SPEED_MM_S: f64 = 1.0;
 
 /// Checks a requested speed of the tip, mm/s; one above `most` is refused here, before anything begins.
 fn speed(found: f64, option: &'static str, most: f64, cell: &Cell) -> Result<f64, Fault> {
-    if (SLOWEST_MM_S..=most).contains(&found) {
+    if (MIN_SPEED_MM_S..=most).contains(&found) {
         return Ok(found);
     }
     let allowed = cell.limits().max_speed_mm_s();
-    let problem = format!("the limits are {SLOWEST_MM_S} to {allowed} mm/s, max_speed_mm_s of the cell's [limits]");
+    let problem =
+        format!("the limits are {MIN_SPEED_MM_S} to {allowed} mm/s, max_speed_mm_s of the cell's [limits]");
     Err(Fault::BadAnswer { option, found: found.to_string(), problem })
 }
 

@@ -43,7 +43,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     match args.what {
         Shot::Scan => {}
         Shot::Picture => pictures(args, &files, &mut outcome, progress)?,
-        Shot::Film => film::take(args, &files, &mut outcome, progress)?,
+        Shot::Film => film::capture(args, &files, &mut outcome, progress)?,
         Shot::Corner => corners(args, &files, &mut outcome, progress)?,
     }
     Ok(outcome)

@@ -21,7 +21,7 @@ use serde_json::json;
 /// The channels of a picture.
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 /// Pictures of each phase that are looked at.
-const LOOKED_AT: usize = 10;
+const MAX_PICTURES_PER_PHASE: usize = 10;
 /// Looks at a clip and advises.
 ///
 /// # Errors
@@ -45,13 +45,13 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let region = watch.region();
     let mut sampler = Sampler::new(&region);
     let of = |phase: Phase| clip.shots().iter().filter(move |shot| shot.phase == phase);
-    for shot in of(Phase::Dry).take(LOOKED_AT) {
+    for shot in of(Phase::Dry).take(MAX_PICTURES_PER_PHASE) {
         let picture = picture(shot)?;
         sampler.dry(&picture);
         watch.push(&picture, shot.time_s, shot.phase).map_err(Fault::stage)?;
     }
     let mut reference: Option<ColorPicture> = None;
-    for shot in of(Phase::Wet).take(LOOKED_AT) {
+    for shot in of(Phase::Wet).take(MAX_PICTURES_PER_PHASE) {
         let picture = picture(shot)?;
         sampler.wet(&picture);
         reference.get_or_insert(picture);

@@ -9,19 +9,19 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use toml::de::DeTable;
 
-/// Checks a file: `take` reads its keys and returns the checked form if it found no problem. It is called twice:
+/// Checks a file: `parse` reads its keys and returns the checked form if it found no problem. It is called twice:
 /// the first reading finds the misspelt tables, so that the second can also list what is wrong inside them.
 ///
 /// # Errors
 /// All problems in the order of their lines.
-pub fn check<T>(file: &str, text: &str, take: impl Fn(&Section<'_, '_>) -> Option<T>) -> Result<T, Problems> {
+pub fn check<T>(file: &str, text: &str, parse: impl Fn(&Section<'_, '_>) -> Option<T>) -> Result<T, Problems> {
     let (root, errors) = DeTable::parse_recoverable(text);
     let mut document =
         Document { text, root, findings: RefCell::default(), known: RefCell::default(), misspelt: BTreeMap::new() };
-    take(&document.top());
+    parse(&document.top());
     document.misspelt = document.misspelt_names();
     document.findings.take();
-    let checked = take(&document.top());
+    let checked = parse(&document.top());
     let list = document.problems(errors.iter().map(|error| syntax::problem_of(text, error)));
     match checked {
         Some(value) if list.is_empty() => Ok(value),

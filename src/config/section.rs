@@ -67,15 +67,15 @@ impl<'d, 't> Section<'d, 't> {
         Some((line_of(self.document.text, name.span().start), value.get_ref()))
     }
 
-    fn parse<T: Setting>(&self, key: &str, value: &DeValue<'_>, limits: &T::Limits) -> Option<T> {
+    fn parse_value<T: Setting>(&self, key: &str, value: &DeValue<'_>, limits: &T::Limits) -> Option<T> {
         T::parse(value, limits).map_err(|message| self.problem(key, message)).ok()
     }
 
     /// Reads a key; without it the default applies, and without a default the key is reported as missing.
-    pub fn take<T: Setting>(&self, key: &'static str, limits: T::Limits, default: Option<T>) -> Option<T> {
+    pub fn parse<T: Setting>(&self, key: &'static str, limits: T::Limits, default: Option<T>) -> Option<T> {
         self.known.borrow_mut().push(key);
         match self.entry(key) {
-            Some((_, value)) => self.parse(key, value, &limits),
+            Some((_, value)) => self.parse_value(key, value, &limits),
             None if default.is_some() => default,
             None => {
                 let (line, table, table_is_there) = (self.line, self.path.clone(), self.is_present());
@@ -135,8 +135,8 @@ impl<'d, 't> Section<'d, 't> {
     }
 
     /// All entries of a table with names chosen by the user.
-    pub fn take_named<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
-        let parsed = |name: &str| Some((name.to_owned(), self.parse(name, self.entry(name)?.1, limits)?));
+    pub fn parse_named<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
+        let parsed = |name: &str| Some((name.to_owned(), self.parse_value(name, self.entry(name)?.1, limits)?));
         self.names().filter_map(parsed).collect()
     }
 

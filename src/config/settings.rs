@@ -26,8 +26,8 @@ macro_rules! settings {
             $($(#[$key_doc])* pub fn $key(&self) -> $kind { $crate::config::same(&self.$key) })*
 
             /// Reads this table's keys; `None` if one of them has a problem, which is then noted.
-            pub(crate) fn take(section: &$crate::config::Section<'_, '_>) -> Option<Self> {
-                $(let $key = section.take::<$kind>(
+            pub(crate) fn parse(section: &$crate::config::Section<'_, '_>) -> Option<Self> {
+                $(let $key = section.parse::<$kind>(
                     stringify!($key), $limits, $crate::config::settings!(@$word $($default)?));)*
                 section.done();
                 Some($name { $($key: $key?,)* })

@@ -8,21 +8,21 @@ use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Highest number of an input or output that the cell's file accepts.
-const MOST_SIGNAL: i32 = 4096;
+const MAX_SIGNAL: i32 = 4096;
 /// Highest number of a flag.
-const MOST_FLAG: i32 = 1024;
+const MAX_FLAG: i32 = 1024;
 /// Highest number of a timer.
-const MOST_TIMER: i32 = 64;
+const MAX_TIMER: i32 = 64;
 /// Places of a list that travels as the bits of one INT.
-const MOST_BITS: i32 = 31;
+const MAX_BITS: i32 = 31;
 /// Places of the list of mapped inputs.
-const MOST_MAPPED: i32 = 8;
+const MAX_MAPPED: i32 = 8;
 /// Number of outputs that report to a line.
 const LINE_OUTPUTS: i32 = 6;
 /// This many times, at most, the controller's highest speed and longest step may be the cell's.
-const SLACK: f64 = 1.25;
+const MAX_RATIO_TO_CELL: f64 = 1.25;
 /// So far, at most, the controller's box may reach beyond the cell's, mm.
-const BOX_SLACK_MM: f64 = 50.0;
+const BOX_TOLERANCE_MM: f64 = 50.0;
 /// What a REAL of 32 bits does to a number.
 const ROUNDING: f64 = 1e-3;
 
@@ -133,7 +133,7 @@ impl Compared<'_> {
 
     /// A list that travels as bits: the cell's numbers in ascending order.
     fn bits(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
-        let found = self.list(array, count, MOST_BITS, (1, MOST_SIGNAL));
+        let found = self.list(array, count, MAX_BITS, (1, MAX_SIGNAL));
         let names = Self::names(named);
         let word = |number: i32| {
             names.get(&number).map_or(format!("{number}, which {table} lacks"), |name| format!("{number} ({name})"))
@@ -170,7 +170,7 @@ impl Compared<'_> {
 
     /// What the end of an epoch switches off: output, line, and after how long, ms.
     fn off(&mut self) -> Vec<(i32, usize, Option<Number>)> {
-        let off = self.list("CELL_OFF", "CELL_OFF_N", MOST_BITS, (1, MOST_SIGNAL));
+        let off = self.list("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
         let times = self.config.array("CELL_OFF_MS");
         let places = self.config.array("CELL_OFF");
         let place = |line: usize| places.iter().find(|(_, number)| number.line == line).map(|(index, _)| *index);
@@ -291,8 +291,8 @@ impl Compared<'_> {
 
     /// The inputs that are mapped to flags.
     fn mapped(&mut self) {
-        let inputs = self.list("CELL_VIN", "CELL_VIN_N", MOST_MAPPED, (1, MOST_SIGNAL));
-        let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MOST_MAPPED, (1, MOST_FLAG));
+        let inputs = self.list("CELL_VIN", "CELL_VIN_N", MAX_MAPPED, (1, MAX_SIGNAL));
+        let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED, (1, MAX_FLAG));
         let mapped: BTreeSet<i32> =
             self.cell.io().mapped_inputs().values().map(|number| i32::from(*number)).collect();
         let found: BTreeSet<i32> = inputs.iter().map(|(number, _)| *number).collect();
@@ -323,7 +323,7 @@ impl Compared<'_> {
     fn flags(&mut self) {
         let mut seen: BTreeMap<i32, &str> = BTreeMap::new();
         for name in FLAGS {
-            let Some(flag) = self.whole(name, 1, MOST_FLAG) else { continue };
+            let Some(flag) = self.whole(name, 1, MAX_FLAG) else { continue };
             if let Some(first) = seen.insert(flag, name) {
                 let line = self.config.get(name).map_or(1, |number| number.line);
                 self.note(line, name, format!("is {flag}, which is {first} already"));
@@ -334,7 +334,7 @@ impl Compared<'_> {
     fn timers(&mut self) {
         let mut before: Option<(i32, &str)> = None;
         for name in TIMERS {
-            let timer = self.whole(name, 1, MOST_TIMER);
+            let timer = self.whole(name, 1, MAX_TIMER);
             if let (Some((number, first)), Some(timer)) = (before, timer)
                 && timer != number + 1
             {
@@ -387,11 +387,11 @@ impl Compared<'_> {
                     "is {found} m/s; [limits] max_speed_mm_s of the cell's file allows {cell_m_s} m/s: faster lines would be refused"
                 );
                 self.note(number.line, "CELL_VEL_MAX", message);
-            } else if found > SLACK * cell_m_s + ROUNDING {
+            } else if found > MAX_RATIO_TO_CELL * cell_m_s + ROUNDING {
                 let message = format!(
-                    "is {found} m/s, the limit is {SLACK} times [limits] max_speed_mm_s of the cell's file, {} m/s: the controller is \
+                    "is {found} m/s, the limit is {MAX_RATIO_TO_CELL} times [limits] max_speed_mm_s of the cell's file, {} m/s: the controller is \
                      the second line behind the PC",
-                    SLACK * cell_m_s
+                    MAX_RATIO_TO_CELL * cell_m_s
                 );
                 self.note(number.line, "CELL_VEL_MAX", message);
             }
@@ -423,10 +423,10 @@ impl Compared<'_> {
                 self.array_number(array, index, |found| {
                     let expected = expected?;
                     let beyond = outwards * (found - expected);
-                    (!(-ROUNDING..=BOX_SLACK_MM + ROUNDING).contains(&beyond)).then(|| {
+                    (!(-ROUNDING..=BOX_TOLERANCE_MM + ROUNDING).contains(&beyond)).then(|| {
                         format!(
                             "is {found} mm; [limits] of the cell's file has {expected} mm, and the controller's box may reach 0 to \
-                             {BOX_SLACK_MM} mm beyond it"
+                             {BOX_TOLERANCE_MM} mm beyond it"
                         )
                     })
                 });
@@ -434,10 +434,10 @@ impl Compared<'_> {
         }
         let step_mm = limits.max_step_mm();
         if let Some(number) = self.single("CELL_STEP_MM")
-            && !(number.value >= step_mm - ROUNDING && number.value <= SLACK * step_mm + ROUNDING)
+            && !(number.value >= step_mm - ROUNDING && number.value <= MAX_RATIO_TO_CELL * step_mm + ROUNDING)
         {
             let message = format!(
-                "is {} mm; [limits] max_step_mm of the cell's file is {step_mm} mm, the limits are 1 to {SLACK} times as much",
+                "is {} mm; [limits] max_step_mm of the cell's file is {step_mm} mm, the limits are 1 to {MAX_RATIO_TO_CELL} times as much",
                 number.value
             );
             self.note(number.line, "CELL_STEP_MM", message);

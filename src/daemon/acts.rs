@@ -17,7 +17,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 
 /// A stop that waits in the queue is processed before this many states of the robot: the loop processes a request
 /// at least between every second pair.
-const STOP_TAKEN_WITHIN: u8 = 3;
+const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl Running<'_> {
     /// Begins an act; what needs no waiting is answered at once.
@@ -155,7 +155,7 @@ impl Running<'_> {
             Ok(waits) => self.wait(id, act, waits),
             // A stop is sent to the robot before the table processes it: then the table stops, and nothing has
             // failed.
-            Err(QueueError::NoEpoch) => self.wait(id, act, Waits::NoEpoch { states: STOP_TAKEN_WITHIN }),
+            Err(QueueError::NoEpoch) => self.wait(id, act, Waits::NoEpoch { states: MAX_STATES_BEFORE_STOP }),
             Err(error) => self.not_sent(id, &error)?,
         }
         Ok(())

@@ -16,9 +16,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Number of newest cycles for which alarms are shown.
-const CYCLES: usize = 50;
+const MAX_CYCLES: usize = 50;
 /// Shortest interval between checks of the cell, for the requests of all fronts.
-const EVERY: Duration = Duration::from_secs(60);
+const MIN_CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// An alarm as a person names it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -61,7 +61,7 @@ impl Alarms {
     /// # Errors
     /// If the store cannot be read.
     pub fn all_in_store(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
-        let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
+        let newest = store.search(&Query { limit: MAX_CYCLES, ..Query::default() })?;
         let mut all = self.standing.alarms(&store.acknowledgements(None)?);
         for hit in newest.hits {
             all.extend(store.alarms(hit.cycle)?);
@@ -91,7 +91,7 @@ impl Alarms {
     pub fn look(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
         {
             let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
-            if looked.is_some_and(|at| at.elapsed() < EVERY) {
+            if looked.is_some_and(|at| at.elapsed() < MIN_CHECK_INTERVAL) {
                 return;
             }
             *looked = Some(Instant::now());

@@ -11,13 +11,13 @@ use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
 /// Restart delay after a panic.
-const AGAIN: Duration = Duration::from_secs(1);
+const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// Polling interval.
-const EVERY: Duration = Duration::from_secs(1);
+const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
-const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+const MAX_RETRY_DELAY: Duration = Duration::from_secs(60);
 /// The program's end waits so long for what still blocks.
-const END_WITHIN: Duration = Duration::from_secs(2);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// How far they step back.
 const NICE: i32 = 5;
@@ -65,7 +65,7 @@ impl Background {
         let work = move || {
             run_apart(&runtime, what, ended, begin);
             // A pending look-up of a host's name delays nothing.
-            runtime.shutdown_timeout(END_WITHIN);
+            runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
         };
         let builder = thread::Builder::new().name(name.to_owned());
         let builder = match stack_bytes {
@@ -107,7 +107,7 @@ fn run_apart(
     step_back();
     while catch_unwind(AssertUnwindSafe(|| runtime.block_on(begin(&mut ended)))).is_err() {
         tracing::warn!("{what} failed, see the lines above; it starts again");
-        if runtime.block_on(async { timeout(AGAIN, &mut ended).await }).is_ok() {
+        if runtime.block_on(async { timeout(RESTART_DELAY, &mut ended).await }).is_ok() {
             return;
         }
     }
@@ -126,14 +126,14 @@ pub(super) trait Rounds {
 }
 
 async fn in_rounds(mut work: impl Rounds, what: &str) {
-    let mut pause = EVERY;
+    let mut pause = POLL_INTERVAL;
     loop {
         match work.round().await {
             Ok(is_more) => {
-                pause = EVERY;
+                pause = POLL_INTERVAL;
                 work.told(None);
                 if !is_more {
-                    sleep(EVERY).await;
+                    sleep(POLL_INTERVAL).await;
                 }
             }
             Err(problem) => {
@@ -142,7 +142,7 @@ async fn in_rounds(mut work: impl Rounds, what: &str) {
                 }
                 work.forget();
                 sleep(pause).await;
-                pause = LONGEST_PAUSE.min(pause * 2);
+                pause = MAX_RETRY_DELAY.min(pause * 2);
             }
         }
     }

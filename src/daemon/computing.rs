@@ -34,13 +34,13 @@ use worker::Worker;
 
 /// No piece of work lasts this long. By then the table has long given up its answer, the robot is at standstill,
 /// and work that hangs prevents every later act.
-const LONGEST_WORK: Duration = Duration::from_secs(180);
+const WORK_TIMEOUT: Duration = Duration::from_secs(180);
 
 /// How far computing steps back behind the loop and the robot's link.
 pub(super) const NICE: i32 = 19;
 
 /// Pause after a step of a film that found no new picture.
-const LOOK_AGAIN: Duration = Duration::from_millis(2);
+const PICTURE_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// The queue of work, and who empties it.
 pub struct Computing<'p> {
@@ -104,7 +104,7 @@ impl<'p> Computing<'p> {
         Box::leak(Box::new(alone));
         let (queue, taken) = mpsc::channel();
         let (tell, results) = mpsc::channel();
-        let (sign, watched) = supervised("computing", LONGEST_WORK);
+        let (sign, watched) = supervised("computing", WORK_TIMEOUT);
         let due = Arc::new(AtomicU64::new(NONE_DUE));
         let mut computes = Thread {
             worker: Worker::new(cameras, readable, Some(keep)).shown_on(view),
@@ -171,7 +171,7 @@ impl<'p> Computing<'p> {
     }
 
     /// The result that is ready.
-    pub(super) fn take(&mut self) -> Option<Worked> {
+    pub(super) fn take_result(&mut self) -> Option<Worked> {
         match &mut self.executor {
             Executor::Inline { worker, queue, remembers } => {
                 let work = queue.pop_front()?;
@@ -245,7 +245,7 @@ impl Thread {
                 }
                 next = Some(Work::next_picture(id, act, pass, setup.clone()));
                 if worked.notes.is_empty() {
-                    thread::sleep(LOOK_AGAIN);
+                    thread::sleep(PICTURE_POLL_INTERVAL);
                     continue;
                 }
             }

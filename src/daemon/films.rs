@@ -21,9 +21,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Films that are remembered, at most: each has a time for every pixel. What is new after that is looked at each time.
-const MOST: usize = 1_000;
+const MAX_FILMS: usize = 1_000;
 /// A film of more pictures is looked at as they come.
-const LONGEST: usize = 1_000;
+const MAX_PICTURES: usize = 1_000;
 
 /// What a film that was watched to its end came to.
 #[derive(Debug, Clone)]
@@ -118,7 +118,7 @@ impl Watching {
             let follows = shots.last().is_some_and(|(last, last_s, _)| {
                 (last.width, last.height) == (picture.width, picture.height) && time_s > *last_s
             });
-            if follows && time_s.is_finite() && shots.len() < LONGEST {
+            if follows && time_s.is_finite() && shots.len() < MAX_PICTURES {
                 shots.push((picture.clone(), time_s, Phase::Wet));
                 return Ok(Added { since_wet_s: None, opened_on: None });
             }
@@ -176,7 +176,7 @@ impl FilmMemory {
 
     fn remember(&self, inputs: String, judged: &Judged) {
         let mut known = self.lock();
-        if known.films.len() < MOST {
+        if known.films.len() < MAX_FILMS {
             let notes = judged.notes.iter().cloned().map(self.keeps).collect();
             known.films.insert(inputs, Judged { last: None, notes, ..judged.clone() });
         }

@@ -14,7 +14,7 @@ use tokio::sync::oneshot;
 use tokio::time::timeout;
 
 /// The loop replies within this time, or something is wrong with it.
-const LOOP_PATIENCE: Duration = Duration::from_secs(5);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
 pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
@@ -74,7 +74,7 @@ impl Gateway {
         if let Some((what, who)) = in_log {
             tracing::info!("{who} asks: {what}");
         }
-        match timeout(LOOP_PATIENCE, answer).await {
+        match timeout(REPLY_TIMEOUT, answer).await {
             Ok(Ok(reply)) => reply,
             Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
             Err(_) => failed("silent", "the service's loop does not answer; request its state, and read its log"),

@@ -9,7 +9,7 @@ use crate::path::Plan;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// No more points of a scan are shown.
-const MOST_POINTS: usize = 150_000;
+const MAX_POINTS: usize = 150_000;
 
 /// The newest cycle's scene. Clones are the same one.
 #[derive(Debug, Clone, Default)]
@@ -93,7 +93,7 @@ impl LiveScene {
 fn points(scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) -> Vec<u8> {
     let (width, height) = (scan.width(), scan.height());
     let step =
-        (1..=width.max(height).max(1)).find(|step| width.div_ceil(*step) * height.div_ceil(*step) <= MOST_POINTS);
+        (1..=width.max(height).max(1)).find(|step| width.div_ceil(*step) * height.div_ceil(*step) <= MAX_POINTS);
     let step = step.unwrap_or(1);
     let picture = scan.picture();
     let mut packed = Vec::new();

@@ -14,9 +14,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Shortest time between two pictures.
-const EVERY: Duration = Duration::from_millis(450);
+const MIN_PICTURE_INTERVAL: Duration = Duration::from_millis(450);
 /// Who has looked within this time is still looking on.
-const LOOKING: Duration = Duration::from_secs(5);
+const VIEWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The newest picture. Clones are the same one.
 #[derive(Debug, Clone, Default)]
@@ -84,7 +84,7 @@ impl LiveView {
         let is_recent = |at: Option<Instant>, span| at.is_some_and(|at| at.elapsed() < span);
         {
             let inside = self.lock();
-            if !is_recent(inside.looked, LOOKING) || is_recent(inside.offered, EVERY) {
+            if !is_recent(inside.looked, VIEWER_TIMEOUT) || is_recent(inside.offered, MIN_PICTURE_INTERVAL) {
                 return;
             }
         }
@@ -122,7 +122,7 @@ mod tests {
         let (number, shown) = view.newest();
         let drawn = shown.expect("a picture").drawn().expect("as it is");
         assert_eq!((number, drawn.rgb), (1, vec![[7, 8, 9]; 2]));
-        view.lock().looked = Instant::now().checked_sub(LOOKING);
+        view.lock().looked = Instant::now().checked_sub(VIEWER_TIMEOUT);
         view.lock().offered = None;
         view.offer(|| panic!("they went away"));
     }

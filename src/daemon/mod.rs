@@ -120,7 +120,7 @@ pub use ports::{
     RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
     ToolAnswer, ToolCommand, ToolPort,
 };
-pub use protocol::{MOST_BYTES, ProtocolError, read_request, request_line};
+pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
 pub use record_source::{RecordPdf, RecordSource};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};

@@ -14,7 +14,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Wrong log-ins that have a line of their own in the audit trail, a minute.
-const MOST_LINES: MostLines = MostLines { done: 0, refused: 20 };
+const MAX_LINES: MostLines = MostLines { done: 0, refused: 20 };
 
 /// What came of a name and a password.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +55,7 @@ impl People {
             store: StoreAccess::new(folder),
             hashing: Hashing::default(),
             lockout: Mutex::default(),
-            wrong_log_ins: Mutex::new(LineLimit::new(MOST_LINES, 0)),
+            wrong_log_ins: Mutex::new(LineLimit::new(MAX_LINES, 0)),
             begun: Instant::now(),
         }
     }

@@ -9,9 +9,9 @@ use crate::verdict::Reason;
 use std::time::Duration;
 
 /// A reading that is older than the tool's deadlines by this much is none: the thread of its link does not work.
-const SLACK: Duration = Duration::from_millis(150);
+const MAX_READING_DELAY: Duration = Duration::from_millis(150);
 /// Time by which the force may lag behind its set-point.
-const FOLLOWS: Duration = Duration::from_millis(100);
+const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
 /// The tool is commanded anew once its attitude changes its share of the weight by this much, N.
 const ATTITUDE_N: f64 = 0.2;
 
@@ -109,7 +109,7 @@ impl Pressing {
         }
         let (contact_n, (at, reading)) = (self.contact_n(tool, downwards)?, self.last?);
         let Contact { aim, ramp, watch, .. } = self.contact.as_mut()?;
-        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, FOLLOWS) };
+        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, MAX_FORCE_LAG) };
         watch.see((&reading, contact_n), expected, &limits(tool), at)
     }
 
@@ -133,7 +133,8 @@ impl Pressing {
                          doctor` checks it";
             return Some(Reason::new("tool_link", words));
         };
-        let longest = Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + SLACK;
+        let longest =
+            Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + MAX_READING_DELAY;
         let age = now.since(at);
         let words = || {
             format!("the compliant tool has sent nothing for {} ms; `panelprep doctor` checks it", age.as_millis())

@@ -16,14 +16,14 @@ use crate::cycle::Request;
 use serde::{Deserialize, Serialize};
 
 /// The longest line, with its end: a recipe and its escapes. Only a start is that long.
-pub const MOST_BYTES: usize = 256 * 1_024;
+pub const MAX_BYTES: usize = 256 * 1_024;
 /// The longest of any other line.
-pub(super) const MOST_SHORT_BYTES: usize = 4 * 1_024;
+pub(super) const MAX_SHORT_BYTES: usize = 4 * 1_024;
 
 /// Whether a line that begins so may be as long as a start.
 pub(super) fn may_be_long(beginning: &[u8]) -> bool {
     let word = b"\"start\"";
-    let searched = &beginning[..beginning.len().min(MOST_SHORT_BYTES)];
+    let searched = &beginning[..beginning.len().min(MAX_SHORT_BYTES)];
     searched.windows(word.len()).any(|part| part == word)
 }
 
@@ -91,8 +91,8 @@ pub enum ProtocolError {
 /// # Errors
 /// If it is too long, has no end, or is not exactly one allowed object.
 pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
-    if line.len() > MOST_BYTES {
-        return Err(ProtocolError::TooLong { most: MOST_BYTES });
+    if line.len() > MAX_BYTES {
+        return Err(ProtocolError::TooLong { most: MAX_BYTES });
     }
     let Some((b'\n', object)) = line.split_last() else { return Err(ProtocolError::NoEnd) };
     let line = serde_json::from_slice(object)
@@ -217,8 +217,8 @@ mod tests {
             let error = read_request(line).expect_err("refused").to_string();
             assert!(error.contains(word), "{}: {error}", String::from_utf8_lossy(&line[..line.len().min(60)]));
         }
-        let long = format!("{{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"{}\"}}\n", "x".repeat(MOST_BYTES));
-        assert!(matches!(read_request(long.as_bytes()), Err(ProtocolError::TooLong { most: MOST_BYTES })));
+        let long = format!("{{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"{}\"}}\n", "x".repeat(MAX_BYTES));
+        assert!(matches!(read_request(long.as_bytes()), Err(ProtocolError::TooLong { most: MAX_BYTES })));
     }
 
     proptest! {

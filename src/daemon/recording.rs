@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
 pub const FLOOR_MB: u64 = 1_000;
 /// Pictures of a clip that are compressed at once.
-const AT_ONCE: usize = 8;
+const BATCH_PICTURES: usize = 8;
 
 /// A cycle's pages in a store; between cycles only the journal is written.
 #[derive(Debug)]
@@ -185,7 +185,7 @@ impl StoreRecord<'_> {
     fn frame(&mut self, picture: Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         if self.cycle.is_some() {
             self.pages.waiting.push((picture, time_s, phase));
-            if self.pages.waiting.len() >= AT_ONCE {
+            if self.pages.waiting.len() >= BATCH_PICTURES {
                 self.keep_waiting()?;
             }
         }

@@ -61,15 +61,15 @@ fn phase(at: At) -> Option<Phase> {
 
 /// Number of signs that a working loop gives systemd within the time of its watchdog: if one is late, more than
 /// half of this time is left.
-const SIGNS: u32 = 4;
+const WATCHDOG_SIGNALS: u32 = 4;
 /// How long the loop waits for a request while the cell rests.
-const REST: Duration = Duration::from_millis(20);
+const IDLE_WAIT: Duration = Duration::from_millis(20);
 
 /// Largest number of requests for the state that are answered in one iteration of the loop.
-const MOST_ANSWERED: usize = 64;
+const MAX_STATE_REQUESTS: usize = 64;
 
 /// Of this many steps of the table it is known what they showed: more than a cycle has between two holds.
-const MOST_STEPS: usize = 64;
+const MAX_STEPS: usize = 64;
 
 /// What a start that the loop has taken is for.
 #[derive(Debug)]
@@ -125,7 +125,7 @@ impl RequestHandler {
     /// systemd that the loop works, as long as the supervisor finds that all threads work.
     pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
         let (sign, _) = supervised("loop", Duration::MAX);
-        let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / SIGNS, Instant::now()));
+        let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / WATCHDOG_SIGNALS, Instant::now()));
         RequestHandler {
             queue,
             waiting: None,
@@ -252,7 +252,7 @@ impl RequestHandler {
         if self.steps.back().is_some_and(|(step, _)| *step == state.step) {
             return;
         }
-        if self.steps.len() == MOST_STEPS {
+        if self.steps.len() == MAX_STEPS {
             self.steps.pop_front();
         }
         self.steps.push_back((state.step, words::shown(state)));
@@ -331,14 +331,14 @@ impl RequestHandler {
                 clippy::let_underscore_must_use,
                 reason = "without a writer the record stays; its page can be made from it"
             )]
-            let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take() });
+            let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take_recording() });
         }
         if let Some(request) = self.leaving(state) {
             return Ok(Some(request));
         }
-        let mut patience = if state.at.rests() { REST } else { Duration::ZERO };
+        let mut patience = if state.at.rests() { IDLE_WAIT } else { Duration::ZERO };
         // All requests for the state are answered in one iteration: they use no turns of other requests.
-        for _ in 0..MOST_ANSWERED {
+        for _ in 0..MAX_STATE_REQUESTS {
             let Some(request) = self.queue.next(patience) else { break };
             match request.what {
                 What::State => {

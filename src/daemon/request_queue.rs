@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 /// Requests of one user, and of all users, that wait for the loop. Urgent ones are not counted.
-const MOST_OF_USER: usize = 8;
-const MOST: usize = 32;
+const MAX_QUEUED_PER_USER: usize = 8;
+const MAX_QUEUED: usize = 32;
 
 /// The end of the queue at which requests are put in, from any thread.
 #[derive(Debug, Clone)]
@@ -127,8 +127,8 @@ impl RequestSender {
             inside.put_urgent(request);
         } else {
             let of_user = inside.others.iter().filter(|other| other.who == request.who).count();
-            let waiting = if of_user < MOST_OF_USER { inside.others.len() } else { of_user };
-            if of_user >= MOST_OF_USER || waiting >= MOST {
+            let waiting = if of_user < MAX_QUEUED_PER_USER { inside.others.len() } else { of_user };
+            if of_user >= MAX_QUEUED_PER_USER || waiting >= MAX_QUEUED {
                 return Err(NotTaken::Full { waiting });
             }
             inside.others.push_back(request);
@@ -286,13 +286,13 @@ mod tests {
             Some(Request { what: What::Table(request), .. }) => Some(request),
             _ => None,
         };
-        for _ in 0..MOST_OF_USER {
+        for _ in 0..MAX_QUEUED_PER_USER {
             assert_eq!(send(7, Hold), Ok(()));
         }
-        assert_eq!(send(7, Hold), Err(NotTaken::Full { waiting: MOST_OF_USER }));
+        assert_eq!(send(7, Hold), Err(NotTaken::Full { waiting: MAX_QUEUED_PER_USER }));
         assert_eq!(send(8, Hold), Ok(()), "another user is not kept out");
         let taken = (9..100).filter(|uid| send(*uid, Hold).is_ok()).count();
-        assert_eq!(taken, MOST - MOST_OF_USER - 1);
+        assert_eq!(taken, MAX_QUEUED - MAX_QUEUED_PER_USER - 1);
         for stops in [Stop, Abort].into_iter().cycle().take(200) {
             assert_eq!(send(7, stops), Ok(()));
             assert_eq!(send(8, stops), Ok(()));

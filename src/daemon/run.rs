@@ -26,7 +26,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// For each person, the shortest time between two recorded stops or aborts that change nothing.
-const REFUSED_AGAIN: Duration = Duration::from_secs(1);
+const MIN_REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What the loop is connected to.
 pub struct Ports<'a> {
@@ -118,13 +118,13 @@ impl Running<'_> {
             self.note(Kind::Robot, vec![Reason::new("interrupted", message)])?;
         }
         while let Some(event) = self.next_event()? {
-            self.take(event)?;
+            self.on_event(event)?;
         }
         Ok(())
     }
 
     /// One event: journal, step, effects.
-    pub(super) fn take(&mut self, event: Event) -> Result<(), DaemonError> {
+    pub(super) fn on_event(&mut self, event: Event) -> Result<(), DaemonError> {
         if let Some((request, refusal)) = self.refused_just_now(event) {
             self.ports.requests.tell(News::Refused(request, refusal));
             return Ok(());
@@ -180,7 +180,9 @@ impl Running<'_> {
         })?;
         let now = self.ports.robot.now();
         let is_recorded = self.last_refused.as_ref().is_some_and(|(last, who, at)| {
-            *last == request && *who == self.requester && now.since_start() < at.since_start() + REFUSED_AGAIN
+            *last == request
+                && *who == self.requester
+                && now.since_start() < at.since_start() + MIN_REFUSAL_INTERVAL
         });
         if !is_recorded {
             self.last_refused = Some((request, self.requester.clone(), now));
@@ -228,7 +230,7 @@ impl Running<'_> {
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
             if computes && self.lock_step {
                 // Time does not pass here, so that the speed of the computer cannot matter.
-                self.comes_in(GLANCE)?;
+                self.comes_in(COMPUTATION_POLL_TIMEOUT)?;
                 continue;
             }
             if self.attend_tool(now)? {
@@ -290,10 +292,10 @@ impl Running<'_> {
     /// Accepts the result of the computation, if it is ready; waits at most this long for it.
     fn comes_in(&mut self, patience: Duration) -> Result<bool, DaemonError> {
         let ready = self.computing.ready(patience);
-        if !ready.is_some_and(|id| self.ports.requests.lets_in(id)) {
+        if !ready.is_some_and(|id| self.ports.requests.admit(id)) {
             return Ok(false);
         }
-        if let Some(worked) = self.computing.take() {
+        if let Some(worked) = self.computing.take_result() {
             self.computed(worked)?;
         }
         Ok(true)
@@ -373,7 +375,7 @@ impl Running<'_> {
             (Deadline::Spray, Some(process)) => process.spray_s(),
             (Deadline::Drain, Some(process)) => process.drain_s(),
             (Deadline::Settle, Some(process)) => process.light_settle_s(),
-            (_, None) => LONGEST_S,
+            (_, None) => DEFAULT_TIME_LIMIT_S,
         })
     }
 
@@ -382,7 +384,7 @@ impl Running<'_> {
         match self.state.due.map(|due| due.act) {
             Some(Act::Move(motion)) => {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
-                MOVE_S + SLOWEST * path_s
+                MOVE_S + MAX_DURATION_RATIO * path_s
             }
             Some(Act::Film) => self.setup().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
             Some(
@@ -415,8 +417,8 @@ const COMPUTING_S: f64 = 60.0;
 const MOVE_S: f64 = 120.0;
 const FILM_SPARE_S: f64 = 10.0;
 /// Time limit if no recipe states one, as before the first cycle: the longest that a recipe may state.
-const LONGEST_S: f64 = 600.0;
+const DEFAULT_TIME_LIMIT_S: f64 = 600.0;
 /// How long the loop waits for a computation before it looks elsewhere.
-const GLANCE: Duration = Duration::from_millis(5);
+const COMPUTATION_POLL_TIMEOUT: Duration = Duration::from_millis(5);
 /// A contact path may last this many times its duration at its feed: turns are slower.
-const SLOWEST: f64 = 5.0;
+const MAX_DURATION_RATIO: f64 = 5.0;

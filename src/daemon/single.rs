@@ -25,16 +25,16 @@ use std::time::{Duration, Instant};
 
 /// Time limit for a controller to answer at all, by the wall clock: it may still be closing the connection of the
 /// previous client.
-const CONNECT: Duration = Duration::from_secs(4);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time limits for a switch, a frame or a subroutine, and for a way through air, by the robot's clock.
-const SHORT: Duration = Duration::from_secs(30);
-const LONG: Duration = Duration::from_secs(300);
+const COMMAND_TIMEOUT: Duration = Duration::from_secs(30);
+const MOTION_TIMEOUT: Duration = Duration::from_secs(300);
 /// Time limit for the next state, by the robot's clock.
-const HEARD: Duration = Duration::from_secs(1);
+const STATE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Largest number of reports that may wait before the one that states why the link was lost.
-const MOST_REPORTS: usize = 32;
+const MAX_REPORTS: usize = 32;
 /// Time limit for the arm to come to rest before a function, by the robot's clock.
-const REST: Duration = Duration::from_secs(5);
+const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why a function was not done.
 #[derive(Debug, thiserror::Error)]
@@ -43,7 +43,7 @@ pub enum SingleError {
     #[error("no controller answers: {0}")]
     NoController(LinkLoss),
     /// Not even a reason.
-    #[error("no controller answered within {} s", CONNECT.as_secs())]
+    #[error("no controller answered within {} s", CONNECT_TIMEOUT.as_secs())]
     Silent,
     /// It cannot be sent.
     #[error(transparent)]
@@ -103,7 +103,7 @@ impl<'r> Single<'r> {
     pub fn connect(robot: &'r mut dyn RobotPort, arm: &Arm) -> Result<Self, SingleError> {
         let mut robot = Corrected::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
-        while begun.elapsed() < CONNECT {
+        while begun.elapsed() < CONNECT_TIMEOUT {
             match robot.next().map_err(broken)? {
                 Some(Report::Connected { state } | Report::State(state)) => {
                     return Ok(Single { robot, state: *state, mounted: Vec::new() });
@@ -157,7 +157,7 @@ impl<'r> Single<'r> {
             _ => self.open_epoch()?,
         }
         let id = self.send(command)?;
-        self.executed(id, SHORT)
+        self.executed(id, COMMAND_TIMEOUT)
     }
 
     /// Calls a subroutine of the controller. It may move, and has the gates of a motion.
@@ -170,7 +170,7 @@ impl<'r> Single<'r> {
         self.open_epoch()?;
         self.held_to_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
         let id = self.send(Command::CallSubroutine { index })?;
-        self.executed(id, LONG)
+        self.executed(id, MOTION_TIMEOUT)
     }
 
     /// Moves the axes.
@@ -191,7 +191,7 @@ impl<'r> Single<'r> {
         self.open_epoch()?;
         self.held_to_interlocks("a motion of the axes", single_interlocks::motion(Path::Park), cell)?;
         let id = self.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
-        self.executed(id, LONG)
+        self.executed(id, MOTION_TIMEOUT)
     }
 
     /// Moves the tip in a straight line.
@@ -210,7 +210,7 @@ impl<'r> Single<'r> {
         self.open_epoch()?;
         self.send(Command::SetBase(line.base))?;
         let id = self.send(Command::SetTcp(line.tool))?;
-        self.executed(id, SHORT)?;
+        self.executed(id, COMMAND_TIMEOUT)?;
         // From the position of the tip that the controller, with these frames, reports.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
         let standing = Standing {
@@ -237,7 +237,7 @@ impl<'r> Single<'r> {
         self.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
         let sent = self.robot.send_path(move_lin(&gated.points), None);
         let id = sent.map_err(|error| self.not_sent(error))?;
-        self.executed(id, LONG)
+        self.executed(id, MOTION_TIMEOUT)
     }
 
     /// Sets an output, and waits for the time that this epoch is to keep it.
@@ -251,7 +251,7 @@ impl<'r> Single<'r> {
             self.held_to_interlocks(name, Act::Switch(switch), cell)?;
         }
         let id = self.send(Command::SetDigout(Signal { number, on }))?;
-        self.executed(id, SHORT)?;
+        self.executed(id, COMMAND_TIMEOUT)?;
         let until = self.robot.now() + keep;
         while self.robot.now() < until {
             self.hear()?;
@@ -305,17 +305,17 @@ impl<'r> Single<'r> {
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
         // After its last client has just left, a controller is still coming to rest.
-        let rests_until = self.robot.now() + REST;
+        let rests_until = self.robot.now() + STANDSTILL_TIMEOUT;
         while self.state.moving && self.robot.now() < rests_until {
             self.hear()?;
         }
         let asked = self.robot.open_epoch(Epoch(0)).map_err(|error| self.not_sent(error))?;
-        let until = self.robot.now() + SHORT;
+        let until = self.robot.now() + COMMAND_TIMEOUT;
         while self.state.epoch != asked {
             if let Some(Report::EpochNotOpened { asked, found }) = self.hear()? {
                 return Err(SingleError::Robot(format!("it is in epoch {found}, not in {asked}")));
             }
-            self.in_time(until, SHORT)?;
+            self.in_time(until, COMMAND_TIMEOUT)?;
         }
         Ok(())
     }
@@ -348,7 +348,7 @@ impl<'r> Single<'r> {
     /// Returns why nothing was sent: if there is no link any more, the reason for its loss.
     fn not_sent(&mut self, error: QueueError) -> SingleError {
         if error == QueueError::NotConnected {
-            for _ in 0..MOST_REPORTS {
+            for _ in 0..MAX_REPORTS {
                 if let Err(lost @ SingleError::LinkLost(_)) = self.hear() {
                     return lost;
                 }
@@ -359,7 +359,7 @@ impl<'r> Single<'r> {
 
     /// The robot did not do it for this reason. Its next report about itself is read first, so that it is shown.
     fn stopped(&mut self, why: String) -> SingleError {
-        let (before, until) = (self.state.sequence, self.robot.now() + HEARD);
+        let (before, until) = (self.state.sequence, self.robot.now() + STATE_TIMEOUT);
         while self.state.sequence == before && self.robot.now() < until {
             if self.hear().is_err() {
                 break;

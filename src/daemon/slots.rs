@@ -76,7 +76,7 @@ impl<Of> Slots<Of> {
 
 impl<Of: Copy + PartialEq> Slots<Of> {
     /// Assigns a slot to a connection of this owner; if there is none, another connection gives way.
-    pub fn take(&self, of: Of) -> Slot<Of> {
+    pub fn acquire(&self, of: Of) -> Slot<Of> {
         let mut inside = self.lock();
         let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.of == of).count();
         if held(&inside, of) >= inside.most.of_one {
@@ -135,7 +135,7 @@ impl<Of> Drop for Slot<Of> {
 mod tests {
     use super::*;
 
-    const MOST: Most = Most { of_one: 64, of_all: 256 };
+    const LIMITS: Most = Most { of_one: 64, of_all: 256 };
 
     fn is_wanted(slot: &mut Slot<u32>) -> bool {
         slot.wanted.try_recv().is_ok()
@@ -143,34 +143,34 @@ mod tests {
 
     #[test]
     fn of_one_user_the_connection_that_waits_longest_gives_way() {
-        let slots = Slots::new(MOST);
-        let mut silent: Vec<Slot<u32>> = (0..MOST.of_one).map(|_| slots.take(7)).collect();
-        let mut other = slots.take(8);
+        let slots = Slots::new(LIMITS);
+        let mut silent: Vec<Slot<u32>> = (0..LIMITS.of_one).map(|_| slots.acquire(7)).collect();
+        let mut other = slots.acquire(8);
         assert!(!silent.iter_mut().any(is_wanted), "there is room");
-        let mut stop = slots.take(7);
+        let mut stop = slots.acquire(7);
         assert!(is_wanted(&mut silent[0]) && !is_wanted(&mut silent[1]) && !is_wanted(&mut other));
         silent.remove(5);
-        let mut next = slots.take(7);
+        let mut next = slots.acquire(7);
         assert!(!silent[1..].iter_mut().any(is_wanted), "one had left");
         assert!(!is_wanted(&mut stop) && !is_wanted(&mut next));
     }
 
     #[test]
     fn of_all_users_the_greediest_gives_way() {
-        let slots = Slots::new(MOST);
-        let mut greedy: Vec<Slot<u32>> = (0..60).map(|_| slots.take(7)).collect();
+        let slots = Slots::new(LIMITS);
+        let mut greedy: Vec<Slot<u32>> = (0..60).map(|_| slots.acquire(7)).collect();
         let mut others: Vec<Slot<u32>> =
-            (0..MOST.of_all - 60).map(|number| slots.take(100 + number as u32 / 20)).collect();
-        let _new = slots.take(5);
+            (0..LIMITS.of_all - 60).map(|number| slots.acquire(100 + number as u32 / 20)).collect();
+        let _new = slots.acquire(5);
         assert!(is_wanted(&mut greedy[0]) && !others.iter_mut().any(is_wanted));
     }
 
     #[test]
     fn whoever_was_heard_lately_gives_way_last() {
         let slots = Slots::new(Most { of_one: 2, of_all: 4 });
-        let (mut first, mut second) = (slots.take(7), slots.take(7));
+        let (mut first, mut second) = (slots.acquire(7), slots.acquire(7));
         first.heard().now();
-        let mut third = slots.take(7);
+        let mut third = slots.acquire(7);
         assert!(is_wanted(&mut second) && !is_wanted(&mut first) && !is_wanted(&mut third));
         second.heard().now();
         drop(second);

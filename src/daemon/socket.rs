@@ -14,7 +14,7 @@ mod role;
 use super::caller;
 use super::gateway::Gateway;
 use super::lending::{self, SharedCameras, ShotRequest};
-use super::protocol::{MOST_BYTES, MOST_SHORT_BYTES, ProtocolError, may_be_long, read_request};
+use super::protocol::{MAX_BYTES, MAX_SHORT_BYTES, ProtocolError, may_be_long, read_request};
 use super::reply::{Exit, Reply};
 use super::request::{StartRequest, What};
 use super::slots::{Most, Slot, Slots};
@@ -38,14 +38,14 @@ use tokio::time::{interval, sleep, timeout};
 /// Owner and group may send requests.
 const MODE: u32 = 0o660;
 /// Time limit for a client to send its whole line, and the same again to receive its answer.
-const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
+const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Largest number of connections of one user, and of all, that are read at one time.
 const SLOTS: Most = Most { of_one: 64, of_all: 256 };
 /// How long a connection that has to give way is still listened to.
-const LAST_WORD: Duration = Duration::from_millis(50);
+const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Interval at which the socket's thread reports that it works, and its longest permitted silence.
-const SIGN: Duration = Duration::from_millis(250);
-const LONGEST_SILENCE: Duration = Duration::from_secs(4);
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Recipes that are read at one time: one, and one more thread that reports that a recipe is being read.
 const READERS: usize = 2;
 /// How far the socket's thread goes before what the machine does beside: it has little to do, and a stop may be in it.
@@ -107,7 +107,7 @@ impl Socket {
         listener.set_nonblocking(true).map_err(failed("serve"))?;
         let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(READERS).build();
         let runtime = runtime.map_err(failed("serve"))?;
-        let (sign, watched) = supervised("socket", LONGEST_SILENCE);
+        let (sign, watched) = supervised("socket", HEARTBEAT_TIMEOUT);
         let served = {
             let _context = runtime.enter();
             UnixListener::from_std(listener).map_err(failed("serve"))?
@@ -158,7 +158,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
     )]
     let _ = rustix::process::setpriority_process(None, NICE);
     runtime.block_on(async {
-        let mut signs = interval(SIGN);
+        let mut signs = interval(HEARTBEAT_INTERVAL);
         loop {
             let accepted = tokio::select! {
                 _ = signs.tick() => {
@@ -170,7 +170,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
             match accepted {
                 Ok((stream, _)) => {
                     let who = caller::at_socket(&stream);
-                    let slot = slots.take(who.uid);
+                    let slot = slots.acquire(who.uid);
                     let rule = Rule { role, service_uid };
                     tokio::spawn(attend((stream, who), slot, gateway.clone(), rule));
                 }
@@ -187,9 +187,9 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         let mut reading = pin!(read(&stream));
         tokio::select! {
             biased;
-            heard = timeout(CLIENT_PATIENCE, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
+            heard = timeout(CLIENT_TIMEOUT, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
             // A line that was written meanwhile is read: who gives way is silent, and a stop is not.
-            () = slot.is_wanted() => timeout(LAST_WORD, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
+            () = slot.is_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };
     drop(slot);
@@ -221,13 +221,13 @@ async fn tell(stream: &UnixStream, reply: &Reply) {
         clippy::let_underscore_must_use,
         reason = "a client that hung up, or does not listen, does not need it"
     )]
-    let _ = timeout(CLIENT_PATIENCE, write(stream, &line)).await;
+    let _ = timeout(CLIENT_TIMEOUT, write(stream, &line)).await;
 }
 
 async fn read(stream: &UnixStream) -> Result<What, ProtocolError> {
     let (mut line, mut bytes) = (Vec::new(), [0; 4 * 1_024]);
     loop {
-        let most = if may_be_long(&line) { MOST_BYTES } else { MOST_SHORT_BYTES };
+        let most = if may_be_long(&line) { MAX_BYTES } else { MAX_SHORT_BYTES };
         if line.len() > most {
             return Err(ProtocolError::TooLong { most });
         }

@@ -10,7 +10,7 @@ use crate::verdict::Reason;
 use std::sync::{Mutex, PoisonError};
 
 /// Alarms that are gone: the newest stay in the list.
-const MOST_GONE: usize = 100;
+const MAX_CLEARED_ALARMS: usize = 100;
 /// The code of a camera that gives no picture.
 const CAMERA: &str = "camera";
 
@@ -45,7 +45,7 @@ impl Standing {
             tracing::warn!("alarm {}: {}", reason.code, reason.message);
             alarms.push(Alarm::between_cycles(reason, now_unix_ms.max(after)));
         }
-        while alarms.iter().filter(|alarm| !alarm.is_active()).count() > MOST_GONE {
+        while alarms.iter().filter(|alarm| !alarm.is_active()).count() > MAX_CLEARED_ALARMS {
             let Some(oldest) = alarms.iter().position(|alarm| !alarm.is_active()) else { return };
             alarms.remove(oldest);
         }
@@ -122,7 +122,10 @@ mod tests {
         }
         standing.look(&found(&[("disk_scarce", "little is free")], None), 2_000);
         let alarms = standing.alarms(&[]);
-        assert_eq!((alarms.len(), alarms.iter().filter(|alarm| alarm.is_active()).count()), (MOST_GONE + 1, 1));
+        assert_eq!(
+            (alarms.len(), alarms.iter().filter(|alarm| alarm.is_active()).count()),
+            (MAX_CLEARED_ALARMS + 1, 1)
+        );
         assert_eq!(alarms[0].raised_unix_ms, 800, "the oldest went");
     }
 }

@@ -1,12 +1,12 @@
 //! How far a contact path under way may go.
 
 /// Motion that is permitted ahead, in windows of the link: more is permitted below the first, up to the second.
-const LEAST_WINDOWS: f64 = 2.0;
+const MIN_WINDOWS: f64 = 2.0;
 
-const MOST_WINDOWS: f64 = 4.0;
+const MAX_WINDOWS: f64 = 4.0;
 
 /// Waypoints that are permitted ahead at least, whatever they last.
-const LEAST_AHEAD: u32 = 16;
+const MIN_AHEAD: u32 = 16;
 
 /// The contact path under way, as far as the record is concerned.
 #[derive(Debug, Default)]
@@ -41,13 +41,13 @@ impl Underway {
         let (all, now_s) = (self.all(), self.at_s(done));
         let ahead_s = self.at_s(self.permitted) - now_s;
         if self.permitted >= all
-            || (ahead_s >= LEAST_WINDOWS * self.window_s && self.permitted >= done.saturating_add(LEAST_AHEAD / 2))
+            || (ahead_s >= MIN_WINDOWS * self.window_s && self.permitted >= done.saturating_add(MIN_AHEAD / 2))
         {
             return None;
         }
-        let until_s = now_s + MOST_WINDOWS * self.window_s;
+        let until_s = now_s + MAX_WINDOWS * self.window_s;
         let by_time = u32::try_from(self.reached_s.partition_point(|at_s| *at_s < until_s)).unwrap_or(u32::MAX);
-        let wanted = by_time.max(done.saturating_add(LEAST_AHEAD)).min(all);
+        let wanted = by_time.max(done.saturating_add(MIN_AHEAD)).min(all);
         (wanted > self.permitted).then_some(wanted)
     }
 }

@@ -9,7 +9,7 @@ use sd_notify::NotifyState;
 use std::time::Duration;
 
 /// From one attempt to the next.
-const EVERY: Duration = Duration::from_secs(1);
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends
 /// the wait. The state in the reply is aborted: nothing moves, and the last action of the cell cannot be read.
@@ -25,7 +25,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
             notify(&[NotifyState::Ready, NotifyState::Status(&why.message)]);
         }
         notify(&[NotifyState::Watchdog]);
-        let Some(Request { what, reply, .. }) = queue.next(EVERY) else { continue };
+        let Some(Request { what, reply, .. }) = queue.next(RETRY_INTERVAL) else { continue };
         if matches!(what, What::Leave) {
             return None;
         }

@@ -105,11 +105,11 @@ pub struct Signal {
 
 /// The inputs that the controller maps to flags, so that they can be set; none unless the cell names some.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct MappedInputs([u16; MappedInputs::MOST]);
+pub struct MappedInputs([u16; MappedInputs::MAX]);
 
 impl MappedInputs {
     /// As many as the controller's list has places.
-    pub const MOST: usize = 8;
+    pub const MAX: usize = 8;
 
     /// Returns these inputs, by their numbers; `None` if there are too many.
     pub fn new(numbers: impl IntoIterator<Item = u16>) -> Option<Self> {
@@ -198,9 +198,9 @@ pub(super) struct Fields {
 }
 
 /// Farthest place that a pose may name, mm.
-pub(super) const FARTHEST_MM: f64 = 100_000.0;
+pub(super) const MAX_COORDINATE_MM: f64 = 100_000.0;
 /// Largest angle that a pose or an axis may name, degrees: ten turns.
-pub(super) const LARGEST_DEG: f64 = 3_600.0;
+pub(super) const MAX_ANGLE_DEG: f64 = 3_600.0;
 
 impl Command {
     /// The function's name in thesis Table 3.1.
@@ -217,7 +217,7 @@ impl Command {
                 let p = j.degrees();
                 for (field, angle) in ["A1 (°)", "A2 (°)", "A3 (°)", "A4 (°)", "A5 (°)", "A6 (°)"].iter().zip(p)
                 {
-                    check.range(field, angle, -LARGEST_DEG, LARGEST_DEG)?;
+                    check.range(field, angle, -MAX_ANGLE_DEG, MAX_ANGLE_DEG)?;
                 }
                 let percent = check.range("axis speed (%)", axis_speed_percent, 1.0, 100.0)?;
                 Fields { operation: 1, r: [percent, 0.0], p, ..none }
@@ -284,10 +284,10 @@ impl Check {
 
     fn pose(&self, pose: KukaPose) -> Result<[f64; 6], CommandError> {
         for (field, mm) in [("X (mm)", pose.x_mm), ("Y (mm)", pose.y_mm), ("Z (mm)", pose.z_mm)] {
-            self.range(field, mm, -FARTHEST_MM, FARTHEST_MM)?;
+            self.range(field, mm, -MAX_COORDINATE_MM, MAX_COORDINATE_MM)?;
         }
         for (field, deg) in [("A (°)", pose.a_deg), ("B (°)", pose.b_deg), ("C (°)", pose.c_deg)] {
-            self.range(field, deg, -LARGEST_DEG, LARGEST_DEG)?;
+            self.range(field, deg, -MAX_ANGLE_DEG, MAX_ANGLE_DEG)?;
         }
         Ok([pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg])
     }

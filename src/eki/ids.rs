@@ -32,7 +32,7 @@ impl std::fmt::Display for Epoch {
 /// messages would be needed to use the count up.
 pub const EPOCH_STEP: u32 = 1_000_000;
 /// A controller that begins a connection with a higher epoch is refused: hardly any would be left to count.
-pub(super) const HIGHEST_EPOCH: u32 = 2_000_000_000;
+pub(super) const MAX_EPOCH: u32 = 2_000_000_000;
 
 /// Numbers on the wire are 32 bits with a sign.
 pub(super) const LAST_NUMBER: u32 = i32::MAX.cast_unsigned();

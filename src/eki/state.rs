@@ -1,6 +1,6 @@
 //! The state of the controller: one message, all values of one instant.
 
-use super::command::{FARTHEST_MM, LARGEST_DEG};
+use super::command::{MAX_ANGLE_DEG, MAX_COORDINATE_MM};
 use super::ids::{CommandId, Epoch};
 use super::schema::{Field, int, real};
 use crate::geometry::{Joints, KukaPose};
@@ -101,30 +101,30 @@ pub(super) const STATE: [Field; 37] = [
     int("St/@Done", 0, i32::MAX),
     int("St/@Under", 0, i32::MAX),
     int("St/@Ov", 0, 100),
-    real("St/J/@A1", LARGEST_DEG),
-    real("St/J/@A2", LARGEST_DEG),
-    real("St/J/@A3", LARGEST_DEG),
-    real("St/J/@A4", LARGEST_DEG),
-    real("St/J/@A5", LARGEST_DEG),
-    real("St/J/@A6", LARGEST_DEG),
-    real("St/Tcp/@X", FARTHEST_MM),
-    real("St/Tcp/@Y", FARTHEST_MM),
-    real("St/Tcp/@Z", FARTHEST_MM),
-    real("St/Tcp/@A", LARGEST_DEG),
-    real("St/Tcp/@B", LARGEST_DEG),
-    real("St/Tcp/@C", LARGEST_DEG),
-    real("St/Base/@X", FARTHEST_MM),
-    real("St/Base/@Y", FARTHEST_MM),
-    real("St/Base/@Z", FARTHEST_MM),
-    real("St/Base/@A", LARGEST_DEG),
-    real("St/Base/@B", LARGEST_DEG),
-    real("St/Base/@C", LARGEST_DEG),
-    real("St/Tool/@X", FARTHEST_MM),
-    real("St/Tool/@Y", FARTHEST_MM),
-    real("St/Tool/@Z", FARTHEST_MM),
-    real("St/Tool/@A", LARGEST_DEG),
-    real("St/Tool/@B", LARGEST_DEG),
-    real("St/Tool/@C", LARGEST_DEG),
+    real("St/J/@A1", MAX_ANGLE_DEG),
+    real("St/J/@A2", MAX_ANGLE_DEG),
+    real("St/J/@A3", MAX_ANGLE_DEG),
+    real("St/J/@A4", MAX_ANGLE_DEG),
+    real("St/J/@A5", MAX_ANGLE_DEG),
+    real("St/J/@A6", MAX_ANGLE_DEG),
+    real("St/Tcp/@X", MAX_COORDINATE_MM),
+    real("St/Tcp/@Y", MAX_COORDINATE_MM),
+    real("St/Tcp/@Z", MAX_COORDINATE_MM),
+    real("St/Tcp/@A", MAX_ANGLE_DEG),
+    real("St/Tcp/@B", MAX_ANGLE_DEG),
+    real("St/Tcp/@C", MAX_ANGLE_DEG),
+    real("St/Base/@X", MAX_COORDINATE_MM),
+    real("St/Base/@Y", MAX_COORDINATE_MM),
+    real("St/Base/@Z", MAX_COORDINATE_MM),
+    real("St/Base/@A", MAX_ANGLE_DEG),
+    real("St/Base/@B", MAX_ANGLE_DEG),
+    real("St/Base/@C", MAX_ANGLE_DEG),
+    real("St/Tool/@X", MAX_COORDINATE_MM),
+    real("St/Tool/@Y", MAX_COORDINATE_MM),
+    real("St/Tool/@Z", MAX_COORDINATE_MM),
+    real("St/Tool/@A", MAX_ANGLE_DEG),
+    real("St/Tool/@B", MAX_ANGLE_DEG),
+    real("St/Tool/@C", MAX_ANGLE_DEG),
 ];
 
 /// Boot ids of a mock controller. Programs make a boot id of the controller's date, in seconds; these would be of a

@@ -8,14 +8,14 @@ use std::sync::{Mutex, PoisonError};
 pub(super) type Word = &'static str;
 
 /// The longest word that there is.
-const LONGEST: usize = 100;
+const MAX_BYTES: usize = 100;
 
 /// Reads a word back. Each one is kept once, until the program ends: there are some tens.
 pub(super) fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Word, D::Error> {
     static KNOWN: Mutex<BTreeSet<Word>> = Mutex::new(BTreeSet::new());
     let text = String::deserialize(deserializer)?;
-    if text.len() > LONGEST {
-        return Err(D::Error::custom(format!("a word of {} letters; the longest has {LONGEST}", text.len())));
+    if text.len() > MAX_BYTES {
+        return Err(D::Error::custom(format!("a word of {} letters; the longest has {MAX_BYTES}", text.len())));
     }
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(word) = known.get(text.as_str()) {

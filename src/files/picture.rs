@@ -24,9 +24,9 @@ use std::io::Cursor;
 
 const JPEG_QUALITY: u8 = 95;
 /// The largest picture that is unpacked if no calibration states its size: above any camera for such a cell.
-const MOST_PIXELS: u64 = 32 << 20;
+const MAX_PIXELS: u64 = 32 << 20;
 /// Memory limit for a decoder in addition to the pixels that it returns.
-const MOST_DECODER_BYTES: u64 = 128 << 20;
+const MAX_DECODER_BYTES: u64 = 128 << 20;
 
 /// Why bytes are not a picture, or a picture not bytes.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -228,7 +228,7 @@ fn decode(kind: Kind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<Dy
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), kind.format);
     let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(MOST_DECODER_BYTES);
+    limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|error| damaged(error.to_string()))?;
     check_size(decoder.dimensions(), camera)?;
@@ -265,8 +265,8 @@ fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Re
         }
         Some(_) => Ok(()),
         None => match u64::from(width) * u64::from(height) {
-            pixels if pixels > MOST_PIXELS => {
-                Err(PictureError::TooLarge { width, height, pixels, allowed: MOST_PIXELS })
+            pixels if pixels > MAX_PIXELS => {
+                Err(PictureError::TooLarge { width, height, pixels, allowed: MAX_PIXELS })
             }
             _ => Ok(()),
         },

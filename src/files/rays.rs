@@ -16,13 +16,13 @@ use rayon::prelude::*;
 const DESCRIBED_PX: f64 = 2.0;
 const FULL_PX: f64 = 1_944.0;
 /// The same in a small picture, px: a scan may be reduced with another middle of its pixels.
-const LEAST_DESCRIBED_PX: f64 = 1.0;
+const MIN_DESCRIBED_PX: f64 = 1.0;
 /// A point that projects farther away was not measured at its pixel, px: ten times as much, for filters that smooth a scan.
 const ELSEWHERE_PX: f64 = 20.0;
 /// Fewer points show nothing about lens, frame or unit.
-const LEAST_POINTS: usize = 60;
+const MIN_POINTS: usize = 60;
 /// A 3D camera sees nothing nearer than this: such numbers are metres, mm.
-const NEAREST_MM: f64 = 20.0;
+const MIN_DISTANCE_MM: f64 = 20.0;
 /// It measures parts between these distances, mm: other numbers are of another unit.
 const MEASURES_MM: std::ops::Range<f64> = 150.0..5_000.0;
 /// A lens that describes a cloud leaves less than this, px.
@@ -37,7 +37,7 @@ type Sample = Vec<(Pixel, Point<Camera>)>;
 /// The kind of cloud that was found instead.
 pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
     let sample = sampled(cloud);
-    if sample.len() < LEAST_POINTS {
+    if sample.len() < MIN_POINTS {
         return Ok(());
     }
     unit_and_side(&sample)?;
@@ -52,7 +52,7 @@ pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError>
 }
 
 fn allowed_px(width: usize) -> f64 {
-    (DESCRIBED_PX * width as f64 / FULL_PX).max(LEAST_DESCRIBED_PX)
+    (DESCRIBED_PX * width as f64 / FULL_PX).max(MIN_DESCRIBED_PX)
 }
 
 fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
@@ -60,7 +60,7 @@ fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
     let middle = median(&mut depths().collect::<Vec<f64>>()).unwrap_or(0.0);
     let ends = depths().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
     let [from, to] = ends.map(|end| crate::words::fixed(end, 2).to_string());
-    if middle > 0.0 && middle < NEAREST_MM {
+    if middle > 0.0 && middle < MIN_DISTANCE_MM {
         return Err(CloudFileError::Metres { from, to });
     }
     if middle < 0.0 {
@@ -114,7 +114,7 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
 /// The kind of cloud that was found instead.
 pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
     let sample = sampled(cloud);
-    if sample.len() < LEAST_POINTS {
+    if sample.len() < MIN_POINTS {
         return Ok(());
     }
     unit_and_side(&sample)?;
@@ -139,7 +139,7 @@ pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
         Some(seen.map_or(f64::INFINITY, |seen| (seen.u - own.u).abs().max((seen.v - own.v).abs())))
     };
     let count = cloud.width() * cloud.height();
-    if count < LEAST_POINTS {
+    if count < MIN_POINTS {
         return Ok(());
     }
     let elsewhere = |index: &usize| off_px(*index).is_some_and(|off_px| off_px > ELSEWHERE_PX);

@@ -30,6 +30,6 @@ pub use press::{Press, Ramp};
 pub use session::{Loss, Session, SessionLimits, State};
 pub use stroke::{MIDDLE_SHARE, TOOL_STROKE, check_stroke};
 pub use telegram::{
-    Command, ErrorBits, LOGIN_ECHO_MOST_BYTES, Reading, TERMINATOR, TelegramError, login, parse_reply,
+    Command, ErrorBits, MAX_LOGIN_ECHO_BYTES, Reading, TERMINATOR, TelegramError, login, parse_reply,
 };
 pub use watch::{Expected, Watch, WatchLimits, unready};

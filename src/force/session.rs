@@ -7,13 +7,13 @@
 //! another command.
 
 use super::press::{Press, Ramp};
-use super::telegram::{self, Command, LOGIN_ECHO_MOST_BYTES, REPLY_MOST_BYTES, Reading, TERMINATOR, TelegramError};
+use super::telegram::{self, Command, MAX_LOGIN_ECHO_BYTES, MAX_REPLY_BYTES, Reading, TERMINATOR, TelegramError};
 use crate::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// Timeout for the echo of the log-in.
-const LOGIN_WITHIN: Duration = Duration::from_millis(1_000);
+const LOGIN_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 /// What a session works by.
 #[derive(Debug, Clone, PartialEq)]
@@ -134,7 +134,7 @@ impl Session {
     /// When it must be looked after at the latest.
     pub fn due(&self) -> Option<Time> {
         match self.state {
-            State::LoggingIn(since) => Some(since + LOGIN_WITHIN),
+            State::LoggingIn(since) => Some(since + LOGIN_TIMEOUT),
             State::Ready(due) => Some(due),
             State::Asked(since) => Some(since + self.limits.reply_within),
             State::Offline | State::Lost(_) => None,
@@ -148,7 +148,7 @@ impl Session {
                 self.state = State::Asked(now);
                 Some(self.command(now).bytes())
             }
-            State::LoggingIn(since) if now.since(since) >= LOGIN_WITHIN => self.silent(since, now),
+            State::LoggingIn(since) if now.since(since) >= LOGIN_TIMEOUT => self.silent(since, now),
             State::Asked(since) if now.since(since) >= self.limits.reply_within => self.silent(since, now),
             _ => None,
         }
@@ -184,7 +184,7 @@ impl Session {
         if self.buffer == expected {
             self.buffer.clear();
             self.state = State::Ready(now);
-        } else if !expected.starts_with(&self.buffer) || self.buffer.len() >= LOGIN_ECHO_MOST_BYTES {
+        } else if !expected.starts_with(&self.buffer) || self.buffer.len() >= MAX_LOGIN_ECHO_BYTES {
             let found = String::from_utf8_lossy(&self.buffer).escape_debug().to_string();
             self.lose(Loss::NotLoggedIn { found });
         }
@@ -193,7 +193,7 @@ impl Session {
     fn of_reply(&mut self, byte: u8, since: Time, now: Time) {
         if byte != TERMINATOR {
             self.buffer.push(byte);
-            if self.buffer.len() > REPLY_MOST_BYTES {
+            if self.buffer.len() > MAX_REPLY_BYTES {
                 let problem = TelegramError::TooLong { bytes: self.buffer.len() }.to_string();
                 self.lose(Loss::Garbage { problem });
             }

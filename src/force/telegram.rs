@@ -20,14 +20,14 @@ use serde::{Deserialize, Serialize};
 pub const TERMINATOR: u8 = b'k';
 
 /// The longest log-in word with its terminator, bytes.
-pub const LOGIN_ECHO_MOST_BYTES: usize = 64;
+pub const MAX_LOGIN_ECHO_BYTES: usize = 64;
 
 /// The longest reply, bytes. The longest that the format needs is about 40.
-pub const REPLY_MOST_BYTES: usize = 96;
+pub const MAX_REPLY_BYTES: usize = 96;
 
 /// Maxima of a reply's numbers: no compliant tool has this force, N, or this stroke, mm.
-const MOST_FORCE_N: f64 = 2_000.0;
-const MOST_POSITION_MM: f64 = 500.0;
+const MAX_FORCE_N: f64 = 2_000.0;
+const MAX_POSITION_MM: f64 = 500.0;
 
 /// The log-in telegram with this word.
 pub fn login(word: &str) -> Vec<u8> {
@@ -109,7 +109,7 @@ impl ErrorBits {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
     /// More bytes than any reply has.
-    #[error("{bytes} bytes without an end, a reply has at most {REPLY_MOST_BYTES}")]
+    #[error("{bytes} bytes without an end, a reply has at most {MAX_REPLY_BYTES}")]
     TooLong {
         /// How many came.
         bytes: usize,
@@ -146,7 +146,7 @@ pub enum TelegramError {
 /// # Errors
 /// If it is not exactly a reply of that tool.
 pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError> {
-    if bytes.len() > REPLY_MOST_BYTES {
+    if bytes.len() > MAX_REPLY_BYTES {
         return Err(TelegramError::TooLong { bytes: bytes.len() });
     }
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.bytes().all(is_text));
@@ -159,8 +159,8 @@ pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError
         return Err(TelegramError::OtherId { found, expected });
     }
     Ok(Reading {
-        force_n: number("force", force, -MOST_FORCE_N..=MOST_FORCE_N)?,
-        position_mm: number("position", position, -MOST_POSITION_MM..=MOST_POSITION_MM)?,
+        force_n: number("force", force, -MAX_FORCE_N..=MAX_FORCE_N)?,
+        position_mm: number("position", position, -MAX_POSITION_MM..=MAX_POSITION_MM)?,
         contact: match contact {
             "0" => false,
             "1" => true,
@@ -228,7 +228,7 @@ mod tests {
         #[test]
         fn any_bytes_are_a_reply_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
             if let Ok(reading) = parse_reply(&bytes, 1040) {
-                prop_assert!(reading.force_n.abs() <= MOST_FORCE_N && reading.position_mm.is_finite());
+                prop_assert!(reading.force_n.abs() <= MAX_FORCE_N && reading.position_mm.is_finite());
             }
         }
 

@@ -17,7 +17,7 @@ use std::time::Duration;
 /// How far a tool that is held back may be out, as a share of its stroke.
 const BACK_SHARE: f64 = 1.0 / 6.0;
 /// A tool that is held back has gone back within this time: the longest stroke at the slowest tool.
-const GOES_BACK: Duration = Duration::from_millis(600);
+const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 
 /// What the cell's file allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,7 +104,7 @@ impl Watch {
             );
             return Some(Reason::new("tool_stroke", words));
         }
-        let is_held = expected.aim == Aim::HeldBack && now.since(since) >= GOES_BACK;
+        let is_held = expected.aim == Aim::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
         // In the air, after enough time to go back, the tool touches nothing: then its force is not checked.
         if is_held { unready(reading, limits.stroke_mm) } else { None }
     }

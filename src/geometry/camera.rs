@@ -104,7 +104,7 @@ impl PinholeCamera {
     pub fn radius_without_fold(&self, least_slope: f64) -> Option<f64> {
         const DIRECTIONS: usize = 24;
         const STEPS: usize = 40;
-        const MOST_STEPS: usize = 25 * STEPS;
+        const MAX_STEPS: usize = 25 * STEPS;
         let (right, low) = (self.width_px as f64 - 0.5, self.height_px as f64 - 0.5);
         let away = |(u, v): (f64, f64)| ((u - self.cx_px) / self.fx_px).hypot((v - self.cy_px) / self.fy_px);
         let rim =
@@ -117,7 +117,7 @@ impl PinholeCamera {
         for direction in 0..DIRECTIONS {
             let turn = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
             let along = Vector2::new(turn.cos(), turn.sin());
-            let reached = (1..=MOST_STEPS).find_map(|index| {
+            let reached = (1..=MAX_STEPS).find_map(|index| {
                 let at = along * (step * index as f64);
                 let slope = self.distortion_jacobian(at);
                 if !(along.dot(&(slope * along)) >= least_slope && slope.determinant() > 0.0) {

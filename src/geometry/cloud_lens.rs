@@ -16,7 +16,7 @@ use nalgebra::{SMatrix, SVector, Vector2};
 /// About this many points are looked at.
 const SAMPLE: usize = 4_000;
 /// Fewer points state no lens.
-const LEAST: usize = 60;
+const MIN_POINTS: usize = 60;
 const STEPS: usize = 12;
 /// Points that lie farther off than this many medians are left out.
 const FAR: f64 = 6.0;
@@ -68,7 +68,7 @@ pub fn lens_of<F: Frame>(sample: &[(Pixel, Point<F>)], (width_px, height_px): (u
 }
 
 fn pinhole<F: Frame>(kept: &[(Pixel, Point<F>)], (width_px, height_px): (usize, usize)) -> Option<PinholeCamera> {
-    if kept.len() < LEAST {
+    if kept.len() < MIN_POINTS {
         return None;
     }
     let line = |along: fn(&Point<F>) -> f64, across: fn(&Pixel) -> f64| {
@@ -88,7 +88,7 @@ fn pinhole<F: Frame>(kept: &[(Pixel, Point<F>)], (width_px, height_px): (usize, 
 }
 
 fn settled<F: Frame>(kept: &[(Pixel, Point<F>)], start: PinholeCamera) -> Option<PinholeCamera> {
-    if kept.len() < LEAST {
+    if kept.len() < MIN_POINTS {
         return None;
     }
     let mut camera = start;

@@ -32,7 +32,7 @@ pub use grid::{GridPast, grid_place, grid_states, seen_grids};
 pub use heat::{HeatCell, HeatMap, heat_map};
 pub use past::{DiscWear, PastCycle};
 pub use quantity::{Known, Quantity};
-pub use query::{End, Hit, Hits, MOST_HITS, Query};
+pub use query::{End, Hit, Hits, MAX_HITS, Query};
 pub use summary::{Films, Summary, summary};
 pub use table::{Cell, Table};
 pub use tables::{alarm_table, comparison_table, heat_table, hits_table, summary_table, trend_table};

@@ -128,8 +128,8 @@ impl Known {
             Known::OutlineResidual => picked(past, Kind::Locate, name::OUTLINE_RESIDUAL, Pick::Last),
             Known::LocalizationError => picked(past, Kind::Locate, name::LOCATION_ERROR, Pick::Last),
             Known::DeviationFromTaught => picked(past, Kind::Locate, name::BEND, Pick::Last),
-            Known::LightLeast => picked(past, Kind::Inspect, name::LIGHT_LEAST, Pick::Least),
-            Known::LightMost => picked(past, Kind::Inspect, name::LIGHT_MOST, Pick::Most),
+            Known::LightLeast => picked(past, Kind::Inspect, name::LIGHT_MIN, Pick::Least),
+            Known::LightMost => picked(past, Kind::Inspect, name::LIGHT_MAX, Pick::Most),
             Known::FilmChange => picked(past, Kind::Inspect, name::FILM_CHANGE, Pick::Least),
             Known::TimeToBreak => {
                 let times = past.grids().into_values().filter_map(|grid| grid.time_to_break_s);

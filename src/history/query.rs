@@ -5,7 +5,7 @@ use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
 
 /// Cycles on one page of results at most.
-pub const MOST_HITS: usize = 1_000;
+pub const MAX_HITS: usize = 1_000;
 
 /// How a cycle must have ended to be found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub struct Query {
     pub words: Vec<String>,
     /// Cycles before this one: the [`Hits::next`] of the page before.
     pub before: Option<CycleId>,
-    /// Cycles at most, 1 to [`MOST_HITS`]; what is outside of that counts as the nearest of them.
+    /// Cycles at most, 1 to [`MAX_HITS`]; what is outside of that counts as the nearest of them.
     pub limit: usize,
 }
 
@@ -75,6 +75,6 @@ pub struct Hits {
 impl Query {
     /// The limit that counts.
     pub fn page_size(&self) -> usize {
-        self.limit.clamp(1, MOST_HITS)
+        self.limit.clamp(1, MAX_HITS)
     }
 }

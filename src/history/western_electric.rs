@@ -8,7 +8,7 @@
 use serde::Serialize;
 
 /// Values that are needed before the rules are applied: fewer estimate no scatter.
-pub const LEAST_VALUES: usize = 10;
+pub const MIN_VALUES: usize = 10;
 /// Ratio of the mean difference of two neighbours to the scatter, if the scatter is normal: 2 / √π.
 const D2: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
@@ -82,9 +82,9 @@ pub struct Usual {
     pub sigma: f64,
 }
 
-/// The mean of the values, and the scatter by the differences of neighbours; `None` for fewer than [`LEAST_VALUES`].
+/// The mean of the values, and the scatter by the differences of neighbours; `None` for fewer than [`MIN_VALUES`].
 pub fn usual(values: &[f64]) -> Option<Usual> {
-    if values.len() < LEAST_VALUES {
+    if values.len() < MIN_VALUES {
         return None;
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;

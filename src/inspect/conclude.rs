@@ -15,7 +15,7 @@ use crate::verdict::{Check, Judgement};
 use std::f64::consts::PI;
 
 /// No disc that sands is smaller, mm²: 25 mm in diameter.
-const LEAST_DISC_MM2: f64 = PI * 12.5 * 12.5;
+const MIN_DISC_MM2: f64 = PI * 12.5 * 12.5;
 
 /// What a test found, with its verdict.
 #[derive(Debug, Clone)]
@@ -64,7 +64,7 @@ impl Watch {
             window: self.footprint.window(),
             inside: &inside,
             broke_s: &since_wet_s,
-            disc_px: (self.footprint.pixels_of(LEAST_DISC_MM2) as f64 / PI).sqrt().floor() as usize,
+            disc_px: (self.footprint.pixels_of(MIN_DISC_MM2) as f64 / PI).sqrt().floor() as usize,
             break_to_film: break_to_film(&self.model),
         };
         let without = sanded.without_evidence()?;

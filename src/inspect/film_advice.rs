@@ -16,7 +16,7 @@ use crate::panel::GridId;
 use crate::recipe;
 
 /// What looked dry for longer and then wet again is a film that closed, s.
-const MOST_FLASH_S: f64 = 4.0;
+const MAX_FLASH_S: f64 = 4.0;
 /// This many pixels are no noise: a break with fewer pixels would not be surely found.
 const MIN_FLASH_PX: usize = 12;
 
@@ -158,7 +158,7 @@ impl Flashes {
                 (true, None) => self.since_s[index] = Some(if self.is_first { f64::NEG_INFINITY } else { time_s }),
                 (false, Some(since_s)) => {
                     let lasted_s = time_s - since_s;
-                    if lasted_s <= MOST_FLASH_S {
+                    if lasted_s <= MAX_FLASH_S {
                         self.longest_s[index] = self.longest_s[index].max(lasted_s);
                     }
                     self.since_s[index] = None;

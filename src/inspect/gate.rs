@@ -26,7 +26,7 @@ pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 /// Names of the checks that report what no single number of a film reports.
 pub mod name {
     pub use crate::record::name::{
-        FILM_CHANGE, LIGHT_LEAST, LIGHT_MOST, SMALLEST_BREAK, WATCHED, broken_film, failed_after,
+        FILM_CHANGE, LIGHT_MAX, LIGHT_MIN, SMALLEST_BREAK, WATCHED, broken_film, failed_after,
     };
 
     /// Whether the dry panel was seen.
@@ -173,8 +173,8 @@ impl Film<'_> {
             Check::new("longest time without one", "s", quality.longest_unseen_s)
                 .at_most(allowed_s, pictures())
                 .broken(is_unseen, Severity::Reject, flaw.word(), words),
-            Check::new(name::LIGHT_LEAST, "%", percent(quality.light[0])).at_least(-darker, light()),
-            Check::new(name::LIGHT_MOST, "%", percent(quality.light[1])).at_most(brighter, light()),
+            Check::new(name::LIGHT_MIN, "%", percent(quality.light[0])).at_least(-darker, light()),
+            Check::new(name::LIGHT_MAX, "%", percent(quality.light[1])).at_most(brighter, light()),
             Check::new("panel moved in the picture", "px", quality.moved_px),
             Check::new("least sharpness against the dry picture", "", quality.sharpness),
             Check::new("the film leaves of the dry brightness", "", observation.film_left),

@@ -20,7 +20,7 @@ pub struct Looks<'a> {
 }
 
 /// More than any look, levels.
-const MOST_LEVELS: f32 = 1024.0;
+const MAX_LEVELS: f32 = 1024.0;
 
 impl Looks<'_> {
     /// The pixels that no disc covers within their look and that differ from what lies around as a break does from
@@ -41,8 +41,8 @@ impl Looks<'_> {
         }
         // Darker places are the brighter ones of the negative.
         let negative: Vec<f32> =
-            self.levels.iter().map(|&look| if look > 0.0 { MOST_LEVELS - look } else { 0.0 }).collect();
-        self.apart(&negative, |look, around| MOST_LEVELS - look <= most * (MOST_LEVELS - around))
+            self.levels.iter().map(|&look| if look > 0.0 { MAX_LEVELS - look } else { 0.0 }).collect();
+        self.apart(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
     }
 
     /// The known pixels of a picture that are apart from what its opening leaves.
@@ -50,13 +50,13 @@ impl Looks<'_> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
         // What is not known hides no edge of a place: it is as bright as all for the erosion, and dark for the
         // reconstruction.
-        let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MOST_LEVELS }).collect();
+        let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MAX_LEVELS }).collect();
         let open = Mat::new_rows_cols_with_data(rows, columns, &open)?;
         let picture_mat = Mat::new_rows_cols_with_data(rows, columns, picture)?;
         let side = 2 * self.disc_px as i32 + 1;
         let disc =
             imgproc::get_structuring_element(imgproc::MORPH_ELLIPSE, Size::new(side, side), Point::new(-1, -1))?;
-        let (border, outside) = (core::BORDER_CONSTANT, Scalar::all(f64::from(MOST_LEVELS)));
+        let (border, outside) = (core::BORDER_CONSTANT, Scalar::all(f64::from(MAX_LEVELS)));
         let (mut eroded, mut opened) = (Mat::default(), Mat::default());
         imgproc::erode(&open, &mut eroded, &disc, Point::new(-1, -1), 1, border, outside)?;
         core::min(&eroded, &picture_mat, &mut opened)?;

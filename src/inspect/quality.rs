@@ -104,7 +104,7 @@ impl Default for Quality {
 
 impl Quality {
     /// Adds the measurements of one picture and returns whether the picture can be used for judging.
-    pub fn take(
+    pub fn add(
         &mut self,
         look: &PictureMeasurement,
         outline: OutlineMeasurement,
@@ -258,7 +258,7 @@ mod tests {
             (GOOD, blurred(0.5)),
         ];
         for (second, (look, steady)) in shown.iter().enumerate() {
-            quality.take(look, OutlineMeasurement::Measured(*steady), &inspect_table(""), second as f64);
+            quality.add(look, OutlineMeasurement::Measured(*steady), &inspect_table(""), second as f64);
         }
         assert_eq!((quality.usable, quality.longest_unseen_s, quality.light), (2, 4.0, [0.9, 1.1]));
         quality.end();

@@ -32,8 +32,8 @@ const STILL_SIGMA: f64 = 3.0;
 /// A place is still if it surely moves less than this share of the water that moves on a film of the clip. More
 /// than this share of the places that look alike is still only if there is no film: on rendered films at most 0.023
 /// was, for 99 % of all places, on bare ones 0.31.
-const LEAST_OF_FILM: f64 = 0.2;
-const MOST_STILL: f64 = 0.05;
+const MIN_FILM_SHARE: f64 = 0.2;
+const MAX_STILL_SHARE: f64 = 0.05;
 /// This share of the differences may show a shadow or a glint that passes, and does not count. Fewer other
 /// differences, or fewer places, give no result.
 const PASSING: f64 = 0.34;
@@ -239,7 +239,7 @@ impl Lattice<'_> {
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_still(at, film)).collect();
         // Drops that run over a bare place move as well, on a part of it: the rest is still, and looks alike.
         let is_wet =
-            |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MOST_STILL;
+            |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MAX_STILL_SHARE;
         sites.into_par_iter().map(is_wet).collect()
     }
 
@@ -269,7 +269,7 @@ impl Lattice<'_> {
         if site.look <= 0.0 {
             return false;
         }
-        let least = 1.0 + LEAST_OF_FILM * film / site.noise_share().powi(2);
+        let least = 1.0 + MIN_FILM_SHARE * film / site.noise_share().powi(2);
         RADII[..NEAREST].iter().all(|radius| {
             let shown = self.alike(at, *radius).shimmer();
             shown.is_some_and(|(ratio, deviation)| ratio + STILL_SIGMA * deviation < least)

@@ -30,12 +30,12 @@ const MIN_CORE_PX: usize = 9;
 const ALONG_REFLECTION: f64 = 0.25;
 /// This share of the film around a break must be distinguishable from a bare place. Around means up to `AWAY_PX`
 /// from it, px: beyond the wedge of water at a rim.
-const TOLD_AROUND: f64 = 0.6;
+const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
 /// A pixel of a place that became film looks like at least this share of the film around it, and would be a break
 /// of less than this share …
 const ALIKE_AROUND: f64 = 0.35;
 /// … and this share of its pixels is alike: the rest is its blurred rim.
-const MOST_ALIKE: f64 = 0.6;
+const MAX_ALIKE_SHARE: f64 = 0.6;
 /// A place without a dry look broke if it changed by this share of what the faintest break changes; less is not sure.
 const FAINTEST_SHARE: f64 = 0.7;
 const AWAY_PX: usize = 3;
@@ -172,7 +172,7 @@ impl Place<'_> {
         // A break in a film that is bright itself lies along no reflection.
         let is_along = share(&next, |i| seen.is_bright(i)) >= ALONG_REFLECTION
             && share(self.piece, |i| seen.is_bright(i)) < ALONG_REFLECTION;
-        let is_told = share(&around, |i| seen.has_contrast(i)) >= TOLD_AROUND;
+        let is_told = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
         let is_break =
             is_compact(self.piece.len(), core.len()) && is_even && !is_along && is_told && self.fits(seen);
         if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
@@ -238,7 +238,7 @@ impl Place<'_> {
             share_of(&|film| (look - film).abs() <= seen.alike_share() * film) >= ALIKE_AROUND
                 && share_of(&is_break_of) < ALIKE_AROUND
         };
-        share(&own, is_film) >= MOST_ALIKE
+        share(&own, is_film) >= MAX_ALIKE_SHARE
     }
 
     /// Does it differ from its own film as a break does, as far as it has no dry look?

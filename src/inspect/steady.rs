@@ -69,7 +69,7 @@ pub enum OutlineMeasurement {
 }
 
 /// The least share of the outline from which a picture shows whether the panel moved, percent.
-pub const LEAST_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
+pub const MIN_OUTLINE_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
 impl Outline {
     /// The taught outline at the panel's present place.

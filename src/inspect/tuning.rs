@@ -13,7 +13,7 @@ use crate::words::{apart, fixed};
 /// A contrast of fewer times the noise is too small to distinguish wet from dry.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
 /// Share of a grid that may look alike under a film and dry, percent: greasy places do.
-const MOST_FAINT_PERCENT: f64 = 10.0;
+const MAX_FAINT_PERCENT: f64 = 10.0;
 /// A panel that is darker when dry, in grey levels, needs more light before anything else.
 const DARK_LEVELS: f64 = 40.0;
 /// Light less even than this leaves a part of the panel dark or overexposed sooner than the rest.
@@ -122,9 +122,9 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
 fn faint(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);
-    Some(check.at_most(MOST_FAINT_PERCENT, SetBy::Program).reviews("no_contrast", || {
+    Some(check.at_most(MAX_FAINT_PERCENT, SetBy::Program).reviews("no_contrast", || {
         let faint: Vec<&GridContrast> =
-            grids.iter().filter(|grid| grid.faint_percent > MOST_FAINT_PERCENT).collect();
+            grids.iter().filter(|grid| grid.faint_percent > MAX_FAINT_PERCENT).collect();
         let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;
         let named: Vec<String> =
             faint.iter().map(|grid| format!("{} ({:.0} %)", grid.id, grid.faint_percent)).collect();

@@ -2,7 +2,7 @@
 
 use super::film::NEVER;
 use super::footprint::{Footprint, Looked};
-use super::model::{LONGEST_S, MOST_PICTURES, Model, Terms};
+use super::model::{MAX_FILM_S, MAX_PICTURES, Model, Terms};
 use super::observed::Demands;
 use super::place::elsewhere;
 use super::quality::Quality;
@@ -149,11 +149,11 @@ impl Watch {
         if !(time_s.is_finite() && time_s > previous_s) {
             return Err(InspectError::TimeOrder { time_s, previous_s });
         }
-        if self.first_wet_s.is_some_and(|first_s| time_s - first_s > LONGEST_S) {
-            return Err(InspectError::TooLong { most_s: LONGEST_S });
+        if self.first_wet_s.is_some_and(|first_s| time_s - first_s > MAX_FILM_S) {
+            return Err(InspectError::TooLong { most_s: MAX_FILM_S });
         }
-        if self.frames + 1 >= MOST_PICTURES {
-            return Err(InspectError::TooManyPictures { most: MOST_PICTURES - 1 });
+        if self.frames + 1 >= MAX_PICTURES {
+            return Err(InspectError::TooManyPictures { most: MAX_PICTURES - 1 });
         }
         if phase < previous {
             return Err(InspectError::PhaseOrder { time_s, phase, previous });
@@ -172,7 +172,7 @@ impl Watch {
         self.observed_s = since_wet_s;
         let (model, outline) = (&mut self.model, &self.outline);
         let (look, steady) = rayon::join(|| model.look(picture), || outline.hold_against(picture));
-        let usable = self.quality.take(&look, steady, &self.settings, since_wet_s);
+        let usable = self.quality.add(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
             let mut newly = self.model.follow(picture, since_wet_s);

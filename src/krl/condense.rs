@@ -9,7 +9,7 @@ use super::syntax::Binary;
 use super::system::SYSTEM_VARIABLES;
 
 /// Values that wait on the stack; more of them are no expression but a list, which is never taken together.
-const DEEPEST: usize = 32;
+const MAX_STACK_DEPTH: usize = 32;
 
 /// What the steps from a place on come to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,7 +134,7 @@ impl Reading<'_> {
                 }
                 _ => {}
             }
-            if self.take(op, next).is_none() || self.stack.len() > DEEPEST {
+            if self.push_op(op, next).is_none() || self.stack.len() > MAX_STACK_DEPTH {
                 return found;
             }
             if let (&[Item::Value(value)], true) = (self.stack.as_slice(), self.decided.is_empty() && at > from) {
@@ -168,7 +168,7 @@ impl Reading<'_> {
     }
 
     /// Adds one step; `None` if it is not part of an expression.
-    fn take(&mut self, op: &Op, next: u32) -> Option<()> {
+    fn push_op(&mut self, op: &Op, next: u32) -> Option<()> {
         match *op {
             Op::Push(cell) => self.push(Value::Fixed(cell)),
             Op::LoadGlobal(cell) => self.push(Value::Global(cell)),

@@ -20,4 +20,4 @@ pub(super) const STEPS: usize = 2_000_000;
 /// Reported problems, and warnings, of one file.
 pub(super) const REPORTS: usize = 1_000;
 /// Names that a message lists.
-pub(super) const LISTED: usize = 20;
+pub(super) const MAX_LISTED: usize = 20;

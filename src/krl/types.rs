@@ -4,7 +4,7 @@
 //! A type is declared in a routine, in a module or for all files; KUKA's own are known everywhere and may be
 //! declared again, as a controller's data lists do.
 
-use super::limits::LISTED;
+use super::limits::MAX_LISTED;
 use std::collections::BTreeMap;
 
 /// The type of a value.
@@ -257,9 +257,9 @@ impl Enumeration {
 }
 
 fn listed<'a>(names: impl Iterator<Item = &'a str>, sign: &str) -> String {
-    let mut all: Vec<String> = names.take(LISTED + 1).map(|name| format!("{sign}{name}")).collect();
-    if all.len() > LISTED {
-        all[LISTED] = "…".to_owned();
+    let mut all: Vec<String> = names.take(MAX_LISTED + 1).map(|name| format!("{sign}{name}")).collect();
+    if all.len() > MAX_LISTED {
+        all[MAX_LISTED] = "…".to_owned();
     }
     all.join(", ")
 }

@@ -5,9 +5,9 @@ use super::shapes::{Break, Shape, Statement};
 use crate::geometry::{Pixel, polygon};
 
 /// A name may be so long.
-const MOST_CHARACTERS: usize = 200;
+const MAX_CHARACTERS: usize = 200;
 /// A polygon needs this many corners to have an inside.
-const FEWEST_CORNERS: usize = 3;
+const MIN_CORNERS: usize = 3;
 /// The latest time that `times.png` can hold, s since the first wet picture.
 pub const MAX_SINCE_WET_S: f64 = 655.35;
 
@@ -39,7 +39,7 @@ pub enum Problem {
     #[error("the name of the person who labels is missing")]
     NoAuthor,
     /// A name that is none.
-    #[error("the name has {found} characters (limit {MOST_CHARACTERS}, no control characters)")]
+    #[error("the name has {found} characters (limit {MAX_CHARACTERS}, no control characters)")]
     BadAuthor {
         /// Characters in it.
         found: usize,
@@ -60,7 +60,7 @@ pub enum Problem {
         number: usize,
     },
     /// No point can lie inside of the shape.
-    #[error("break {number}, shape from {from_s} s: it has {found} corners, at least {FEWEST_CORNERS} are needed")]
+    #[error("break {number}, shape from {from_s} s: it has {found} corners, at least {MIN_CORNERS} are needed")]
     TooFewCorners {
         /// Which break.
         number: usize,
@@ -168,7 +168,7 @@ pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     let found = said.author.chars().count();
     if said.author.trim().is_empty() {
         problems.push(Problem::NoAuthor);
-    } else if found > MOST_CHARACTERS || said.author.chars().any(char::is_control) {
+    } else if found > MAX_CHARACTERS || said.author.chars().any(char::is_control) {
         problems.push(Problem::BadAuthor { found });
     }
     match (said.clean, said.breaks.len()) {
@@ -220,7 +220,7 @@ fn when(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Proble
 fn outline(number: usize, shape: &Shape, frame: &ClipFrame) -> Option<Problem> {
     let (from_s, [width, height]) = (shape.from_s, frame.size_px);
     let found = shape.corners_px.len();
-    if found < FEWEST_CORNERS {
+    if found < MIN_CORNERS {
         return Some(Problem::TooFewCorners { number, from_s, found });
     }
     // A picture reaches half a pixel beyond the centres of its outer pixels.

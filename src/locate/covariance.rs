@@ -40,10 +40,10 @@ use std::f64::consts::PI;
 /// ℓ of (1), mm: from a little below the lattices that scans were found to have to beyond the largest of trial panels.
 const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
 /// Places of the surface over which (1) is summed, about: 15 mm apart on a panel of 330 × 220 mm.
-const MOST_PLACES: usize = 300;
+const MAX_PLACES: usize = 300;
 /// At least this share of a field's variance remains when a shift and two tilts are removed, so that no division by
 /// zero occurs.
-const LEAST_LEFT: f64 = 1e-3;
+const MIN_VARIANCE_SHARE: f64 = 1e-3;
 /// ν of (2).
 const TRUST_CELLS: f64 = 12.0;
 /// The surface among the kinds of residuals.
@@ -203,7 +203,7 @@ fn places(
     weighing: &ResidualWeighting,
     (model, plane): (&Model, PanelPlane),
 ) -> Vec<SurfacePlace> {
-    let chosen = spread_over(residuals.surface.len(), MOST_PLACES);
+    let chosen = spread_over(residuals.surface.len(), MAX_PLACES);
     let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
     let place = |index: usize| {
         let constraint = &residuals.surface[index];
@@ -251,7 +251,7 @@ impl SurfaceMoves {
         // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one
         // that was found.
         let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
-        noise * of_scan + bend * (of_panel / left.max(LEAST_LEFT))
+        noise * of_scan + bend * (of_panel / left.max(MIN_VARIANCE_SHARE))
     }
 }
 

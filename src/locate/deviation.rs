@@ -17,9 +17,9 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Samples to which the field is fitted, about: forty for each coefficient of a panel of 330 × 220 mm, which is
 /// then known to a sixth of a sample's noise.
-const MOST_FITTED: usize = 2_500;
+const MAX_FITTED: usize = 2_500;
 /// A sample farther from the taught surface is not the panel's, mm: as for today's surface.
-const FARTHEST_MM: f64 = 20.0;
+const MAX_DISTANCE_MM: f64 = 20.0;
 /// Fewer samples determine no field: then none is assumed.
 const MIN_FITTED: usize = 200;
 
@@ -119,10 +119,10 @@ impl Deviation {
             let before_mm = bent.map_or(0.0, |bent| bent.mm(&model.points[sample], &model.normals[sample]));
             let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
             let height = Height { at, mm: before_mm - constraint.residual };
-            (height.mm.abs() <= FARTHEST_MM).then_some((sample, height))
+            (height.mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
         };
         let seen: Vec<(usize, Height)> =
-            spread_over(residuals.surface.len(), MOST_FITTED).into_iter().filter_map(seen).collect();
+            spread_over(residuals.surface.len(), MAX_FITTED).into_iter().filter_map(seen).collect();
         if seen.len() < MIN_FITTED {
             return None;
         }

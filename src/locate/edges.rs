@@ -18,7 +18,7 @@ use nalgebra::{Vector2, Vector3};
 const ON_MM: f64 = 1.5;
 const ON_MM_PER_PX: f64 = 0.15;
 /// A surface more slanted than this is judged as if it were not: cosine of the angle.
-const MOST_SLANTED: f64 = 0.3;
+const MIN_COSINE: f64 = 0.3;
 /// The number of last pixels inside of an edge that are examined, and how many of them must be on the surface.
 const INSIDE_PX: i32 = 6;
 const MIN_INSIDE: usize = 3;
@@ -80,7 +80,7 @@ impl Tangent {
             at,
             inverse: 1.0 / point.z,
             slope: Vector2::new(normal.x / (camera.fx_px * distance), normal.y / (camera.fy_px * distance)),
-            cos: (distance.abs() / point.norm()).max(MOST_SLANTED),
+            cos: (distance.abs() / point.norm()).max(MIN_COSINE),
         }
     }
 

@@ -17,7 +17,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
 /// Marks that are looked for at a shift, and for a score.
-const LOOK_MARKS: usize = 100;
+const COARSE_MARKS: usize = 100;
 const SCORE_MARKS: usize = 300;
 /// How far the panel is shifted to each side, as a share of its reach, and from one shift to the next, blocks.
 const SHIFT_REACH: f64 = 0.35;
@@ -25,7 +25,7 @@ const SHIFT_BLOCKS: f64 = 3.0;
 /// A mark is found at a shift within this of a step, blocks.
 const NEAR_BLOCKS: f64 = 2.5;
 /// Starts that are kept: those of the turns at which the most marks are found.
-const KEPT: usize = 8;
+const MAX_STARTS: usize = 8;
 
 /// How far a mark lies from the nearest step of brightness, towards its brighter side, blocks.
 pub(super) fn mark_at(
@@ -73,7 +73,7 @@ pub(super) fn starts(
         })
         .collect();
     found.sort_by_key(|(count, ..)| std::cmp::Reverse(*count));
-    found.truncate(KEPT);
+    found.truncate(MAX_STARTS);
     found.into_iter().map(|(_, centre, rotation)| (centre, rotation)).collect()
 }
 
@@ -107,7 +107,7 @@ fn best_shift(
         Some(ShiftedMark { place: Vector2::new(x, y), right: slope * right, up: slope * up, brighter })
     };
     let marks: Vec<ShiftedMark> =
-        spread_over(model.marks.points.len(), LOOK_MARKS).into_iter().filter_map(shifted).collect();
+        spread_over(model.marks.points.len(), COARSE_MARKS).into_iter().filter_map(shifted).collect();
     let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
     let step_mm = SHIFT_BLOCKS * grid.factor as f64 / px_per_mm;
     let most = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;

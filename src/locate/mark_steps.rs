@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 
 /// Brightness is compared over this distance to find the steepest change, px, and only that pixels apart.
 const APART_PX: usize = 2;
-const EVERY_PX: usize = 2;
+const STEP_PX: usize = 2;
 /// Directions that differ by more than this are two borders: cosine.
 const SAME_DIRECTION: f64 = 0.7;
 
@@ -36,8 +36,8 @@ pub(super) fn steepest<F: Frame>(
         return None;
     }
     let mut steepest: Option<Steepest> = None;
-    for row in (top..top + side_px).step_by(EVERY_PX) {
-        for column in (left..left + side_px).step_by(EVERY_PX) {
+    for row in (top..top + side_px).step_by(STEP_PX) {
+        for column in (left..left + side_px).step_by(STEP_PX) {
             let across = gray(scan, column + APART_PX, row) - gray(scan, column - APART_PX, row);
             let down = gray(scan, column, row + APART_PX) - gray(scan, column, row - APART_PX);
             let levels = across.hypot(down);

@@ -18,7 +18,7 @@ const BEYOND: isize = 3;
 /// A line lies on a border, or on a step of brightness, within this, blocks.
 pub(super) const ON_BLOCKS: f64 = 1.8;
 /// Patches of missing points are no wider than this, blocks.
-const WIDEST_HOLE: isize = 80;
+const MAX_HOLE_BLOCKS: isize = 80;
 const NONE: u32 = u32::MAX;
 
 /// A connected smooth piece.
@@ -171,7 +171,7 @@ fn ends_in_a_hole(
     at: &dyn Fn(isize, isize) -> Option<usize>,
     (i, j): (isize, isize),
 ) -> bool {
-    let places = (1..=WIDEST_HOLE).map_while(|far| at(i * far, j * far));
+    let places = (1..=MAX_HOLE_BLOCKS).map_while(|far| at(i * far, j * far));
     places.into_iter().find(|&place| grid.depth_mm(place).is_some()).is_some_and(|met| inside[met])
 }
 

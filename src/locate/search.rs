@@ -15,7 +15,7 @@ use super::outline_edges::outward_px;
 use super::pieces::{Border, ON_BLOCKS, Piece, points, seen_from};
 use super::sampling::spread_over;
 use super::solve::{Constraint, ResidualWeighting, Sums, twisted};
-use super::taught_marks::LEAST_STEP;
+use super::taught_marks::MIN_STEP;
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -28,14 +28,14 @@ const MARK_TURNS: usize = 72;
 const SHIFTS: i32 = 2;
 const SHIFT_STEP: f64 = 0.13;
 /// Points of the surface for a first look, for moving a start, and for its score.
-const LOOK_POINTS: usize = 110;
+const COARSE_POINTS: usize = 110;
 const MOVE_POINTS: usize = 360;
 const SCORE_POINTS: usize = 900;
 /// Points of the outline, or of the marks, for moving a start, and of the outline for its score.
 const MOVE_LINES: usize = 160;
 const SCORE_OUTLINE: usize = 300;
 /// A first look lets the surfaces be this far apart, as a share of the panel's reach: the piece's normal is rough.
-const LOOK_NEAR: f64 = 0.09;
+const COARSE_DISTANCE: f64 = 0.09;
 /// Rounds of moving, each letting residuals be smaller.
 const ROUNDS: usize = 14;
 const SHRINK: f64 = 0.82;
@@ -55,8 +55,8 @@ const SAME: f64 = 0.06;
 const WORSE: f64 = 1.2;
 /// Pose hypotheses that are kept; and their number if much of the taught panel is missing, so that pieces and
 /// borders carry less information.
-const KEPT: usize = 5;
-const KEPT_OF_PATCHES: usize = 20;
+const MAX_HYPOTHESES: usize = 5;
+const MAX_PATCH_HYPOTHESES: usize = 20;
 /// A piece with a smaller share of the panel's area is no start by itself, and with a still smaller one no part of one.
 const ALONE: f64 = 0.3;
 const PART: f64 = 0.05;
@@ -87,7 +87,7 @@ struct Lines<'a> {
 
 /// How many hypotheses are fitted.
 pub(super) fn kept(model: &Model) -> usize {
-    if model.is_patchy() { KEPT_OF_PATCHES } else { KEPT }
+    if model.is_patchy() { MAX_PATCH_HYPOTHESES } else { MAX_HYPOTHESES }
 }
 
 /// Starts: single pieces, and several as one if something divides the panel.
@@ -117,7 +117,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piec
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
     let by_marks = model.is_patchy() && !model.marks.points.is_empty();
-    let steps = by_marks.then(|| MarkSteps::detect(scan, grid, pieces, LEAST_STEP));
+    let steps = by_marks.then(|| MarkSteps::detect(scan, grid, pieces, MIN_STEP));
     for piece in pieces {
         let lines = Lines { border: Border::from_piece(grid, piece, model.is_patchy()), steps: steps.as_ref() };
         let begun = |turn: usize| best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm);
@@ -153,9 +153,9 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
     let rotation = turned(model, piece, turn);
     let right = rotation * any_across(&model.normal);
     let up = piece.normal.cross(&right);
-    let chosen = spread_over(model.points.len(), LOOK_POINTS);
+    let chosen = spread_over(model.points.len(), COARSE_POINTS);
     let turned: Vec<Vector3<f64>> = chosen.iter().map(|&i| rotation * (model.points[i] - model.centre)).collect();
-    let near_mm = LOOK_NEAR * reach_mm;
+    let near_mm = COARSE_DISTANCE * reach_mm;
     let step_mm = SHIFT_STEP * reach_mm;
     let look = |shift: Vector3<f64>| -> f64 {
         let value = |offset: &Vector3<f64>| {

@@ -24,7 +24,7 @@ const MIN_CONTRAST: f64 = 40.0;
 /// Of a step's contrast this much lies between the two pixels that [`steepest`] compares.
 const STEEP: f64 = 0.35;
 /// The change of brightness at the border of a mark, grey levels.
-pub(super) const LEAST_STEP: f64 = STEEP * MIN_CONTRAST;
+pub(super) const MIN_STEP: f64 = STEEP * MIN_CONTRAST;
 /// A mark within this distance of a held place gives no information about the panel, px.
 const HELD_NEAR_PX: f64 = PLACES as f64;
 
@@ -89,7 +89,7 @@ impl MarkSearch<'_> {
             return None;
         }
         let step =
-            steepest(&self.panel.scan, [left, top], CELL_PX).filter(|steepest| steepest.levels >= LEAST_STEP)?;
+            steepest(&self.panel.scan, [left, top], CELL_PX).filter(|steepest| steepest.levels >= MIN_STEP)?;
         let [column, row] = step.at;
         self.mark_at(Pixel::at(column as f64, row as f64), step.brighter)
     }

@@ -65,10 +65,10 @@ impl ArchiveSettings {
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         let folder = Path::new(file).parent().unwrap_or(Path::new(""));
         config::check(file, text, |top| {
-            let broker = take_broker(folder, &top.section("broker"));
-            let database = take_database(folder, &top.section("database"));
-            let files = top.take::<String>("files", (), Some("archive".to_owned()));
-            let fleet = take_fleet(folder, &top.section("fleet"));
+            let broker = parse_broker(folder, &top.section("broker"));
+            let database = parse_database(folder, &top.section("database"));
+            let files = top.parse::<String>("files", (), Some("archive".to_owned()));
+            let fleet = parse_fleet(folder, &top.section("fleet"));
             top.done();
             let (broker, waiting_gb) = broker?;
             Some(ArchiveSettings {
@@ -82,9 +82,9 @@ impl ArchiveSettings {
     }
 }
 
-fn take_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
-    let broker = Broker::take(folder, section, "address");
-    let waiting_gb = section.take::<usize>("waiting_gb", WAITING_GB, Some(5));
+fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
+    let broker = Broker::parse(folder, section, "address");
+    let waiting_gb = section.parse::<usize>("waiting_gb", WAITING_GB, Some(5));
     section.done();
     let Some(broker) = broker? else {
         section.problem("address", "is missing: the broker's address, such as \"nats://127.0.0.1:4222\"");
@@ -94,9 +94,9 @@ fn take_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usiz
 }
 
 /// The outer `None` is a problem, the inner one no page.
-fn take_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
-    let [listen, certificate, key] =
-        ["listen", "certificate", "certificate_key"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
+fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
+    let [listen, certificate, key] = ["listen", "certificate", "certificate_key"]
+        .map(|key| section.parse::<Option<String>>(key, (), Some(None)));
     section.done();
     let (listen, certificate, key) = (listen?, certificate?, key?);
     if certificate.is_some() != key.is_some() {
@@ -119,13 +119,13 @@ fn take_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPa
     }
 }
 
-fn take_database(folder: &Path, section: &Section<'_, '_>) -> Option<Database> {
-    let host = section.take::<String>("host", (), Some("127.0.0.1".to_owned()));
-    let port = section.take::<usize>("port", PORT, Some(5_432));
-    let name = section.take::<String>("name", (), Some("panelprep".to_owned()));
-    let user = section.take::<String>("user", (), Some("panelprep".to_owned()));
+fn parse_database(folder: &Path, section: &Section<'_, '_>) -> Option<Database> {
+    let host = section.parse::<String>("host", (), Some("127.0.0.1".to_owned()));
+    let port = section.parse::<usize>("port", PORT, Some(5_432));
+    let name = section.parse::<String>("name", (), Some("panelprep".to_owned()));
+    let user = section.parse::<String>("user", (), Some("panelprep".to_owned()));
     let [password_file, ca] =
-        ["password_file", "ca"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
+        ["password_file", "ca"].map(|key| section.parse::<Option<String>>(key, (), Some(None)));
     section.done();
     Some(Database {
         host: host?,

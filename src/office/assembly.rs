@@ -10,7 +10,7 @@ use crate::files::content_hash;
 use std::collections::BTreeMap;
 
 /// Limit of the bytes that are joined at one time. If more is begun, the oldest item is dropped: it is sent again.
-const MOST_BYTES: usize = 512 << 20;
+const MAX_BYTES: usize = 512 << 20;
 
 /// Something that is whole.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,7 +70,7 @@ impl<R> Assembly<R> {
     /// # Errors
     /// If the part contradicts the parts before it, or the whole is not the file that its name states. All parts
     /// received until then are forgotten.
-    pub fn take(&mut self, chunk: Chunk, receipt: R) -> Result<Option<Assembled<R>>, Unfit<R>> {
+    pub fn add(&mut self, chunk: Chunk, receipt: R) -> Result<Option<Assembled<R>>, Unfit<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;
         let key = (cell, what);
         self.turn += 1;
@@ -112,7 +112,7 @@ impl<R> Assembly<R> {
     }
 
     fn keep_small(&mut self, newest: &(CellName, What)) {
-        while self.bytes > MOST_BYTES {
+        while self.bytes > MAX_BYTES {
             let others = self.begun.iter().filter(|(key, _)| *key != newest);
             let Some(oldest) = others.min_by_key(|(_, begun)| begun.turn).map(|(key, _)| key.clone()) else {
                 return;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-state-1";
 /// The longest one.
-const MOST_BYTES: usize = 64 * 1024;
+const MAX_BYTES: usize = 64 * 1024;
 
 /// The state of a cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -67,8 +67,8 @@ impl CellState {
     /// If the bytes are not a state.
     pub fn read(bytes: &[u8]) -> Result<(CellName, Self), OfficeError> {
         let wrong = |problem: String| OfficeError::form("state of a cell", problem);
-        if bytes.len() > MOST_BYTES {
-            let [found, allowed] = [bytes.len(), MOST_BYTES].map(|count| format!("{count} bytes"));
+        if bytes.len() > MAX_BYTES {
+            let [found, allowed] = [bytes.len(), MAX_BYTES].map(|count| format!("{count} bytes"));
             return Err(OfficeError::Large { found, allowed });
         }
         let state: CellState = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;

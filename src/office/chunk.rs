@@ -12,7 +12,7 @@ const FORM: &str = "panelprep-part-1";
 /// Bytes of one part: with its line it is below the 1 MB that a broker allows by itself.
 const PART_BYTES: usize = 512 * 1024;
 /// Parts of one thing: 2 GB.
-const MOST_PARTS: u32 = 4_096;
+const MAX_PARTS: u32 = 4_096;
 /// The longest line.
 const HEAD_BYTES: usize = 1_024;
 
@@ -59,8 +59,8 @@ struct Head {
 /// If this gives too many parts.
 pub fn chunks(cell: &CellName, what: &What, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
     let count = bytes.len().div_ceil(PART_BYTES).max(1);
-    let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MOST_PARTS} parts") };
-    let parts = u32::try_from(count).ok().filter(|parts| *parts <= MOST_PARTS).ok_or_else(allowed)?;
+    let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MAX_PARTS} parts") };
+    let parts = u32::try_from(count).ok().filter(|parts| *parts <= MAX_PARTS).ok_or_else(allowed)?;
     let of = |part: u32| {
         let from = (part as usize - 1) * PART_BYTES;
         let bytes = bytes[from..bytes.len().min(from + PART_BYTES)].to_vec();
@@ -121,8 +121,8 @@ impl Chunk {
             }
             _ => return Err(wrong("it is of a message or of a file, never of both or of none".to_owned())),
         };
-        if !(1..=MOST_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
-            return Err(wrong(format!("part {} of {}; the limits are 1 to {MOST_PARTS}", head.part, head.parts)));
+        if !(1..=MAX_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
+            return Err(wrong(format!("part {} of {}; the limits are 1 to {MAX_PARTS}", head.part, head.parts)));
         }
         let bytes = bytes[end + 1..].to_vec();
         if bytes.len() > PART_BYTES {

@@ -4,7 +4,7 @@ use super::position::{Listed, Position};
 use std::collections::BTreeMap;
 
 /// Messages of one kind; the rest is counted.
-const MOST: usize = 50;
+const MAX_MESSAGES: usize = 50;
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -42,8 +42,8 @@ pub fn compare(cell: &[Listed], office: &[Listed]) -> Compared {
     for (mut words, of_all) in
         [(other, "differ"), (missing, "are not in the office"), (more, "are not in the cell")]
     {
-        let rest = words.len().saturating_sub(MOST);
-        words.truncate(MOST);
+        let rest = words.len().saturating_sub(MAX_MESSAGES);
+        words.truncate(MAX_MESSAGES);
         compared.found.append(&mut words);
         compared.found.extend((rest > 0).then(|| format!("{rest} more {of_all}")));
     }

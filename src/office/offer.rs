@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-offer-1";
 /// The longest one.
-const MOST_BYTES: usize = 256 * 1_024;
+const MAX_BYTES: usize = 256 * 1_024;
 /// The longest name and reason, in characters.
-const MOST_CHARACTERS: usize = 200;
+const MAX_CHARACTERS: usize = 200;
 
 /// A recipe that is offered.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,13 +41,13 @@ impl RecipeOffer {
 
     fn checked(self) -> Result<Self, OfficeError> {
         for (what, text) in [("name", &self.by), ("reason", &self.why)] {
-            crate::words::printable(text, MOST_CHARACTERS)
+            crate::words::printable(text, MAX_CHARACTERS)
                 .map_err(|problem| OfficeError::form("offer of a recipe", format!("its {what}: {problem}")))?;
         }
         match self.text.len() {
-            0..MOST_BYTES => Ok(self),
+            0..MAX_BYTES => Ok(self),
             found => {
-                let [found, allowed] = [found, MOST_BYTES].map(|count| format!("{count} bytes"));
+                let [found, allowed] = [found, MAX_BYTES].map(|count| format!("{count} bytes"));
                 Err(OfficeError::Large { found, allowed })
             }
         }
@@ -71,8 +71,8 @@ impl RecipeOffer {
     /// # Errors
     /// If the bytes are not an offer.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
-        if bytes.len() > 2 * MOST_BYTES {
-            let [found, allowed] = [bytes.len(), 2 * MOST_BYTES].map(|count| format!("{count} bytes"));
+        if bytes.len() > 2 * MAX_BYTES {
+            let [found, allowed] = [bytes.len(), 2 * MAX_BYTES].map(|count| format!("{count} bytes"));
             return Err(OfficeError::Large { found, allowed });
         }
         let wrong = |problem: String| OfficeError::form("offer of a recipe", problem);

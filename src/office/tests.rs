@@ -100,12 +100,12 @@ fn a_large_message_comes_in_parts_in_any_order_and_twice() {
     let mut assembly = Assembly::default();
     for (receipt, index) in [2, 0, 0, 2].into_iter().enumerate() {
         let sent = parts[index].bytes().expect("bytes");
-        assert_eq!(assembly.take(Chunk::read(&sent).expect("a part"), receipt), Ok(None));
+        assert_eq!(assembly.add(Chunk::read(&sent).expect("a part"), receipt), Ok(None));
     }
-    let whole = assembly.take(parts[1].clone(), 9).expect("no contradiction").expect("whole");
+    let whole = assembly.add(parts[1].clone(), 9).expect("no contradiction").expect("whole");
     // The newest receipt of each part, in the order of the parts.
     assert_eq!(whole, Assembled { cell: cell(), what: what.clone(), bytes, receipts: vec![2, 9, 3] });
-    assert_eq!(assembly.take(parts[1].clone(), 10), Ok(None), "it begins anew");
+    assert_eq!(assembly.add(parts[1].clone(), 10), Ok(None), "it begins anew");
 }
 
 #[test]
@@ -113,13 +113,13 @@ fn parts_that_contradict_one_another_are_refused_and_forgotten() {
     let what = What::Message(at(3));
     let part = |part, parts| Chunk { cell: cell(), what: what.clone(), part, parts, bytes: vec![1] };
     let mut assembly = Assembly::default();
-    assert_eq!(assembly.take(part(1, 2), "first"), Ok(None));
-    let unfit = assembly.take(part(1, 3), "second").expect_err("a contradiction");
+    assert_eq!(assembly.add(part(1, 2), "first"), Ok(None));
+    let unfit = assembly.add(part(1, 3), "second").expect_err("a contradiction");
     assert_eq!(unfit.error, OfficeError::Parts { part: 1, found: 3, before: 2 });
     assert_eq!(unfit.receipts, ["first", "second"], "neither is waited for");
-    assert_eq!(assembly.take(part(1, 3), "third"), Ok(None), "it begins anew");
+    assert_eq!(assembly.add(part(1, 3), "third"), Ok(None), "it begins anew");
     let wrong = Chunk { what: What::File("ab".repeat(32)), ..part(1, 1) };
-    let unfit = assembly.take(wrong, "file").expect_err("another content");
+    let unfit = assembly.add(wrong, "file").expect_err("another content");
     assert!(unfit.error.to_string().contains("it was named abab") && unfit.receipts == ["file"]);
 }
 

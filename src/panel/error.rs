@@ -6,7 +6,7 @@ use crate::imaging::ImagingError;
 
 /// If points are missing, the neighbourhood of a plane is doubled up to this size, px: some 15 mm, over which a
 /// panel is nearly flat.
-pub(super) const WIDEST_HALF_WIDTH_PX: usize = 40;
+pub(super) const MAX_HALF_WIDTH_PX: usize = 40;
 
 /// Why a scan does not teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -15,7 +15,7 @@ use nalgebra::Point2;
 /// Fewer points are no panel.
 const MIN_PANEL_POINTS: usize = 2_000;
 /// A piece of scan inside of a drawn outline that is smaller than this share of the largest is a flying patch.
-const LEAST_PART: f64 = 0.002;
+const MIN_PIECE_SHARE: f64 = 0.002;
 /// Distance between the points of a drawn outline, px: that of a contour of pixels.
 const OUTLINE_STEP_PX: f64 = 1.0;
 
@@ -154,7 +154,7 @@ impl SearchArea<'_> {
             let found = pieces.first().map_or(0, Vec::len);
             return Err(LearnError::NoPanel { u, v, found, needed: MIN_PANEL_POINTS });
         };
-        let least = (LEAST_PART * largest.len() as f64) as usize;
+        let least = (MIN_PIECE_SHARE * largest.len() as f64) as usize;
         let parts = pieces.iter().filter(|piece| piece.len() >= least);
         let on_one_surface = super::sheet::on_one_surface(self.scan, largest, parts);
         Ok(segment::mask_of(self.scan, &on_one_surface))

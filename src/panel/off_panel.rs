@@ -17,7 +17,7 @@ const ON_THE_EDGE_PX: f64 = 2.0;
 /// A corner of the region that is this near is named beside the grid, px.
 const NEAR_A_CORNER_PX: f64 = 12.0;
 /// Places off the panel that are measured, at most; they are taken evenly.
-const MOST_PLACES: usize = 20_000;
+const MAX_PLACES: usize = 20_000;
 /// Points of the outline that they are measured to: each second one.
 const OUTLINE_STEP: usize = 2;
 /// Half the width of the neighbourhood from which the surface is extrapolated, px: doubled if points are missing.
@@ -112,7 +112,7 @@ impl TaughtPanel {
             let distances = outline.iter().map(|on| (pixel.distance_px(*on), *on));
             distances.min_by(|a, b| a.0.total_cmp(&b.0))
         };
-        let places = off_edge.iter().step_by(off_edge.len().div_ceil(MOST_PLACES).max(1));
+        let places = off_edge.iter().step_by(off_edge.len().div_ceil(MAX_PLACES).max(1));
         let beyond: Vec<(f64, Pixel, Pixel)> = places
             .filter_map(|pixel| nearest(pixel).map(|(far_px, edge)| (far_px, *pixel, edge)))
             .filter(|(far_px, ..)| *far_px > ON_THE_EDGE_PX)

@@ -1,6 +1,6 @@
 //! The taught panel as it is derived from one scan at the nominal pose and the recipe.
 
-use super::error::{LearnError, WIDEST_HALF_WIDTH_PX};
+use super::error::{LearnError, MAX_HALF_WIDTH_PX};
 use super::extent::{self, Extent, OutlineFrom};
 use super::region::{GridId, Region};
 use super::sheet::Sheet;
@@ -119,7 +119,7 @@ impl TaughtPanel {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         let widths = std::iter::successors(Some(SURFACE_HALF_WIDTH_PX), |half_width_px| Some(2 * half_width_px));
-        let mut widths = widths.take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX);
+        let mut widths = widths.take_while(|&half_width_px| half_width_px <= MAX_HALF_WIDTH_PX);
         let plane = widths.find_map(|half_width_px| self.plane_at(at, half_width_px))?;
         plane.meet(self.panel_from_camera.origin(), ray)
     }

@@ -5,7 +5,7 @@
 //! fewer lines pass than in its middle, so there the feed is lower. With a wanted time t₀,
 //!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
 //! brings C w near to t₀ and keeps w positive. The lower limit of w is that of the recipe's feed, or of the feed
-//! that the controller can plan; the upper limit is [`SLOWEST`] times as much. t₀ is the level of the long times at
+//! that the controller can plan; the upper limit is [`MAX_SLOWDOWN`] times as much. t₀ is the level of the long times at
 //! an equal feed, and at least the time of adjacent rows without an end. All areas of a plan are treated together,
 //! because neighbours overlap.
 
@@ -18,14 +18,14 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// The feed is nowhere less than the recipe's divided by this.
-const SLOWEST: f64 = 3.0;
+const MAX_SLOWDOWN: f64 = 3.0;
 /// Steps towards an even time; more change the third digit.
 const STEPS: usize = 15;
 /// The wanted time is that which this share of the places has at most, at an equal feed.
-const WANTED: f64 = 0.9;
+const TARGET_QUANTILE: f64 = 0.9;
 /// A time that is longer or shorter than wanted by more than this factor counts only as this factor: one place must
 /// not dominate a line.
-const MOST_WEIGHT: f64 = 3.0;
+const MAX_WEIGHT: f64 = 3.0;
 
 /// The feeds along the lines of each piece, and the times that come of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -184,14 +184,14 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
     for _ in 0..STEPS {
         let weights: Vec<f64> = times_s(&slowness)
             .into_iter()
-            .map(|time_s| (wanted_s / time_s.max(f64::MIN_POSITIVE)).clamp(1.0 / MOST_WEIGHT, MOST_WEIGHT))
+            .map(|time_s| (wanted_s / time_s.max(f64::MIN_POSITIVE)).clamp(1.0 / MAX_WEIGHT, MAX_WEIGHT))
             .collect();
         for ((column, least), slowness) in columns.iter().zip(&least).zip(&mut slowness) {
             let sums = column.iter().fold((0.0, 0.0), |(weighted, all), (place, chord_mm)| {
                 (weighted + chord_mm * weights[*place], all + chord_mm)
             });
             if sums.1 > 0.0 {
-                *slowness = (*slowness * sums.0 / sums.1).clamp(*least, least.max(SLOWEST * fastest));
+                *slowness = (*slowness * sums.0 / sums.1).clamp(*least, least.max(MAX_SLOWDOWN * fastest));
             }
         }
     }
@@ -200,6 +200,6 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
 
 fn wanted_s(mut times_s: Vec<f64>, of_endless_rows_s: f64) -> f64 {
     times_s.sort_by(f64::total_cmp);
-    let long_s = times_s.get((times_s.len() as f64 * WANTED) as usize).copied().unwrap_or_default();
+    let long_s = times_s.get((times_s.len() as f64 * TARGET_QUANTILE) as usize).copied().unwrap_or_default();
     long_s.max(of_endless_rows_s)
 }

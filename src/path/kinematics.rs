@@ -31,8 +31,8 @@ pub struct Kinematics {
 }
 
 /// Accuracy to which the axes settle if a correction depends on them, degrees.
-const SETTLED_DEG: f64 = 1e-9;
-const MOST_STEPS: usize = 10;
+const CONVERGENCE_DEG: f64 = 1e-9;
+const MAX_STEPS: usize = 10;
 
 /// The points at which the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
 pub(super) type Skeleton = [Point<Base>; 4];
@@ -110,12 +110,12 @@ impl Kinematics {
             return Some((*base_from_flange, joints.into()));
         };
         let mut at = near.degrees();
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let sent = correction.sent_flange(base_from_flange, &at.into());
             let next = nearest_way(&self.drawn_ways(&sent), &at)?;
             let moved_deg = (0..6).map(|axis| (next[axis] - at[axis]).abs()).fold(0.0, f64::max);
             at = next;
-            if moved_deg < SETTLED_DEG {
+            if moved_deg < CONVERGENCE_DEG {
                 return Some((sent, at.into()));
             }
         }

@@ -14,11 +14,11 @@ const ALONG_DEG: f64 = 0.01;
 /// depths, by up to 15 %.
 const WINDING: f64 = 0.85;
 
-/// A line shorter than this, mm, or than [`LEAST_OF_SPACING`] of the spacing, is left out, and its end is moved to
+/// A line shorter than this, mm, or than [`MIN_SPACING_SHARE`] of the spacing, is left out, and its end is moved to
 /// the next one's. Such a short line would be travelled slowly, because the controller needs time to plan each
 /// line.
-const LEAST_MM: f64 = 1.0;
-const LEAST_OF_SPACING: f64 = 0.25;
+const MIN_LINE_MM: f64 = 1.0;
+const MIN_SPACING_SHARE: f64 = 0.25;
 
 /// Lines over a patch.
 #[derive(Debug, Clone)]
@@ -38,7 +38,10 @@ pub(super) fn lines(
     [step_over_mm, spacing_mm]: [f64; 2],
 ) -> Result<Lines, RasterError> {
     let laid = laid(surface, patch, insets, settings, [step_over_mm, spacing_mm])?;
-    Ok(Lines { track: without_short(surface, &laid.track, LEAST_MM.min(LEAST_OF_SPACING * spacing_mm)), ..laid })
+    Ok(Lines {
+        track: without_short(surface, &laid.track, MIN_LINE_MM.min(MIN_SPACING_SHARE * spacing_mm)),
+        ..laid
+    })
 }
 
 /// The track without places that are nearer to the one before than this; its ends stay.

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 /// Spins that are tried, degrees, in this order.
 const SPINS_DEG: [f64; 12] = [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
 /// Room that needs no better spin, degrees.
-const ENOUGH_DEG: f64 = 10.0;
+const SUFFICIENT_ROOM_DEG: f64 = 10.0;
 /// Waypoints by which a shift is judged, at most.
 const SHIFT_LEGS: usize = 60;
 
@@ -69,7 +69,7 @@ pub struct Unreached {
 /// # Panics
 /// If a number of the plan is not finite: see [`plan`].
 pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
-    with_room(plan, stand, settings, ENOUGH_DEG)
+    with_room(plan, stand, settings, SUFFICIENT_ROOM_DEG)
 }
 
 /// The first spin with as much room, else the one with the most.

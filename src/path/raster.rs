@@ -24,7 +24,7 @@ const INSET_RADII: f64 = 0.2;
 /// Columns on which rows are found; between them rows are straight in (u, v).
 const COLUMN_SPACING_MM: f64 = 5.0;
 /// A distance across is right when it is this exact, mm.
-const EXACT_MM: f64 = 1e-6;
+const TOLERANCE_MM: f64 = 1e-6;
 /// Newton steps before a row is given up; a smooth patch needs two or three.
 const MAX_NEWTON_STEPS: usize = 20;
 /// Pieces in which the width of a patch is integrated, three nodes each.
@@ -299,7 +299,7 @@ pub(super) fn across_from(
     let mut b = along.across(from) + distance_mm / mm_per_unit(surface, along, from)?; // Eq. 4.23, 4.24
     for _ in 0..MAX_NEWTON_STEPS {
         let missing_mm = distance_mm - across_mm(surface, along, from, b)?;
-        if missing_mm.abs() < EXACT_MM {
+        if missing_mm.abs() < TOLERANCE_MM {
             return Ok(place(b));
         }
         b += missing_mm / mm_per_unit(surface, along, place(b))?;

@@ -14,7 +14,7 @@ const CORNER_STEPS: usize = 4;
 /// Places along one side of a ring before it is resampled.
 const SIDE_STEPS: usize = 24;
 /// Half of a ring's shorter side; less is a line, mm.
-const LEAST_HALF_MM: f64 = 0.5;
+const MIN_HALF_MM: f64 = 0.5;
 
 /// The rings of one patch.
 pub(super) struct Rings<'a> {
@@ -58,7 +58,7 @@ impl<'a> Rings<'a> {
         let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
         let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
         let step_mm = half_mm / (steps as f64 + 0.5);
-        Rings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < LEAST_HALF_MM }
+        Rings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < MIN_HALF_MM }
     }
 
     fn depth(&self, ring: usize) -> f64 {

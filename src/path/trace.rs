@@ -63,7 +63,7 @@ impl Trace {
             let missed = reached.saturating_sub(passed);
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
             // One or two corners between two reports are cut by less than the disc's own rounding.
-            if missed > MOST_MISSED || !is_report {
+            if missed > MAX_MISSED || !is_report {
                 let stand_in =
                     |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
                 places.extend((passed + 1..=reached).map(stand_in));
@@ -89,7 +89,7 @@ impl Trace {
 }
 
 /// If more waypoints than this lie between two reports, they replace the missing reports.
-const MOST_MISSED: usize = 2;
+const MAX_MISSED: usize = 2;
 /// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
 const BESIDE: usize = 3;
 

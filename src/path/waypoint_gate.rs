@@ -81,20 +81,20 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
 /// Accepts axis angles or rejects them.
 pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = joints.degrees();
-    let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > LARGEST_AXIS_DEG);
+    let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > MAX_AXIS_DEG);
     let check = |axis: usize| {
         Check::new(format!("axis {}", axis + 1), "°", angles[axis].abs())
-            .at_most(LARGEST_AXIS_DEG, SetBy::Program)
+            .at_most(MAX_AXIS_DEG, SetBy::Program)
             .rejects("axis_limit", || {
                 let angle = plain(angles[axis]);
-                format!("axis {} is commanded to {angle}° (limit ±{LARGEST_AXIS_DEG}°)", axis + 1)
+                format!("axis {} is commanded to {angle}° (limit ±{MAX_AXIS_DEG}°)", axis + 1)
             })
     };
     Judgement::of_checks(&wrong.map(check))
 }
 
 /// No axis of such an arm turns farther.
-const LARGEST_AXIS_DEG: f64 = 360.0;
+const MAX_AXIS_DEG: f64 = 360.0;
 
 fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())

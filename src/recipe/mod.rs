@@ -41,19 +41,19 @@ impl Recipe {
     /// # Errors
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        config::check(file, text, Self::take)
+        config::check(file, text, Self::parse)
     }
 
-    fn take(top: &Section<'_, '_>) -> Option<Self> {
-        let panel = tables::take_panel(top);
-        let process = tables::take_process(&top.section("process"));
-        let locate = tables::take_locate(&top.section("locate"));
-        let corner = tables::take_corner(&top.section("corner"));
-        let region = tables::take_region(&top.section("region"));
-        let inspect = tables::take_inspect(&top.section("inspect"));
-        let surface = Surface::take(&top.section("surface"));
-        let path = tables::take_path(&top.section("path"));
-        let removal = tables::take_removal(&top.section("removal"), path.as_ref());
+    fn parse(top: &Section<'_, '_>) -> Option<Self> {
+        let panel = tables::parse_panel(top);
+        let process = tables::parse_process(&top.section("process"));
+        let locate = tables::parse_locate(&top.section("locate"));
+        let corner = tables::parse_corner(&top.section("corner"));
+        let region = tables::parse_region(&top.section("region"));
+        let inspect = tables::parse_inspect(&top.section("inspect"));
+        let surface = Surface::parse(&top.section("surface"));
+        let path = tables::parse_path(&top.section("path"));
+        let removal = tables::parse_removal(&top.section("removal"), path.as_ref());
         top.done();
         Some(Recipe {
             panel: panel?,

@@ -3,7 +3,7 @@
 use super::*;
 use proptest::prelude::*;
 
-const LEAST: &str = "panel = 'door'
+const MINIMAL: &str = "panel = 'door'
 locate.box_min_mm = [300, -400, 100]
 locate.box_max_mm = [700, 400, 800]
 region = {corners_px = [[700, 350], [1250, 350], [1250, 850], [700, 850]], rows = 4, columns = 6}
@@ -16,7 +16,7 @@ fn says(text: &str) -> Vec<String> {
 
 #[test]
 fn the_least_recipe_names_panel_box_and_region() {
-    let recipe = Recipe::check("f", LEAST).unwrap_or_else(|problems| panic!("{problems}"));
+    let recipe = Recipe::check("f", MINIMAL).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!((recipe.panel(), recipe.region().rows(), recipe.region().columns()), ("door", 4, 6));
     assert_eq!((recipe.process().observation_s(), recipe.inspect().min_break_mm2()), (None, None));
     assert_eq!(
@@ -37,7 +37,7 @@ fn the_least_recipe_names_panel_box_and_region() {
 /// The panel's table names the panel and states what a person knows about its outline.
 #[test]
 fn a_panel_may_have_an_outline_and_held_edges() {
-    let rest = LEAST.split_once('\n').map_or("", |(_, rest)| rest);
+    let rest = MINIMAL.split_once('\n').map_or("", |(_, rest)| rest);
     let with = |keys: &str| Recipe::check("f", &format!("panel = {{ name = 'door', {keys} }}\n{rest}"));
     let told = with("outline_px = [[1, 1], [90, 1], [90, 70]], held_px = [[[40, 0], [50, 0], [50, 9], [40, 9]]]");
     let recipe = told.unwrap_or_else(|problems| panic!("{problems}"));
@@ -74,13 +74,13 @@ fn a_panel_may_have_an_outline_and_held_edges() {
 #[test]
 fn corners_are_named_for_each_picture() {
     let which = |corner: &str| {
-        let recipe = Recipe::check("f", &format!("{LEAST}corner.which = {corner}\n"));
+        let recipe = Recipe::check("f", &format!("{MINIMAL}corner.which = {corner}\n"));
         recipe.unwrap_or_else(|problems| panic!("{problems}")).corner().which()
     };
     assert_eq!(which("'top-right'").for_picture(1), CornerName::TopRight);
     let two = which("['top-left', 'bottom-right']");
     assert_eq!((two.for_picture(0), two.for_picture(1)), (CornerName::TopLeft, CornerName::BottomRight));
-    assert!(Recipe::check("f", &format!("{LEAST}corner.which = []\n")).is_err());
+    assert!(Recipe::check("f", &format!("{MINIMAL}corner.which = []\n")).is_err());
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn each_mistake_is_named() {
         ),
     ];
     for (mistake, message) in cases {
-        let said = says(&format!("{LEAST}{mistake}"));
+        let said = says(&format!("{MINIMAL}{mistake}"));
         let without_line: Vec<&str> =
             said.iter().filter_map(|said| said.split_once(": ")).map(|(_, said)| said).collect();
         assert_eq!(without_line, [message], "{mistake}");
@@ -172,7 +172,7 @@ fn each_mistake_is_named() {
 #[test]
 fn a_region_goes_round() {
     let with_corners =
-        |corners: &str| says(&LEAST.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners));
+        |corners: &str| says(&MINIMAL.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners));
     let round = "4: region.corners_px: the four corners must go round a convex region in order, none on a line";
     assert_eq!(with_corners("[[700, 350], [1250, 850], [1250, 350], [700, 850]]"), [round], "crossed");
     assert_eq!(with_corners("[[700, 350], [900, 350], [1250, 350], [700, 850]]"), [round], "on a line");
@@ -187,7 +187,7 @@ fn a_region_goes_round() {
 #[test]
 fn a_search_box_has_a_size() {
     assert_eq!(
-        says(&LEAST.replace("[700, 400, 800]", "[700, 400, 100]")),
+        says(&MINIMAL.replace("[700, 400, 800]", "[700, 400, 100]")),
         ["3: locate.box_max_mm: [700, 400, 100] must exceed box_min_mm [300, -400, 100] in every axis"]
     );
 }
@@ -196,7 +196,7 @@ proptest! {
     #[test]
     fn any_text_is_an_answer(text in "(?s).{0,200}") {
         let _ = Recipe::check("f", &text);
-        let _ = Recipe::check("f", &format!("{LEAST}{text}"));
+        let _ = Recipe::check("f", &format!("{MINIMAL}{text}"));
     }
 }
 
@@ -204,8 +204,8 @@ proptest! {
 #[test]
 fn removal_is_stated_or_not() {
     let recipe = |text: &str| Recipe::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
-    assert_eq!(recipe(LEAST).removal(), None);
-    let stated = recipe(&format!("{LEAST}removal = {{target_um = 30, max_um = 60, force_n = 20}}\n"));
+    assert_eq!(recipe(MINIMAL).removal(), None);
+    let stated = recipe(&format!("{MINIMAL}removal = {{target_um = 30, max_um = 60, force_n = 20}}\n"));
     let removal = stated.removal().expect("stated");
     assert_eq!(
         (removal.method(), removal.even_percent(), removal.min_feed_mm_s()),

@@ -72,9 +72,9 @@ pub mod name {
     /// Contact force of a compliant tool at the poses that the robot reported on the panel, mean, N.
     pub const FORCE_MEAN: &str = "force in contact, mean";
     /// The least of them, N.
-    pub const FORCE_LEAST: &str = "force in contact, least";
+    pub const FORCE_MIN: &str = "force in contact, least";
     /// The most of them, N.
-    pub const FORCE_MOST: &str = "force in contact, most";
+    pub const FORCE_MAX: &str = "force in contact, most";
     /// Corners that were seen so far.
     pub const CORNERS: &str = "corners seen";
     /// What is worn of the disc in use after the largest grid.
@@ -94,9 +94,9 @@ pub mod name {
     /// By how much the film changes the panel, grey levels.
     pub const FILM_CHANGE: &str = "change of the panel by the film";
     /// The least light of a film against the dry picture's, %.
-    pub const LIGHT_LEAST: &str = "change of the light, least";
+    pub const LIGHT_MIN: &str = "change of the light, least";
     /// The most light of a film against the dry picture's, %.
-    pub const LIGHT_MOST: &str = "change of the light, most";
+    pub const LIGHT_MAX: &str = "change of the light, most";
 
     /// The smallest area of broken film that is surely found at the panel's place, mm².
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";

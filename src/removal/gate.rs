@@ -18,7 +18,7 @@ const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
 /// Largest deviation of the power of the load.
 const POWER_OFF: f64 = 0.15;
 /// Fewer coupons than this are few.
-const FEW: f64 = 8.0;
+const MIN_MEASURED_PLACES: f64 = 8.0;
 
 /// Every number that is judged.
 pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
@@ -69,8 +69,8 @@ fn bounded(
 
 fn few(count: usize) -> Check {
     Check::new("measured places", "", count as f64)
-        .at_least(FEW, SetBy::Program)
-        .reviews("few_coupons", || format!("{count} places were measured; measure {FEW} or more"))
+        .at_least(MIN_MEASURED_PLACES, SetBy::Program)
+        .reviews("few_coupons", || format!("{count} places were measured; measure {MIN_MEASURED_PLACES} or more"))
 }
 
 fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {

@@ -23,7 +23,7 @@ const SPOKES: usize = 44;
 /// Newton's steps at most; some four are the rule.
 const STEPS: usize = 60;
 /// The force is met to this share.
-const EXACT: f64 = 1e-9;
+const FORCE_TOLERANCE: f64 = 1e-9;
 
 /// A pad with the disc on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,7 +129,7 @@ impl Pad {
             let pressed = deeper_mm.iter().filter(|deeper| depth_mm + **deeper > 0.0);
             let (sum_mm, count) = pressed.fold((0.0, 0_usize), |(sum, n), deeper| (sum + depth_mm + deeper, n + 1));
             let over_n = each * sum_mm - force_n;
-            if over_n.abs() <= EXACT * force_n || count == 0 {
+            if over_n.abs() <= FORCE_TOLERANCE * force_n || count == 0 {
                 break;
             }
             depth_mm -= over_n / (each * count as f64);

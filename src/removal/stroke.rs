@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 /// Places on the orbit for one stretch.
 const PHASES: usize = 8;
 /// A disc that moves less than this is at rest, mm.
-const SHORTEST_MM: f64 = 1e-9;
+const MIN_STROKE_MM: f64 = 1e-9;
 /// The golden angle as a share of a turn.
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
@@ -41,7 +41,7 @@ impl Stroke {
         });
         let way = ends_mm[0] - ends_mm[1];
         let length_mm = way.norm();
-        let direction = if length_mm > SHORTEST_MM { way / length_mm } else { Vector2::zeros() };
+        let direction = if length_mm > MIN_STROKE_MM { way / length_mm } else { Vector2::zeros() };
         let bend_per_mm = contact.seat.curvature_per_mm * direction;
         Stroke { contact, start_mm: ends_mm[0], direction, length_mm, bend_per_mm, orbit_mm }
     }
@@ -73,7 +73,7 @@ impl Stroke {
 
     fn of_phase(&self, place_mm: Vector2<f64>) -> f64 {
         let (from, direction, length_mm) = (place_mm - self.start_mm, self.direction, self.length_mm);
-        if length_mm <= SHORTEST_MM {
+        if length_mm <= MIN_STROKE_MM {
             return self.contact.pressure_n_mm2(from);
         }
         let (along_mm, radius_mm) = (from.dot(&direction), self.contact.pad.radius_mm);

@@ -11,14 +11,14 @@ use std::ops::RangeInclusive;
 type Column = (&'static str, RangeInclusive<f64>, bool);
 
 /// Less than this has not been measured, µm.
-const LEAST_UM: f64 = 0.01;
+const MIN_UM: f64 = 0.01;
 const COLUMNS: [Column; 8] = [
     ("force_n", 0.1..=1_000.0, true),
     ("feed_mm_s", 0.1..=1_000.0, true),
     ("passes", 1.0..=10_000.0, true),
     ("worn_mm2", 0.0..=1e9, true),
     ("step_over_mm", 0.1..=500.0, false),
-    ("depth_um", LEAST_UM..=10_000.0, false),
+    ("depth_um", MIN_UM..=10_000.0, false),
     ("before_um", 0.0..=1e6, false),
     ("after_um", 0.0..=1e6, false),
 ];
@@ -170,7 +170,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
 fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProblem>> {
     match numbers {
         [Some(depth_um), None, None] => Ok(*depth_um),
-        [None, Some(before_um), Some(after_um)] if before_um - after_um >= LEAST_UM => Ok(before_um - after_um),
+        [None, Some(before_um), Some(after_um)] if before_um - after_um >= MIN_UM => Ok(before_um - after_um),
         [None, Some(before_um), Some(after_um)] => Err(vec![problem(
             row.line,
             "after_um",

@@ -10,7 +10,7 @@ use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// A tool that leans by more than this against the surface lies on it no more: the cosine of 60°.
-const LEAST_COSINE: f64 = 0.5;
+const MIN_COSINE: f64 = 0.5;
 
 /// A point of the surface with its tangent plane; in the panel's frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +70,7 @@ impl TangentFrame {
     pub fn tilt(&self, panel_from_tool: &Rigid<Panel, Tool>) -> Option<Vector2<f64>> {
         let away = -(*panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
         let cosine = away.dot(&self.normal);
-        (cosine > LEAST_COSINE).then(|| Vector2::new(away.dot(&self.x), away.dot(&self.y)) / cosine)
+        (cosine > MIN_COSINE).then(|| Vector2::new(away.dot(&self.x), away.dot(&self.y)) / cosine)
     }
 }
 

@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 /// Length of a stretch, at most, in radii of the disc.
 const STRETCH_RADII: f64 = 0.5;
 /// Places on the rim, and half-way to it, that show whether the whole disc has panel below it.
-const LOOKS: usize = 16;
+const RIM_SAMPLES: usize = 16;
 
 /// Returns whether there is panel at this place of the surface.
 pub type Ground<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
@@ -120,10 +120,11 @@ fn contact(
 ) -> Option<super::pad::Contact> {
     let has_panel = |offset: Vector2<f64>| ground(frame.parameter(offset));
     let look = |index: usize, share: f64| {
-        let angle = TAU * index as f64 / LOOKS as f64;
+        let angle = TAU * index as f64 / RIM_SAMPLES as f64;
         has_panel(Vector2::new(angle.cos(), angle.sin()) * (share * disc.pad.radius_mm))
     };
-    let is_whole = has_panel(Vector2::zeros()) && (0..LOOKS).all(|index| look(index, 1.0) && look(index, 0.5));
+    let is_whole =
+        has_panel(Vector2::zeros()) && (0..RIM_SAMPLES).all(|index| look(index, 1.0) && look(index, 0.5));
     let below: Below<'_> = &has_panel;
     disc.pad.under(force_n, seat, (!is_whole).then_some(below))
 }

@@ -10,7 +10,7 @@ use crate::imaging::ImagingError;
 use maud::{Markup, html};
 
 /// Residuals of this length fill this share of the picture's width.
-const LONGEST_SHARE: f64 = 0.04;
+const MAX_RESIDUAL_SHARE: f64 = 0.04;
 const GROUND: [u8; 3] = [60, 60, 60];
 
 /// Draws every used corner with its residual, enlarged until the longest is well seen: a lens that the model fits
@@ -21,7 +21,7 @@ const GROUND: [u8; 3] = [60, 60, 60];
 pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Result<ColorPicture, ImagingError> {
     let mut canvas = Canvas::on(&ColorPicture::filled(width, height, GROUND))?;
     let longest = found.residuals.iter().map(|r| r.du_px.hypot(r.dv_px)).fold(1e-6, f64::max);
-    let times = LONGEST_SHARE * width as f64 / longest;
+    let times = MAX_RESIDUAL_SHARE * width as f64 / longest;
     let pen = Pen { ink: Ink::ORANGE, width_px: (width / 900).max(1) as i32 };
     for residual in &found.residuals {
         let end = Pixel::at(residual.at.u + times * residual.du_px, residual.at.v + times * residual.dv_px);

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// The picture is drawn at most so wide, px.
 const WIDTH_PX: usize = 1200;
 /// Less than this is drawn as nothing, mm.
-const LEAST_MM: f64 = 0.01;
+const MIN_MM: f64 = 0.01;
 const FAR: Ink = Ink::VERMILLION;
 const NEAR: Ink = Ink::DEEP_BLUE;
 const UNKNOWN: Ink = Ink([150, 150, 150]);
@@ -22,7 +22,7 @@ const UNKNOWN: Ink = Ink([150, 150, 150]);
 pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<ColorPicture, ImagingError> {
     let step = camera.width_px.div_ceil(WIDTH_PX).max(1);
     let (width, height) = (camera.width_px / step, camera.height_px / step);
-    let most_mm = found.field_most_mm.max(LEAST_MM);
+    let most_mm = found.field_most_mm.max(MIN_MM);
     let at_mm = |direction| found.field.map_or(0.0, |field| field.at_mm(direction));
     let is_known = |at| found.parts.at(at).is_some_and(PicturePart::is_known);
     let mut picture = ColorPicture::filled(width, height, UNKNOWN.0);

@@ -19,10 +19,10 @@ const MARGIN_PX: f64 = 60.0;
 const TOP_PX: f64 = 70.0;
 /// The radius of the limit's circle, px.
 const LIMIT_PX: f64 = 16.0;
-const MOST_PX: f64 = 32.0;
+const MAX_PX: f64 = 32.0;
 /// Colours that colour-blind people can distinguish; errors beyond the limit also have a thick rim.
-const WITHIN: &str = "#0072b2";
-const BEYOND: &str = "#d55e00";
+const WITHIN_LIMIT: &str = "#0072b2";
+const BEYOND_LIMIT: &str = "#d55e00";
 
 /// Two views of the same places: x over y, and x over z. The larger the circle, the larger the error.
 pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
@@ -82,9 +82,9 @@ fn frame((left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) -
 }
 
 fn circle(left: &Left, (cx, cy): (f64, f64), limit_mm: f64) -> Markup {
-    let radius = (LIMIT_PX * left.error_mm / limit_mm).clamp(2.0, MOST_PX);
+    let radius = (LIMIT_PX * left.error_mm / limit_mm).clamp(2.0, MAX_PX);
     let is_beyond = left.error_mm.is_nan() || left.error_mm > limit_mm;
-    let (color, rim) = if is_beyond { (BEYOND, 3) } else { (WITHIN, 1) };
+    let (color, rim) = if is_beyond { (BEYOND_LIMIT, 3) } else { (WITHIN_LIMIT, 1) };
     html! {
         circle cx=(tenths(cx)) cy=(tenths(cy)) r=(tenths(radius)) fill=(color) fill-opacity="0.45" stroke=(color)
             stroke-width=(rim) {

@@ -8,7 +8,7 @@ use opencv::imgproc;
 
 /// Distances between the numbers of a ruler, px, and how many numbers it has at most.
 const RULER_STEPS_PX: [usize; 6] = [20, 50, 100, 200, 500, 1000];
-const MOST_NUMBERS: usize = 20;
+const MAX_NUMBERS: usize = 20;
 
 impl Canvas {
     /// The picture with a ruler of its pixels above and beside it, and faint lines across it at the ruler's numbers.
@@ -18,7 +18,7 @@ impl Canvas {
     pub fn with_ruler(mut self) -> Result<Self, ImagingError> {
         let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
         let text_px = (height as f64 / 60.0).max(11.0);
-        let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MOST_NUMBERS);
+        let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MAX_NUMBERS);
         let step = step.unwrap_or(width.max(height));
         self.lines_at(step)?;
         // As wide as the largest number, and a tick; a tick ends before its rim would touch the picture.

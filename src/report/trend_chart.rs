@@ -18,7 +18,7 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 54.0;
 /// Texts below the chart at most.
-const MOST_DATES: usize = 6;
+const MAX_DATES: usize = 6;
 
 /// The words of a chart, in the reader's language.
 #[derive(Debug, Clone, Copy)]
@@ -100,7 +100,7 @@ fn across(index: usize, count: usize) -> f64 {
 
 /// Returns the points with their dates written below the axis.
 fn dated(points: &[TrendPoint]) -> impl Iterator<Item = (usize, &TrendPoint)> {
-    let every = points.len().div_ceil(MOST_DATES).max(1);
+    let every = points.len().div_ceil(MAX_DATES).max(1);
     points.iter().enumerate().filter(move |(index, _)| index % every == 0)
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 /// The largest whole number of which a double has every digit, and that of its neighbours too.
-const MOST_EXACT: u64 = (1 << 53) - 1;
+const MAX_EXACT_INTEGER: u64 = (1 << 53) - 1;
 
 /// Returns the bytes that are signed.
 ///
@@ -28,7 +28,7 @@ pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
         Value::Object(entries) => {
             let again = |(name, value): (String, Value)| {
                 let number = value.as_str().and_then(|text| text.parse::<u64>().ok());
-                match number.filter(|number| *number > MOST_EXACT && names.contains(&name.as_str())) {
+                match number.filter(|number| *number > MAX_EXACT_INTEGER && names.contains(&name.as_str())) {
                     Some(number) => (name, Value::from(number)),
                     None => (name, numbers_again(value, names)),
                 }
@@ -42,7 +42,7 @@ pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
 /// The same value, with whole numbers as texts if a double cannot hold them.
 pub(super) fn exact(value: Value) -> Value {
     let is_beyond = |value: &Value| {
-        value.as_u64().or(value.as_i64().map(i64::unsigned_abs)).is_some_and(|number| number > MOST_EXACT)
+        value.as_u64().or(value.as_i64().map(i64::unsigned_abs)).is_some_and(|number| number > MAX_EXACT_INTEGER)
     };
     match value {
         Value::Array(values) => Value::Array(values.into_iter().map(exact).collect()),

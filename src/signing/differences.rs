@@ -10,7 +10,7 @@ const MOTION: &str = "/motions/";
 /// Counts that grow so.
 const COUNTING: [&str; 1] = ["/events"];
 /// The most differences that are reported; the first ones are enough.
-const MOST: usize = 5;
+const MAX_DIFFERENCES: usize = 5;
 
 /// The places at which `now` does not hold what was `signed`, such as `/findings/2/numbers/0/value`, each with both values.
 ///
@@ -18,12 +18,12 @@ const MOST: usize = 5;
 pub fn differences(signed: &Value, now: &Value) -> Vec<String> {
     let mut found = Vec::new();
     compare("", signed, now, &mut found);
-    found.truncate(MOST);
+    found.truncate(MAX_DIFFERENCES);
     found
 }
 
 fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
-    if signed == now || found.len() >= MOST {
+    if signed == now || found.len() >= MAX_DIFFERENCES {
         return;
     }
     match (signed, now) {

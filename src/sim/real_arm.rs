@@ -25,7 +25,7 @@ const TWIST_RAD: f64 = 5e-4;
 const LENGTH_MM: f64 = 0.4;
 /// Weights of upper arm, forearm, and wrist with tool, N, and how far the drives of axes 2, 3 and 5 give way, rad/(N mm).
 const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
-const GIVES_WAY: f64 = 6e-9;
+const COMPLIANCE: f64 = 6e-9;
 /// The gears' error, rad, and how many of its periods there are in a turn of the axis.
 const GEAR_RAD: f64 = 3e-5;
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
@@ -58,7 +58,7 @@ impl RealArm {
             zeros_rad: std::array::from_fn(|_| even(ZERO_RAD)),
             twists_rad: std::array::from_fn(|_| std::array::from_fn(|_| even(TWIST_RAD))),
             lengths_mm: std::array::from_fn(|_| even(LENGTH_MM)),
-            gives_way: std::array::from_fn(|_| GIVES_WAY * (0.75 + even(0.25))),
+            gives_way: std::array::from_fn(|_| COMPLIANCE * (0.75 + even(0.25))),
             gears_rad: std::array::from_fn(|_| even(GEAR_RAD)),
         };
         let found_mm = drawn.error_mm();
@@ -130,7 +130,7 @@ impl RealArm {
         let mut joints = *near;
         for _ in 0..STEPS {
             let here = off(&joints);
-            if here.norm() < SETTLED_MM {
+            if here.norm() < CONVERGENCE_MM {
                 return Some(joints);
             }
             let slope = SMatrix::<f64, 6, 6>::from_columns(&std::array::from_fn::<_, 6, _>(|axis| {
@@ -139,7 +139,7 @@ impl RealArm {
                 (here - off(&moved(&joints, &by))) / 1e-4
             }));
             let step = slope.try_inverse()? * here;
-            joints = moved(&joints, &(step * (LONGEST_DEG / step.amax()).min(1.0)));
+            joints = moved(&joints, &(step * (MAX_STEP_DEG / step.amax()).min(1.0)));
         }
         None
     }
@@ -173,9 +173,9 @@ const STARTS: [[f64; 6]; 4] = [
 /// A rotation counts as what it moves at this distance, mm.
 const LEVER_MM: f64 = 300.0;
 const STEPS: usize = 100;
-const SETTLED_MM: f64 = 1e-7;
+const CONVERGENCE_MM: f64 = 1e-7;
 /// An axis turns by no more in a step.
-const LONGEST_DEG: f64 = 15.0;
+const MAX_STEP_DEG: f64 = 15.0;
 
 /// The flange's pose according to the drawing: the pose that the controller reports.
 pub fn drawn_flange(joints: &Joints) -> Rigid<Base, Flange> {

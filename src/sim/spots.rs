@@ -71,10 +71,10 @@ pub(super) fn greased(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Greas
 }
 
 fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f64)) -> Vec<Spot> {
-    const TRIES: usize = 2_000;
+    const MAX_ATTEMPTS: usize = 2_000;
     let mut random = seed.stream(Purpose::Grease, 0);
     let mut spots: Vec<Spot> = Vec::new();
-    for _ in 0..TRIES {
+    for _ in 0..MAX_ATTEMPTS {
         if spots.len() == count {
             break;
         }

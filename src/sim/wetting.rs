@@ -21,7 +21,7 @@ const WETTING_S: f64 = 0.2;
 const OPENING_S: f64 = 0.15;
 const CLOSING_S: f64 = 0.4;
 /// On a place that covers much of the panel, more droplets than these would only cost time.
-const MOST_DROPLETS: usize = 60;
+const MAX_DROPLETS: usize = 60;
 
 /// A pixel of the panel.
 #[derive(Debug, Clone, Copy)]
@@ -172,5 +172,5 @@ fn beads(spot: &Spot, index: usize, spec: &FilmSpec, seed: Seed) -> Vec<Bead> {
         }
     };
     let droplets = (spec.droplets / 100.0 * std::f64::consts::PI * reach_mm * reach_mm) as usize;
-    (0..spec.beads + droplets.min(MOST_DROPLETS)).map(bead).collect()
+    (0..spec.beads + droplets.min(MAX_DROPLETS)).map(bead).collect()
 }

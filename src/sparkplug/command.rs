@@ -77,7 +77,7 @@ pub enum CommandError {
         problem: String,
     },
     /// Too much in one message.
-    #[error("the message has {found} metrics (limit {MOST_METRICS})")]
+    #[error("the message has {found} metrics (limit {MAX_METRICS})")]
     TooMany {
         /// How many it has.
         found: usize,
@@ -111,9 +111,9 @@ pub enum CommandError {
 }
 
 /// More metrics than a host has reason to write at once.
-const MOST_METRICS: usize = 32;
+const MAX_METRICS: usize = 32;
 /// The most characters of a foreign name that are reported.
-const MOST_CHARACTERS: usize = 80;
+const MAX_CHARACTERS: usize = 80;
 
 /// The commands of a message on the command topic, or the reason for each refusal, in the message's order.
 pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
@@ -124,7 +124,7 @@ pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand,
     if payload.metrics.is_empty() {
         return vec![Err(CommandError::Empty { allowed: allowed(commands_allowed) })];
     }
-    if payload.metrics.len() > MOST_METRICS {
+    if payload.metrics.len() > MAX_METRICS {
         return vec![Err(CommandError::TooMany { found: payload.metrics.len() })];
     }
     payload.metrics.iter().map(|metric| command(metric, commands_allowed)).collect()
@@ -159,7 +159,7 @@ fn told(metric: &Metric) -> String {
     let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
     match (&metric.name, metric.alias) {
         (Some(name), _) => {
-            let name: String = name.chars().take(MOST_CHARACTERS).collect();
+            let name: String = name.chars().take(MAX_CHARACTERS).collect();
             format!("\"{}\"", name.escape_debug())
         }
         (None, Some(number)) => match of_alias(number) {

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 /// The shortest time between two passings of the same command, ms. An earlier one is passed on when that time is
 /// over: no stop is lost.
-const EVERY_MS: u64 = 1_000;
+const MIN_INTERVAL_MS: u64 = 1_000;
 /// Lines of the audit trail in a minute: of what was done, and of what was refused.
 pub(super) const LINES: MostLines = MostLines { done: 60, refused: 20 };
 
@@ -25,7 +25,7 @@ impl CommandLimit {
     /// Whether this command is passed on now; else it waits.
     pub fn asked(&mut self, command: NodeCommand, now_ms: u64) -> bool {
         match self.0.get_mut(&command) {
-            Some(passed) if now_ms.saturating_sub(passed.at_ms) < EVERY_MS => {
+            Some(passed) if now_ms.saturating_sub(passed.at_ms) < MIN_INTERVAL_MS => {
                 passed.waits = true;
                 false
             }
@@ -38,7 +38,7 @@ impl CommandLimit {
 
     /// The commands that have waited long enough.
     pub fn due(&mut self, now_ms: u64) -> Vec<NodeCommand> {
-        let is_due = |passed: &Passed| passed.waits && now_ms.saturating_sub(passed.at_ms) >= EVERY_MS;
+        let is_due = |passed: &Passed| passed.waits && now_ms.saturating_sub(passed.at_ms) >= MIN_INTERVAL_MS;
         let due: Vec<_> = self.0.iter().filter(|(_, passed)| is_due(passed)).map(|(command, _)| *command).collect();
         for command in &due {
             self.0.insert(*command, Passed { at_ms: now_ms, waits: false });

@@ -185,7 +185,7 @@ impl Abraded {
         let mean_n = forces_n.iter().sum::<f64>() / forces_n.len() as f64;
         let least_n = forces_n.iter().copied().fold(f64::INFINITY, f64::min);
         let most_n = forces_n.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        [(name::FORCE_MEAN, mean_n), (name::FORCE_LEAST, least_n), (name::FORCE_MOST, most_n)]
+        [(name::FORCE_MEAN, mean_n), (name::FORCE_MIN, least_n), (name::FORCE_MAX, most_n)]
             .map(|(name, force_n)| Check::new(name, "N", force_n))
             .into()
     }

@@ -19,11 +19,11 @@ use crate::words::apart;
 use serde_json::json;
 
 /// The most corners that are looked at: two determine the panel's shift and its turn, more add little.
-const MOST: usize = 2;
+const MAX_CORNERS: usize = 2;
 
 /// The number of corners that a loop looks at if all of `taught` can be looked at.
 pub fn most(limits: &recipe::Corner, taught: usize) -> usize {
-    MOST.min(limits.max_moves() + 1).min(taught)
+    MAX_CORNERS.min(limits.max_moves() + 1).min(taught)
 }
 
 /// What corner pictures are held against.

@@ -7,7 +7,7 @@ use crate::panel::TaughtPanel;
 use crate::report::{StripPicture, bounds, cut, film_strip, strip_times_s};
 
 /// Times this near are one, s.
-const TICK_S: f64 = 1e-3;
+const TIME_TOLERANCE_S: f64 = 1e-3;
 
 /// The pictures so far.
 #[derive(Debug)]
@@ -42,7 +42,10 @@ impl Strip {
         let end_s = self.lasts_s;
         let wanted = strip_times_s(None, end_s).into_iter().chain(strip_times_s(self.opened_s, end_s));
         let last_s = self.cuts.last().map_or(f64::NEG_INFINITY, |(time_s, _)| *time_s);
-        if wanted.into_iter().any(|time_s| last_s < time_s - TICK_S && time_s - TICK_S <= since_wet_s) {
+        if wanted
+            .into_iter()
+            .any(|time_s| last_s < time_s - TIME_TOLERANCE_S && time_s - TIME_TOLERANCE_S <= since_wet_s)
+        {
             let nothing = Mask::empty(picture.width, picture.height);
             self.cuts.push((since_wet_s, cut(picture, &nothing, self.bounds).0));
         }
@@ -55,7 +58,7 @@ impl Strip {
         let pictures: Vec<StripPicture> = strip_times_s(broke_s, end_s)
             .into_iter()
             .map(|time_s| {
-                let kept = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TICK_S);
+                let kept = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TIME_TOLERANCE_S);
                 // After the last that was kept there is the film's last picture.
                 let shown_s = kept.map_or(end_s, |(kept_s, _)| *kept_s);
                 let (last, broken) = cut(last, &inspection.mask_at(shown_s), self.bounds);

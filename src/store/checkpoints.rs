@@ -19,7 +19,7 @@ pub(super) const TABLES: &str = "
 ";
 
 /// Lines of the journal from one checkpoint to the next.
-pub(super) const EVERY: i64 = 10_000;
+pub(super) const CHECKPOINT_INTERVAL: i64 = 10_000;
 /// A start that had to read more lines than this writes one.
 pub(super) const TAIL: i64 = 2_000;
 

@@ -97,7 +97,7 @@ impl Store {
         let Some(head) = &self.head else {
             return Err(Failed::Unfit(StoreError::ReadOnly { path: self.path().to_owned() }));
         };
-        let _turn = head.take_turn().map_err(Failed::Head)?;
+        let _turn = head.acquire_turn().map_err(Failed::Head)?;
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = chain::last(&transaction)?;
         let mut writing = Writing { transaction, last: before };

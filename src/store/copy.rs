@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How long the copy waits for a lock of the database.
-const PATIENCE: Duration = Duration::from_secs(30);
-const AGAIN: Duration = Duration::from_millis(10);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
+const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 
 /// A copy of a store's rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -96,11 +96,11 @@ fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Err
         loop {
             match backup.step(-1)? {
                 StepResult::Done => break,
-                StepResult::Busy | StepResult::Locked if since.elapsed() > PATIENCE => {
+                StepResult::Busy | StepResult::Locked if since.elapsed() > LOCK_TIMEOUT => {
                     let busy = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_BUSY);
                     return Err(rusqlite::Error::SqliteFailure(busy, None));
                 }
-                StepResult::Busy | StepResult::Locked => std::thread::sleep(AGAIN),
+                StepResult::Busy | StepResult::Locked => std::thread::sleep(LOCK_RETRY_INTERVAL),
                 _ => {}
             }
         }

@@ -29,7 +29,7 @@ impl Store {
     /// Returns whether there is room for the reserve and pictures again; if so, the reserve is allocated.
     pub fn has_room(&mut self) -> bool {
         let free = self.blobs.free_mb().unwrap_or(0);
-        let has_room = free >= MB + PICTURES_MB && self.reserve.take().is_ok();
+        let has_room = free >= MB + PICTURES_MB && self.reserve.allocate().is_ok();
         if has_room {
             self.fullness.is_over();
         }

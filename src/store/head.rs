@@ -23,7 +23,7 @@ pub(super) const FILE: &str = "panelprep.head";
 const SLOT_BYTES: usize = 512;
 const MARK: &str = "panelprep head 1";
 /// How long another process that writes a line to this store is waited for, as SQLite waits.
-const PATIENCE: Duration = Duration::from_secs(5);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The content of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,15 +77,15 @@ impl Drop for Turn<'_> {
 }
 
 /// Waits for the turn.
-fn take_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error> {
+fn acquire_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error> {
     let since = Instant::now();
-    let _in_turn = turns.take(PATIENCE).ok_or_else(|| {
+    let _in_turn = turns.acquire(LOCK_TIMEOUT).ok_or_else(|| {
         Error::new(ErrorKind::TimedOut, "another thread of this program has been writing to it for 5 s")
     })?;
     loop {
         match file.try_lock() {
             Ok(()) => return Ok(Turn { file, _in_turn }),
-            Err(TryLockError::WouldBlock) if since.elapsed() < PATIENCE => {
+            Err(TryLockError::WouldBlock) if since.elapsed() < LOCK_TIMEOUT => {
                 std::thread::sleep(Duration::from_millis(1));
             }
             Err(TryLockError::WouldBlock) => {
@@ -110,8 +110,8 @@ impl HeadFile {
         Ok(HeadFile { file, turns: Turns::at(store) })
     }
 
-    pub fn take_turn(&self) -> Result<Turn<'_>, Error> {
-        take_turn(&self.file, &self.turns)
+    pub fn acquire_turn(&self) -> Result<Turn<'_>, Error> {
+        acquire_turn(&self.file, &self.turns)
     }
 
     /// Writes the chain's present and next position to the disk.
@@ -153,7 +153,7 @@ pub(super) fn read_beside<T>(store: &Path, beside: impl FnOnce() -> T) -> Result
     match File::open(store.join(FILE)) {
         Ok(file) => {
             let turns = Turns::at(store);
-            let _turn = take_turn(&file, &turns)?;
+            let _turn = acquire_turn(&file, &turns)?;
             Ok((read_from(&file)?, beside()))
         }
         Err(error) if error.kind() == ErrorKind::NotFound => Ok((None, beside())),

@@ -214,7 +214,7 @@ fn write_line(writing: &mut Writing<'_>, line: &Line, folded: Option<&str>) -> R
         )?
         .execute(params![line.sequence, line.cycle, line.unix_ms, line.event, chain])?;
     writing.chain("journal", line.sequence)?;
-    if let (0, Some(folded)) = (line.sequence % checkpoints::EVERY, folded) {
+    if let (0, Some(folded)) = (line.sequence % checkpoints::CHECKPOINT_INTERVAL, folded) {
         checkpoints::write(writing, (line.sequence, &chain), folded)?;
     }
     Ok(line.sequence as u64)

@@ -23,7 +23,7 @@ impl Lease {
     ///
     /// # Errors
     /// If another process, or another store of this process, holds it.
-    pub fn take(store: &Path) -> Result<Self, StoreError> {
+    pub fn acquire(store: &Path) -> Result<Self, StoreError> {
         let at = |doing| {
             let path = store.to_owned();
             move |source| StoreError::File { doing, path, source }

@@ -74,7 +74,7 @@ impl Store {
 
     fn begin(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
-        let lease = Lease::take(folder)?;
+        let lease = Lease::acquire(folder)?;
         let path = folder.join(DATABASE);
         flush::left_behind(&path)?;
         let told = head::read(folder);
@@ -104,7 +104,7 @@ impl Store {
             store.begin_epoch("rows of the store were found changed or gone")?;
         }
         store.begin_epoch_if_restored()?;
-        if let Err(error) = store.reserve.take() {
+        if let Err(error) = store.reserve.allocate() {
             tracing::warn!("the reserve for a full disk could not be created in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.fill();
@@ -167,7 +167,7 @@ impl Store {
 
     fn settle_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
-        let _turn = head.take_turn()?;
+        let _turn = head.acquire_turn()?;
         // A verification may have been kept beside meanwhile.
         let at = chain::last(&self.connection).unwrap_or(found);
         head.settle(at)
@@ -194,7 +194,7 @@ impl Drop for Store {
         }
         let database = if is_log_left { None } else { file_hash(&path).ok() };
         #[expect(clippy::let_underscore_must_use, reason = "without it the head says the same of the chain")]
-        let _ = head.take_turn().and_then(|_turn| head.close(last, database));
+        let _ = head.acquire_turn().and_then(|_turn| head.close(last, database));
     }
 }
 

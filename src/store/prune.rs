@@ -21,7 +21,7 @@ pub(super) const TABLES: &str = "
 ";
 
 /// Files that are removed in one transaction: between two of them a cycle may begin, and nothing more is removed.
-const AT_ONCE: usize = 64;
+const BATCH_FILES: usize = 64;
 const DAY_S: i64 = 86_400;
 
 /// What was removed.
@@ -61,7 +61,7 @@ impl Store {
         let gone = removed(&store)?;
         for id in due {
             let old = old(&store, id)?;
-            for hashes in old.difference(&needed).cloned().collect::<Vec<_>>().chunks(AT_ONCE) {
+            for hashes in old.difference(&needed).cloned().collect::<Vec<_>>().chunks(BATCH_FILES) {
                 if !store.prune_files(id, (hashes, &gone), &mut pruned)? {
                     return Ok(pruned);
                 }

@@ -29,7 +29,7 @@ impl Reserve {
     }
 
     /// Allocates the disk's blocks, if they are not allocated yet.
-    pub fn take(&self) -> std::io::Result<()> {
+    pub fn allocate(&self) -> std::io::Result<()> {
         let bytes = MB << 20;
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).open(&self.path)?;

@@ -39,7 +39,7 @@ pub(super) const TABLES: &str = "
 /// The most attempts to sign if another process signs meanwhile.
 const ATTEMPTS: usize = 10;
 /// The longest name, user or remark, in characters.
-const MOST_CHARACTERS: usize = 200;
+const MAX_CHARACTERS: usize = 200;
 
 const OF_CYCLE: &str = "cycle";
 const OF_PERSON: &str = "person";
@@ -138,7 +138,7 @@ impl Store {
         for (what, text) in texts {
             // The texts of a signature are printed.
             let Some(text) = text else { continue };
-            printable(text, MOST_CHARACTERS).map_err(|problem| {
+            printable(text, MAX_CHARACTERS).map_err(|problem| {
                 let found = text.escape_debug().to_string();
                 StoreError::Unsignable { what, found, problem }
             })?;

@@ -45,7 +45,7 @@ impl Turns {
     }
 
     /// Waits for the turn, at most so long.
-    pub fn take(&self, patience: Duration) -> Option<InTurn<'_>> {
+    pub fn acquire(&self, patience: Duration) -> Option<InTurn<'_>> {
         let until = Instant::now() + patience;
         let mut queue = self.lock();
         let number = queue.next;
@@ -97,10 +97,10 @@ mod tests {
         let (turns, served) = (Turns::at(folder.path()), Mutex::new(Vec::new()));
         assert!(Arc::ptr_eq(&turns, &Turns::at(folder.path())), "one queue for each store");
         let serve = |name| {
-            let _turn = turns.take(Duration::from_secs(60)).expect("a turn");
+            let _turn = turns.acquire(Duration::from_secs(60)).expect("a turn");
             served.lock().expect("whole").push(name);
         };
-        let first = turns.take(Duration::ZERO).expect("free");
+        let first = turns.acquire(Duration::ZERO).expect("free");
         thread::scope(|scope| {
             scope.spawn(|| serve("second"));
             until_waiting(&turns, 2);
@@ -117,9 +117,9 @@ mod tests {
     #[test]
     fn who_waits_too_long_leaves_the_others_their_place() {
         let turns = Turns::default();
-        let first = turns.take(Duration::ZERO).expect("free");
-        assert!(turns.take(Duration::from_millis(5)).is_none());
+        let first = turns.acquire(Duration::ZERO).expect("free");
+        assert!(turns.acquire(Duration::from_millis(5)).is_none());
         drop(first);
-        assert!(turns.take(Duration::ZERO).is_some());
+        assert!(turns.acquire(Duration::ZERO).is_some());
     }
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 /// The number of links that a start verifies: all of a small store, of a large one those since its last checkpoint.
 const AT_START: i64 = 20_000;
 /// Messages of one kind; the rest is counted.
-const MOST: usize = 200;
+const MAX_MESSAGES: usize = 200;
 
 /// What a verification came to.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -251,8 +251,8 @@ impl Store {
             .chain(&self.connection, from)
             .and_then(|()| if whole { walk.unlinked(&self.connection) } else { Ok(()) });
         let mut found = std::mem::take(&mut walk.links);
-        let rest = found.len().saturating_sub(MOST);
-        found.truncate(MOST);
+        let rest = found.len().saturating_sub(MAX_MESSAGES);
+        found.truncate(MAX_MESSAGES);
         found.extend((rest > 0).then(|| format!("{rest} more links of the chain do not follow from those before")));
         let count = walk.count;
         found.extend(walk.words());
@@ -357,9 +357,9 @@ impl Walk {
                 let from = |(other, number, written, _): &&(&'static str, i64, Hash, Hash)| {
                     other == part && number != key && written == found
                 };
-                Some((*part, *key, self.changed.iter().take(MOST).find(from)?.1))
+                Some((*part, *key, self.changed.iter().take(MAX_MESSAGES).find(from)?.1))
             })
-            .take(MOST)
+            .take(MAX_MESSAGES)
             .collect();
         for (name, key, from) in &exchanged {
             let words = chain::part(name).map_or(*name, |part| part.words);

@@ -31,7 +31,7 @@ const MIN_SCALE_MM: f64 = 0.001;
 /// Weighted fits at most; two are the rule.
 const MAX_ROUNDS: usize = 4;
 /// σ has settled when a round lowers it by less than this share.
-const SETTLED: f64 = 0.9;
+const CONVERGENCE_RATIO: f64 = 0.9;
 
 /// How far the scan lies from the surface, along its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,7 +169,7 @@ impl FitInputs<'_> {
             }
             residuals = self.residuals(&surface)?;
             let next = scale_mm(&residuals);
-            if next > SETTLED * scale {
+            if next > CONVERGENCE_RATIO * scale {
                 return Ok((surface, smoothing));
             }
             scale = next;

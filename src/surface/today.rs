@@ -16,12 +16,12 @@ use nalgebra::Point2;
 use rayon::prelude::*;
 
 /// Points of the region that are kept, about: four to a square of 6 mm of a region of 600 × 900 mm.
-const MOST_POINTS: usize = 60_000;
+const MAX_POINTS: usize = 60_000;
 /// Points that the correction is fitted to, about: they determine each of a hundred coefficients to a tenth of the
 /// noise of one point.
-const MOST_FITTED: usize = 8_000;
+const MAX_FITTED: usize = 8_000;
 /// A point farther from the taught surface is not the panel's, mm.
-const FARTHEST_MM: f64 = 20.0;
+const MAX_DISTANCE_MM: f64 = 20.0;
 /// Places along each side of the region at which the deviation is looked at.
 const PLACES: usize = 32;
 /// Steps by which control points are moved until the surface is.
@@ -83,12 +83,11 @@ pub fn todays_points(
         is_inside.then_some(TodaysPoint { at: Parameter { u: unit.x, v: unit.y }, point })
     };
     // The region covers a sixteenth of the picture or more.
-    let every =
-        ((scan.width() * scan.height()) as f64 / (16 * MOST_POINTS) as f64).sqrt().floor().max(1.0) as usize;
+    let every = ((scan.width() * scan.height()) as f64 / (16 * MAX_POINTS) as f64).sqrt().floor().max(1.0) as usize;
     let rows: Vec<usize> = (0..scan.height()).step_by(every).collect();
     let of_row = |row: usize| (0..scan.width()).step_by(every).map(move |column| row * scan.width() + column);
     let all: Vec<TodaysPoint> = rows.into_par_iter().flat_map_iter(|row| of_row(row).filter_map(&seen)).collect();
-    let step = all.len().div_ceil(MOST_POINTS).max(1);
+    let step = all.len().div_ceil(MAX_POINTS).max(1);
     all.into_iter().step_by(step).collect()
 }
 
@@ -108,11 +107,11 @@ pub fn todays(
         Some(Height { at: [point.at.u, point.at.v], mm })
     };
     let seen: Vec<Height> = points.par_iter().filter_map(in_front).collect();
-    let near: Vec<Height> = seen.iter().copied().filter(|height| height.mm.abs() <= FARTHEST_MM).collect();
+    let near: Vec<Height> = seen.iter().copied().filter(|height| height.mm.abs() <= MAX_DISTANCE_MM).collect();
     if near.is_empty() {
         return Err(TodayError::NoPoints);
     }
-    let fitted: Vec<Height> = near.iter().copied().step_by(near.len().div_ceil(MOST_FITTED)).collect();
+    let fitted: Vec<Height> = near.iter().copied().step_by(near.len().div_ceil(MAX_FITTED)).collect();
     let sides_mm = sides_mm(taught);
     let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
     let surface = corrected(taught, &field, panel)?;

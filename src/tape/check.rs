@@ -31,7 +31,7 @@ pub fn check(source: impl Read) -> Result<Checked, TapeError> {
     let mut records = Records::new(source);
     let mut inventory = Inventory::default();
     loop {
-        match records.next(|record| inventory.take(&record)) {
+        match records.next(|record| inventory.add(&record)) {
             Ok(Some(())) => {}
             Ok(None) => return inventory.whole(),
             Err(Wrong::Content(error)) => return Err(error),
@@ -54,7 +54,7 @@ struct Inventory {
 }
 
 impl Inventory {
-    fn take(&mut self, record: &Record<'_>) -> Result<(), TapeError> {
+    fn add(&mut self, record: &Record<'_>) -> Result<(), TapeError> {
         self.is_mcap = true;
         match record {
             Record::Metadata(metadata) if metadata.name == METADATA => self.begin(metadata)?,

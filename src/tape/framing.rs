@@ -36,7 +36,7 @@ impl Framing {
     ///
     /// # Errors
     /// If an uncompressed chunk begins in them.
-    pub fn take(&mut self, mut bytes: &[u8]) -> Result<(), TapeError> {
+    pub fn feed(&mut self, mut bytes: &[u8]) -> Result<(), TapeError> {
         while !bytes.is_empty() {
             let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
             bytes = &bytes[skipped..];
@@ -103,7 +103,7 @@ mod tests {
         for step in [1, 2, 3, 8, 64, 1_000] {
             let read = |bytes: &[u8]| {
                 let mut framing = Framing::default();
-                bytes.chunks(step).try_for_each(|piece| framing.take(piece))
+                bytes.chunks(step).try_for_each(|piece| framing.feed(piece))
             };
             assert!(read(&file(b"zstd")).is_ok(), "{step}");
             let error = read(&file(b"")).expect_err("refused").to_string();

@@ -9,7 +9,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::Read;
 
 /// No record of this program is longer: the points of a full-size scan need 35 MB.
-const LONGEST: usize = 256 << 20;
+const MAX_RECORD_BYTES: usize = 256 << 20;
 
 /// What is read at once.
 const PIECE_BYTES: usize = 1 << 20;
@@ -28,7 +28,7 @@ impl<R: Read> Records<R> {
             .with_validate_data_section_crc(true)
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(LONGEST);
+            .with_record_length_limit(MAX_RECORD_BYTES);
         Records { source, framing: Framing::default(), reader: LinearReader::new_with_options(options) }
     }
 
@@ -50,7 +50,7 @@ impl<R: Read> Records<R> {
                             read => break read.map_err(|error| Wrong::Bytes(error.into()))?,
                         }
                     };
-                    let framed = self.framing.take(&into[..read]);
+                    let framed = self.framing.feed(&into[..read]);
                     self.reader.notify_read(read);
                     framed.map_err(Wrong::Content)?;
                 }

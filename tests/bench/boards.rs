@@ -19,7 +19,7 @@ const WIDTH_PX: usize = 1944;
 const SEEDS: u64 = 3;
 /// Wanted: this share of the boards, and times of a full-size picture, s.
 const FOUND: f64 = 0.98;
-const MOST_S: f64 = 1.0;
+const MAX_S: f64 = 1.0;
 const TYPICAL_S: f64 = 0.2;
 
 type Corners = Option<detect::Corners>;
@@ -208,7 +208,7 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
     let worst_s = all[0].worst_s().max(nothing[0].worst_s());
     let good = share >= FOUND
         && all[0].wrong + nothing[0].wrong == 0
-        && worst_s <= MOST_S
+        && worst_s <= MAX_S
         && all[0].median_s() <= TYPICAL_S
         && nothing[0].median_s() <= TYPICAL_S.max(all[0].worst_s());
     for (index, (peer, tally)) in peers.iter().zip(&all).enumerate() {

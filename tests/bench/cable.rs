@@ -74,7 +74,7 @@ use truth::{Side, Truth};
 /// Kinds and moments in all pairs, and more than a hundred besides.
 const SCENARIOS: u64 = 316;
 /// The cells begin one after the other, so that not all of them compute at the same moment.
-const APART: Duration = Duration::from_millis(2_500);
+const START_INTERVAL: Duration = Duration::from_millis(2_500);
 
 fn main() -> ExitCode {
     let seed = number("seed").unwrap_or(1);
@@ -86,7 +86,7 @@ fn main() -> ExitCode {
         for place in 0..number("cells").unwrap_or(6).clamp(1, 100) as u8 {
             let (next, table, prepared, end) = (&next, &table, &prepared, numbers.end);
             scope.spawn(move || {
-                std::thread::sleep(APART * u32::from(place));
+                std::thread::sleep(START_INTERVAL * u32::from(place));
                 loop {
                     let number = next.fetch_add(1, Ordering::SeqCst);
                     if number >= end {
@@ -134,7 +134,7 @@ fn told(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
     let ran = course.run();
     let mut violations: Vec<String> = ran.err().into_iter().chain(running.ended_by_itself()).collect();
     let gap = watchdog.largest_gap();
-    if gap > watchdog::ALLOWED {
+    if gap > watchdog::WATCHDOG_TIMEOUT {
         violations.push(format!("the watchdog was not fed for {:.1} s", gap.as_secs_f64()));
     }
     violations.extend(in_the_store(&cell, &course));

@@ -14,7 +14,7 @@ const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 const FRAMES_PER_S: f64 = 10.0;
 /// Losses are allowed, because the machine may be busy. A larger share of losses means that the link is not good
 /// enough.
-const MOST_LOST: f64 = 0.05;
+const MAX_LOST_SHARE: f64 = 0.05;
 
 fn main() -> ExitCode {
     let seconds = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(600);
@@ -99,6 +99,6 @@ fn run(span: Duration) -> Result<(), String> {
     let taken = counted.accepted - before.accepted;
     let missing = exposed.saturating_sub(taken) as f64 / exposed.max(1) as f64;
     println!("not taken: {:.2} %, all of them counted: {}", 100.0 * missing, accounted == exposed);
-    let held = wrong == 0 && accounted == exposed && missing <= MOST_LOST && exposed > 0;
+    let held = wrong == 0 && accounted == exposed && missing <= MAX_LOST_SHARE && exposed > 0;
     if held { Ok(()) } else { Err("the link does not hold what it must".to_owned()) }
 }

@@ -37,7 +37,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn take(&mut self, found: &Found) -> bool {
+    fn add(&mut self, found: &Found) -> bool {
         self.files += 1;
         match *found {
             Found::Refused => self.refused += 1,
@@ -83,7 +83,7 @@ fn main() -> ExitCode {
         for index in 0..count {
             let kind = (index % DAMAGES.len() as u64) as usize;
             let mut draw = Pcg64::seed_from_u64(index);
-            if tallies[kind].take(&judge(&held, &DAMAGES[kind].1, &mut draw)) {
+            if tallies[kind].add(&judge(&held, &DAMAGES[kind].1, &mut draw)) {
                 println!("{what} {index}: {}, not noticed", DAMAGES[kind].0);
             }
         }

@@ -41,11 +41,11 @@ use std::time::{Duration, Instant};
 const TICK_COMMANDS_S: f64 = 8.0 / 0.012;
 const LOOPBACK_SHARE: f64 = 0.95;
 const VIRTUAL_COMMANDS_S: f64 = 100_000.0;
-const TIMEOUT: Duration = Duration::from_millis(40);
-const IDLE: Duration = Duration::from_millis(20);
-const BUSY: Duration = Duration::from_millis(50);
+const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(40);
+const MAX_IDLE_DELAY: Duration = Duration::from_millis(20);
+const MAX_BUSY_DELAY: Duration = Duration::from_millis(50);
 /// From the service's socket to the wire.
-const SOCKET: Duration = Duration::from_millis(100);
+const MAX_SOCKET_DELAY: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
 /// Each trial lasts longer than the disk hangs.
 const HANGING_TRIALS: usize = 20;
@@ -53,7 +53,7 @@ const HANGING_TRIALS: usize = 20;
 const VIEWERS: usize = 20;
 /// Links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 /// A progress line is printed after each block of this number of walks.
 const PROGRESS_WALKS: usize = 5_000;
 /// Walks over the controller's programs as they ship.
@@ -81,8 +81,13 @@ fn main() -> ExitCode {
         abort_on_a_hanging_disk(),
         virtual_rate(),
         loopback_rate(),
-        stop_latency("idle", trials, 0, IDLE),
-        stop_latency("both cores busy", trials, std::thread::available_parallelism().map_or(2, usize::from), BUSY),
+        stop_latency("idle", trials, 0, MAX_IDLE_DELAY),
+        stop_latency(
+            "both cores busy",
+            trials,
+            std::thread::available_parallelism().map_or(2, usize::from),
+            MAX_BUSY_DELAY,
+        ),
         long_virtual_path(),
         path_over_sockets(),
         walks_of_the_programs(PROGRAM_WALKS),
@@ -133,7 +138,7 @@ fn abort_by_socket() -> bool {
 /// From the service's socket to the wire, though the disk hangs on which the loop writes its journal.
 fn abort_on_a_hanging_disk() -> bool {
     let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
-    let disk = format!("a disk that hangs for {} s", link::socket::HANGS.as_secs());
+    let disk = format!("a disk that hangs for {} s", link::socket::HANG_TIME.as_secs());
     told("abort by the service's socket to the frame", &disk, found)
 }
 
@@ -147,13 +152,13 @@ fn told(what: &str, among: &str, mut found: Vec<Duration>) -> bool {
     found.sort();
     let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
     let ms = |share: f64| at(share).as_secs_f64() * 1e3;
-    let reached = at(0.99) <= SOCKET;
+    let reached = at(0.99) <= MAX_SOCKET_DELAY;
     println!(
         "{what}, {among}, {} trials: median {:.1} ms, p99 {:.1} ms (target {} ms), most {:.1} ms {}",
         found.len(),
         ms(0.5),
         ms(0.99),
-        SOCKET.as_millis(),
+        MAX_SOCKET_DELAY.as_millis(),
         ms(1.0),
         verdict(reached)
     );
@@ -201,7 +206,7 @@ fn processor_s() -> Option<f64> {
 
 fn wait(link: &mut BlockingLink, found: impl Fn(&Report) -> bool) {
     loop {
-        let report = link.next(PATIENCE).expect("the link goes on");
+        let report = link.next(TIMEOUT).expect("the link goes on");
         if found(&report) {
             return;
         }
@@ -255,14 +260,14 @@ fn stop_latency(name: &str, trials: usize, busy: usize, spare: Duration) -> bool
     });
     found.sort_unstable();
     let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
-    let (worst, limit) = (at(0.999), TIMEOUT + spare);
+    let (worst, limit) = (at(0.999), WATCHDOG_TIMEOUT + spare);
     let reached = worst <= limit;
     let ms = |time: Duration| time.as_secs_f64() * 1_000.0;
     println!(
         "lost acknowledgement to STOP, {name}: {} trials, timeout {} ms: median {:.1} ms, p99 {:.1}, p99.9 {:.1} (target {:.0}), \
          most {:.1} {}",
         found.len(),
-        TIMEOUT.as_millis(),
+        WATCHDOG_TIMEOUT.as_millis(),
         ms(at(0.5)),
         ms(at(0.99)),
         ms(worst),
@@ -278,7 +283,8 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     let (command_port, state_port) = peer.ports();
     let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
     // Heartbeats and their answers far inside the timeout, so that only the acknowledgement is missed.
-    let limits = LinkLimits { watchdog: TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
+    let limits =
+        LinkLimits { watchdog: WATCHDOG_TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
     let mut link = BlockingLink::start(address, limits, Pace::Wall).expect("starts");
     let mut found = Vec::with_capacity(trials);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }));

@@ -47,7 +47,7 @@ const ACCEPTED_OF_ALL: f64 = 0.97;
 const LARGE_MM: [f64; 2] = [250.0, 180.0];
 const LITTLE_HIDDEN: f64 = 0.05;
 const MEAN_MM: f64 = 0.07;
-const LARGEST_MM: f64 = 0.15;
+const MAX_MM: f64 = 0.15;
 const LARGE_SHARE: f64 = 0.95;
 const STATED_SHARE: f64 = 0.9;
 const STATED_MM: f64 = gate::MAX_UNCERTAINTY_MM;
@@ -244,7 +244,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         wrong += usize::from(error.max_mm > RIGHT_MM);
         if length >= LARGE_MM[0] && width >= LARGE_MM[1] && trial.hidden() <= LITTLE_HIDDEN {
             large += 1;
-            large_good += usize::from(error.mean_mm <= MEAN_MM && error.max_mm <= LARGEST_MM);
+            large_good += usize::from(error.mean_mm <= MEAN_MM && error.max_mm <= MAX_MM);
             means.push(error.mean_mm);
             largest.push(error.max_mm);
         } else {
@@ -271,9 +271,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         + row(share(accepted, count) >= ACCEPTED_OF_ALL, &format!("{accepted} of {count} good scans are accepted"))
         + row(
             share(large_good, large) >= LARGE_SHARE,
-            &format!(
-                "{large_good} of {large} large panels within {MEAN_MM} mm on average and {LARGEST_MM} mm at most"
-            ),
+            &format!("{large_good} of {large} large panels within {MEAN_MM} mm on average and {MAX_MM} mm at most"),
         )
         + row(
             share(stated, others) >= STATED_SHARE && too_much == 0,

@@ -12,7 +12,7 @@ use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 /// Time limit for a set, s.
-const MOST_S: f64 = 60.0;
+const MAX_SET_S: f64 = 60.0;
 
 fn main() -> ExitCode {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -81,7 +81,7 @@ fn lens(set: &str, files: &[PathBuf], board: &str, out: &Path) -> usize {
     };
     let images = found["images"].as_array().map(Vec::as_slice).unwrap_or_default();
     let used = images.iter().filter(|image| image["used"] == true).count();
-    let good = seconds <= MOST_S;
+    let good = seconds <= MAX_SET_S;
     println!(
         "{:7} {set}, lens: {} ({}) in {seconds:.1} s (60); {used} of {} pictures; {}, {} px rms, left out {} px; known in {} of the \
          picture; next: {}",

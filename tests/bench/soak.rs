@@ -40,11 +40,11 @@ use std::time::{Duration, Instant};
 
 /// From one sample of the process to the next: free memory is given back at the end of a cycle, and the next one
 /// may begin at once.
-const SAMPLE: Duration = Duration::from_millis(100);
+const SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
 /// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. A picture of 400
 /// kB kept from each of some 180 cycles is more than thirty times as much. The store's page cache and the
 /// allocator's free lists are full after the first half, which is not judged.
-const MOST_GROWTH_AN_HOUR: f64 = 0.01;
+const MAX_GROWTH_PER_HOUR: f64 = 0.01;
 /// A slope below this number of its standard errors counts as none.
 const SURE: f64 = 3.0;
 
@@ -59,7 +59,10 @@ fn main() -> ExitCode {
     let prepared = cell::prepare(program.as_ref(), pace);
     let counts = Counts::default();
     let (mut running, watchdog) = Running::start(&prepared);
-    println!("{minutes} minutes; the watchdog allows {:.1} s without a sign", watchdog::ALLOWED.as_secs_f64());
+    println!(
+        "{minutes} minutes; the watchdog allows {:.1} s without a sign",
+        watchdog::WATCHDOG_TIMEOUT.as_secs_f64()
+    );
     let periods = std::thread::scope(|scope| {
         let _ends = counts.ends_with_this();
         operator::spawn(scope, &prepared, &counts);
@@ -71,7 +74,7 @@ fn main() -> ExitCode {
             let mut samples = Vec::new();
             while since.elapsed() < Duration::from_secs(report_s) && running.is_alive() {
                 samples.extend(Sample::read(running.id()));
-                std::thread::sleep(SAMPLE);
+                std::thread::sleep(SAMPLE_INTERVAL);
             }
             let Some(period) = Period::from_samples(begun.elapsed(), &samples) else { break };
             println!(
@@ -107,7 +110,7 @@ fn judge(
             continue;
         };
         // Memory by its size; a descriptor or a thread that is kept is one too many.
-        let most = least.unwrap_or(MOST_GROWTH_AN_HOUR * growth.mean);
+        let most = least.unwrap_or(MAX_GROWTH_PER_HOUR * growth.mean);
         let grows = growth.an_hour > most && growth.an_hour > SURE * growth.standard_error;
         let text = format!(
             "{name}, the least of each period of the second half: {:.0} {unit}, slope {:+.2} ± {:.2} {unit} an hour (most {most:.2})",
@@ -115,7 +118,7 @@ fn judge(
         );
         told(!grows || (least.is_none() && pace == Pace::Line), text);
     }
-    let (gap, half) = (watchdog.largest_gap().as_secs_f64(), watchdog::ALLOWED.as_secs_f64() / 2.0);
+    let (gap, half) = (watchdog.largest_gap().as_secs_f64(), watchdog::WATCHDOG_TIMEOUT.as_secs_f64() / 2.0);
     told(watchdog.signs() > 0 && gap <= half, format!("largest watchdog gap {gap:.3} s (most {half:.3} s)"));
     told(counts.unanswered() == 0, format!("requests that were never answered: {}", counts.unanswered()));
     told(ended.is_none(), ended.unwrap_or_else(|| "the service ran until the end".to_owned()));

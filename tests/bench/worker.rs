@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 const FULL: [usize; 2] = [1944, 1200];
 /// x, y, z and signal to noise as f32, three colours.
 const BYTES: usize = 1944 * 1200 * (12 + 3 + 4);
-const MOST_MS: f64 = 30.0;
-const PATIENCE: Duration = Duration::from_secs(120);
+const MAX_MS: f64 = 30.0;
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 fn main() {
     let numbers: Vec<usize> = std::env::args().skip(1).filter_map(|word| word.parse().ok()).collect();
@@ -26,7 +26,7 @@ fn main() {
     let (mut setup, launch) = stub::camera(folder.path(), FULL, "");
     setup.restarts = Restarts { most: 10_000, ..Restarts::default() };
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(TIMEOUT).expect("ready");
     let median_ms = crossing(&mut scanner, shots);
     let begun = Instant::now();
     let killed = kills::killed(scanner, times, &mut rand_pcg::Pcg64::seed_from_u64(1));
@@ -38,7 +38,7 @@ fn main() {
     for (name, count) in &killed.named {
         println!("  {count:4}  {name}");
     }
-    let right = median_ms <= MOST_MS && killed.named.values().sum::<usize>() == times;
+    let right = median_ms <= MAX_MS && killed.named.values().sum::<usize>() == times;
     println!("{}", if right { "all as asked" } else { "NOT as asked" });
     std::process::exit(i32::from(!right));
 }
@@ -66,7 +66,7 @@ fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
         BYTES as f64 * 1e-6
     );
     println!(
-        "  through the socket  median {:6.1} ms, {:.1} to {:.1}; at most {MOST_MS} ms are asked",
+        "  through the socket  median {:6.1} ms, {:.1} to {:.1}; at most {MAX_MS} ms are asked",
         crossing.0, crossing.1, crossing.2
     );
     println!("  a plain copy        median {:6.1} ms, {:.1} to {:.1}", copying.0, copying.1, copying.2);

@@ -31,7 +31,7 @@ const PIECES: [&[u8]; 24] = [
     b"\xE2\x80\xA8",
 ];
 /// The largest size that a change produces.
-const MOST_BYTES: usize = 64 << 10;
+const MAX_BYTES: usize = 64 << 10;
 
 /// The bytes with some changes; `other` is what they may be crossed with.
 pub fn changed(bytes: &[u8], other: &[u8], draw: &mut Pcg64) -> Vec<u8> {
@@ -63,6 +63,6 @@ pub fn changed(bytes: &[u8], other: &[u8], draw: &mut Pcg64) -> Vec<u8> {
             }
         }
     }
-    bytes.truncate(MOST_BYTES);
+    bytes.truncate(MAX_BYTES);
     bytes
 }

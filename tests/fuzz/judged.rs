@@ -13,9 +13,9 @@ use std::time::Duration;
 /// Changes per target; `FUZZ_CHANGES` in the environment sets a higher number.
 const CHANGES: u64 = 3_000;
 /// What an execution may compute for. The thread's own clock: other tests run beside it.
-const LONGEST: Duration = Duration::from_secs(1);
+const EXECUTION_TIMEOUT: Duration = Duration::from_secs(1);
 /// A target ends here, whatever is left of its changes.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TARGET_TIME_LIMIT: Duration = Duration::from_secs(20);
 
 fn computed() -> Duration {
     let now = clock_gettime(ClockId::ThreadCPUTime);
@@ -41,7 +41,7 @@ fn wrong(target: &Target, bytes: &[u8]) -> Option<String> {
             let words = words.or_else(|| panic.downcast_ref::<&str>().map(|words| (*words).to_owned()));
             Some(format!("it panics: {}", words.unwrap_or_default()))
         }
-        Ok(()) => (took > LONGEST).then(|| format!("it computes for {took:?}")),
+        Ok(()) => (took > EXECUTION_TIMEOUT).then(|| format!("it computes for {took:?}")),
     }
 }
 
@@ -63,7 +63,7 @@ fn no_reader_falls_over_bytes_that_nobody_meant() {
         assert!(!known.is_empty(), "{} has no seed", target.name);
         found.extend(known.iter().filter_map(|bytes| Some(keep(target, bytes, &wrong(target, bytes)?))));
         let (mut draw, begun, mut done) = (Pcg64::seed_from_u64(index as u64), computed(), 0);
-        while done < changes && (changes > CHANGES || computed() - begun < PATIENCE) {
+        while done < changes && (changes > CHANGES || computed() - begun < TARGET_TIME_LIMIT) {
             let [one, other] = [0, 1].map(|_| &known[draw.random_range(0..known.len())]);
             let bytes = changed(one, other, &mut draw);
             if let Some(why) = wrong(target, &bytes) {
@@ -85,7 +85,7 @@ fn a_reader_that_falls_over_is_told() {
     assert_eq!(wrong(&panics, b"abc").as_deref(), Some("it panics: too long"));
     let computes = |_: &[u8]| {
         let begun = computed();
-        while computed() - begun < LONGEST + Duration::from_millis(20) {
+        while computed() - begun < EXECUTION_TIMEOUT + Duration::from_millis(20) {
             std::hint::spin_loop();
         }
     };

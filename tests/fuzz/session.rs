@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 const BASE: KukaPose = KukaPose { x_mm: 400.0, y_mm: 0.0, z_mm: 12.5, a_deg: 0.5, b_deg: 0.0, c_deg: 0.0 };
 const TOOL: KukaPose = KukaPose { x_mm: 0.0, y_mm: 0.0, z_mm: 120.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
 /// Steps of one run; more of them find nothing that fewer do not.
-const MOST_STEPS: usize = 2_000;
+const MAX_STEPS: usize = 2_000;
 const ABORT: i64 = 11;
 const RESET: i64 = 12;
 
@@ -40,7 +40,7 @@ pub fn run(bytes: &[u8]) {
         heard: Heard::default(),
         judge: Judge::default(),
     };
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let Some(step) = run.bytes.next() else { return };
         run.step(step);
         run.drain();

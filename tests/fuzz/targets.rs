@@ -75,8 +75,8 @@ fn office(bytes: &[u8]) {
     if let Ok(chunk) = Chunk::read(bytes) {
         assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
         let mut assembly = Assembly::default();
-        drop(assembly.take(chunk.clone(), ()));
-        drop(assembly.take(chunk, ()));
+        drop(assembly.add(chunk.clone(), ()));
+        drop(assembly.add(chunk, ()));
     }
     if let Ok(message) = Message::read(bytes) {
         assert_eq!(Message::read(&message.bytes().expect("bytes")).as_ref(), Ok(&message));

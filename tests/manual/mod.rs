@@ -37,7 +37,7 @@ const MAY_FIND_FAULT: [&str; 8] = [
     "panelprep shoot",
 ];
 /// Time for which a refused command is repeated while something settles.
-const PATIENCE: Duration = Duration::from_secs(60);
+const RETRY_TIMEOUT: Duration = Duration::from_secs(60);
 
 struct Walk {
     computer: Computer,
@@ -113,7 +113,7 @@ impl Walk {
             // The robot's link, or a reset, may still be on its way.
             let may_settle = line.starts_with("panelprep ctl") && !line.contains(" start ")
                 || line.starts_with("panelprep robot set-out spray");
-            if output.status.success() || !may_settle || began.elapsed() > PATIENCE {
+            if output.status.success() || !may_settle || began.elapsed() > RETRY_TIMEOUT {
                 break output;
             }
             std::thread::sleep(Duration::from_millis(200));
@@ -190,12 +190,12 @@ impl Walk {
         let recipe = "panelprep ctl start --recipe /etc/panelprep/door.toml";
         for line in ["panelprep ctl reset --wait", recipe] {
             while !done(line).status.success() {
-                assert!(began.elapsed() < 2 * PATIENCE, "{line}: {:?}", done(line));
+                assert!(began.elapsed() < 2 * RETRY_TIMEOUT, "{line}: {:?}", done(line));
                 std::thread::sleep(Duration::from_millis(200));
             }
         }
         while !String::from_utf8_lossy(&done("panelprep ctl state").stdout).contains("execute") {
-            assert!(began.elapsed() < 3 * PATIENCE, "{:?}", done("panelprep ctl state"));
+            assert!(began.elapsed() < 3 * RETRY_TIMEOUT, "{:?}", done("panelprep ctl state"));
             std::thread::sleep(Duration::from_millis(200));
         }
     }

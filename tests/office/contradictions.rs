@@ -1,7 +1,7 @@
 //! Contradictions to a record: another one in its place, a change in the database, garbage. Each is reported, and
 //! replaces nothing.
 
-use super::offices::{Cell, PATIENCE, Plant, publish, runtime, sql};
+use super::offices::{Cell, Plant, TIMEOUT, publish, runtime, sql};
 use panelprep::cell::CellName;
 use panelprep::office::{Body, Chunk, Message, Position, What, chunks};
 use std::time::{Duration, Instant};
@@ -34,7 +34,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
         if exit == 1 {
             break found.to_string();
         }
-        assert!(since.elapsed() < PATIENCE, "{found}\n{}", plant.log());
+        assert!(since.elapsed() < TIMEOUT, "{found}\n{}", plant.log());
         std::thread::sleep(Duration::from_millis(100));
     };
     assert!(told.contains("came a second time with the SHA-256"), "{told}");

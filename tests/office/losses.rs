@@ -1,6 +1,6 @@
 //! Records that are lost on the way, and sent again: by kills, by disks, by another name, by another office.
 
-use super::offices::{Cell, PATIENCE, Plant, count, publish, runtime, sql};
+use super::offices::{Cell, Plant, TIMEOUT, count, publish, runtime, sql};
 use panelprep::broker::CellLink;
 use panelprep::cell::Office;
 use panelprep::office::{Body, Message, Position, What, chunks};
@@ -105,7 +105,7 @@ fn a_record_counts_with_its_files() {
     let wait_for = |number: u64| {
         let since = Instant::now();
         while archived() != Some(number) {
-            assert!(since.elapsed() < PATIENCE, "{number}: {:?}\n{}", archived(), plant.log());
+            assert!(since.elapsed() < TIMEOUT, "{number}: {:?}\n{}", archived(), plant.log());
             std::thread::sleep(Duration::from_millis(50));
         }
     };
@@ -127,7 +127,7 @@ fn wait_until_sent(progress: &Path, number: u64) {
         if read["sent"].as_object().is_some_and(|all| all.values().any(|sent| sent.as_u64() == Some(number))) {
             return;
         }
-        assert!(since.elapsed() < PATIENCE, "{read}");
+        assert!(since.elapsed() < TIMEOUT, "{read}");
         std::thread::sleep(Duration::from_millis(50));
     }
 }

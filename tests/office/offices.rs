@@ -17,7 +17,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-pub const PATIENCE: Duration = Duration::from_secs(120);
+pub const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Broker, database and archive.
 pub struct Plant {
@@ -87,7 +87,7 @@ impl Plant {
             if exit == 0 {
                 return found;
             }
-            assert!(since.elapsed() < PATIENCE, "{found}\n{}", self.log());
+            assert!(since.elapsed() < TIMEOUT, "{found}\n{}", self.log());
             std::thread::sleep(Duration::from_millis(200));
         }
     }
@@ -155,7 +155,7 @@ pub fn publish(plant: &Plant, parts: &[Chunk]) {
         // The archive makes the stream when it starts.
         let since = Instant::now();
         while let Err(error) = link.stream().await {
-            assert!(since.elapsed() < PATIENCE, "{error}\n{}", plant.log());
+            assert!(since.elapsed() < TIMEOUT, "{error}\n{}", plant.log());
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         for part in parts {

@@ -1,6 +1,6 @@
 //! The office's page, and what people do there.
 
-use super::offices::{Cell, PATIENCE, Plant, runtime};
+use super::offices::{Cell, Plant, TIMEOUT, runtime};
 use super::with_office;
 use crate::commands::{json, started};
 use crate::operator_page::{in_browser, modules};
@@ -41,7 +41,7 @@ fn people_look_at_all_cells_in_a_browser() {
     plant.broker.start();
     let since = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
-        assert!(since.elapsed() < PATIENCE, "the office's page does not listen");
+        assert!(since.elapsed() < TIMEOUT, "the office's page does not listen");
         std::thread::sleep(Duration::from_millis(50));
     }
     // A recipe is approved once: it is offered to each cell, and no cell uses it by itself.

@@ -5,7 +5,7 @@
 
 import { base, browser, fail, judged, person, reaches, state, step, wrong } from "./people.mjs";
 
-const MOST = 150; // stops of the Tab key on a page, and more
+const MAX_TAB_STOPS = 150; // stops of the Tab key on a page, and more
 
 /** What has the focus, and whether one sees it: an outline, or for a corner that is drawn its own fill. */
 const focused = (page) => page.evaluate(() => {
@@ -17,7 +17,7 @@ const focused = (page) => page.evaluate(() => {
 
 /** Presses a key until this has the focus. */
 async function to(page, selector, key = "Tab") {
-  for (let count = 0; count < MOST; count += 1) {
+  for (let count = 0; count < MAX_TAB_STOPS; count += 1) {
     await page.keyboard.press(key);
     const now = await focused(page);
     if (now && !now.isSeen) wrong.push(`the focus is not seen at ${now.words}`);

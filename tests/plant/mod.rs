@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
 /// A database that was killed repeatedly on a busy machine needs time.
-const PATIENCE: Duration = Duration::from_secs(180);
+const TIMEOUT: Duration = Duration::from_secs(180);
 
 /// Ports below those that the system gives to connections that go out: a server that is killed must get its own one again.
 const PORTS: std::ops::Range<u16> = 20_000..32_000;
@@ -52,7 +52,7 @@ impl Server {
         self.begin();
         let since = Instant::now();
         while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
-            assert!(since.elapsed() < PATIENCE, "the server on port {} does not answer", self.port);
+            assert!(since.elapsed() < TIMEOUT, "the server on port {} does not answer", self.port);
             // PostgreSQL waits for no process of a server that was killed: it ends.
             if self.child.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_some())) {
                 self.begin();
@@ -154,7 +154,7 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
         if made.expect("createdb").success() {
             return server;
         }
-        assert!(since.elapsed() < PATIENCE, "the database cannot be made");
+        assert!(since.elapsed() < TIMEOUT, "the database cannot be made");
         std::thread::sleep(Duration::from_millis(100));
     }
 }

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 /// Long enough for a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 /// The user that the broker knows.
 pub const USER: &str = "cell";
 pub const PASSWORD: &str = "a long password";
@@ -100,7 +100,7 @@ fn run(folder: &Path, port: u16) -> Child {
     let since = Instant::now();
     while TcpStream::connect(("127.0.0.1", port)).is_err() {
         assert!(
-            since.elapsed() < PATIENCE,
+            since.elapsed() < TIMEOUT,
             "{}",
             fs::read_to_string(folder.join("mosquitto.log")).unwrap_or_default()
         );
@@ -179,7 +179,7 @@ impl Host {
     /// Waits for a message of which this is true; all that came are kept.
     pub fn until(&mut self, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         loop {
-            match self.lines.recv_timeout(PATIENCE) {
+            match self.lines.recv_timeout(TIMEOUT) {
                 Ok(line) => self.keep(&line),
                 Err(error) => panic!("{what} never came: {error}; {:#?}", self.heard),
             }

@@ -24,7 +24,7 @@ const STEP_S: f64 = 2.0;
 /// minute.
 const HASTE: f64 = 8.0;
 /// Pictures that are kept at most, of each kind.
-const MOST: usize = 4_000;
+const MAX_CACHED_PICTURES: usize = 4_000;
 
 /// Which spots are gone.
 type Healed = Vec<bool>;
@@ -238,7 +238,7 @@ fn film_picture(stands: Stands, healed: &Healed, step: i64) -> Arc<ColorPicture>
         Arc::new(scene.film_of(&left.collect::<Vec<_>>()))
     });
     let picture = Arc::new(film.picture(step as f64 * STEP_S));
-    if rendered.film.len() < MOST {
+    if rendered.film.len() < MAX_CACHED_PICTURES {
         rendered.film.insert(key, picture.clone());
     }
     picture
@@ -255,7 +255,7 @@ fn corner_picture(stands: Stands, base_from_flange: &Rigid<Base, Flange>) -> Arc
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
     let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
     let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(&from, &place));
-    if rendered.corners.len() < MOST {
+    if rendered.corners.len() < MAX_CACHED_PICTURES {
         rendered.corners.insert(key, picture.clone());
     }
     picture

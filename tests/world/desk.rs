@@ -29,8 +29,8 @@ const SECOND: u32 = 1_002;
 const PAGE_ROUNDS: u64 = 4;
 
 /// Requests of one user, and of all, that may wait.
-const MOST_OF_USER: usize = 8;
-const MOST: usize = 32;
+const MAX_QUEUED_PER_USER: usize = 8;
+const MAX_QUEUED: usize = 32;
 /// Rounds of the loop until the answer to a request that was taken.
 const ANSWERED_IN: u32 = 2;
 
@@ -119,7 +119,7 @@ impl Desk {
         let who = Who { front: Front::Socket, uid: Some(uid), user: None };
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
-        let has_place = urgent || (of_user < MOST_OF_USER && of_all < MOST);
+        let has_place = urgent || (of_user < MAX_QUEUED_PER_USER && of_all < MAX_QUEUED);
         // The same stop of the same person is one request.
         let is_stop = urgent && !matches!(what, What::Leave);
         let is_same = is_stop

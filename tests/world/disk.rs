@@ -107,7 +107,7 @@ pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
         imagines: false,
         left: Vec::new(),
     };
-    watched.take(root);
+    watched.scan(root);
     watched.kept_names = watched.names.clone();
     WATCHED.with_borrow_mut(|slot| *slot = Some(watched));
     libc_calls::listen(true);
@@ -223,12 +223,12 @@ pub fn after(call: &Call<'_>, result: i64) {
 }
 
 impl Watched {
-    fn take(&mut self, folder: &Path) {
+    fn scan(&mut self, folder: &Path) {
         let mut entries: Vec<_> = std::fs::read_dir(folder).expect("a folder").flatten().collect();
         entries.sort_by_key(std::fs::DirEntry::file_name);
         for entry in entries {
             if entry.path().is_dir() {
-                self.take(&entry.path());
+                self.scan(&entry.path());
                 continue;
             }
             // Its bytes are nothing, and many.

@@ -38,7 +38,7 @@ const START: Joints =
 /// The tool is on the panel if its tip is this near to the surface, mm.
 const LOW_MM: f64 = 1.0;
 /// The controller's watchdog, a message on its way, and the time of its program, ms.
-const UNHEARD_MS: u64 = 400 + 300;
+const WATCHDOG_DELAY_MS: u64 = 400 + 300;
 
 /// What the record permits of a contact path.
 #[derive(Debug, Clone, Copy)]
@@ -394,7 +394,7 @@ impl Inside {
     /// Tool and water go off when the controller has heard nothing of its client for the watchdog's time.
     fn judge_watchdog(&mut self) {
         let now_ms = self.now_ms();
-        let is_silent = now_ms < self.cell.deaf_until_ms && now_ms > self.deaf_since_ms + UNHEARD_MS;
+        let is_silent = now_ms < self.cell.deaf_until_ms && now_ms > self.deaf_since_ms + WATCHDOG_DELAY_MS;
         if is_silent && !self.is_strange() {
             self.counts.judged("watchdog");
             if self.is_on(2) || self.is_on(5) {

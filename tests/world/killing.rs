@@ -24,9 +24,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Latest time at which a process is killed; most worlds take less.
-const LONGEST: Duration = Duration::from_millis(45);
+const MAX_KILL_DELAY: Duration = Duration::from_millis(45);
 /// Processes on one store, at most.
-const MOST_PROCESSES: u64 = 12;
+const MAX_PROCESSES: u64 = 12;
 /// Precedes a process's report about itself.
 const WRONG: &str = "wrong ";
 const END: &str = "end";
@@ -71,15 +71,15 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
     Fixture::get().put_store(&store);
     let mut draw = Pcg64::seed_from_u64(seed);
     let mut ledger = Ledger::default();
-    for process in 0..MOST_PROCESSES {
-        let world_seed = seed * MOST_PROCESSES + process;
+    for process in 0..MAX_PROCESSES {
+        let world_seed = seed * MAX_PROCESSES + process;
         let mut script = script::draw(world_seed, Odds { most: 3, disk: false });
         script.retain(|entry| {
             !matches!(entry.fault, Fault::Power { .. } | Fault::Disk { .. } | Fault::Backup | Fault::Restore)
         });
         let world = World { sabotage, ..World::with(world_seed, script) };
         // The last one comes to its end.
-        let patience = (process + 1 < MOST_PROCESSES).then(|| LONGEST.mul_f64(draw.random()));
+        let patience = (process + 1 < MAX_PROCESSES).then(|| MAX_KILL_DELAY.mul_f64(draw.random()));
         let told = run_and_kill(&world, &folder, &ledger, patience);
         let mut has_ended = false;
         for line in told.lines() {

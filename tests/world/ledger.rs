@@ -125,7 +125,7 @@ impl Ledger {
             let line = format!("{}\n", serde_json::to_string(&(told, begun)).expect("plain data"));
             file.write_all(line.as_bytes()).expect("a pipe that somebody reads");
         }
-        self.take(told, begun);
+        self.apply(told, begun);
     }
 
     /// The same as a line of `told_to`.
@@ -134,11 +134,11 @@ impl Ledger {
     /// If it is not such a line.
     pub fn take_line(&mut self, line: &str) -> Result<(), String> {
         let (told, begun) = serde_json::from_str(line).map_err(|error| format!("{line}: {error}"))?;
-        self.take(told, begun);
+        self.apply(told, begun);
         Ok(())
     }
 
-    fn take(&mut self, told: Told, begun: Option<CycleId>) {
+    fn apply(&mut self, told: Told, begun: Option<CycleId>) {
         match (told, self.cycle) {
             (Told::Event(event), _) => self.events.push(event),
             (Told::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),

@@ -77,7 +77,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 /// Virtual time after which no more faults strike, ms.
-const LONGEST_MS: u64 = 120_000;
+const MAX_FAULT_TIME_MS: u64 = 120_000;
 /// From the end of a process to the begin of the next, ms.
 const AWAY_MS: u64 = 2_000;
 /// The same after a power cut in one world of two: longer than a controller waits for a client that is gone without
@@ -92,7 +92,7 @@ const LONG_AFTERMATH_MS: u64 = 40_000;
 /// In one of this number of worlds with grease and a whole last cycle, the disc does not remove the grease.
 const STUBBORN_ONE_IN: u32 = 3;
 /// Processes that a world sees at most.
-const MOST_LIVES: u64 = 60;
+const MAX_LIVES: u64 = 60;
 
 /// What the stages found in all worlds of the process: equal sights give equal results.
 static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
@@ -179,7 +179,7 @@ impl World {
         let world = Shared::new(stands, link, self.script.clone(), self.sabotage);
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
-        let mut people = People::new(world.clone(), (cycles, is_whole), LONGEST_MS);
+        let mut people = People::new(world.clone(), (cycles, is_whole), MAX_FAULT_TIME_MS);
         people.dries = self.seed % 5 == 2;
         let is_long = self.seed / INTERPRETED.0 % 4 == 1;
         world.lock().aftermath_ms = if is_long { LONG_AFTERMATH_MS } else { AFTERMATH_MS };
@@ -262,7 +262,7 @@ impl Running {
             if self.is_end(ended) {
                 break;
             }
-            if lives >= MOST_LIVES {
+            if lives >= MAX_LIVES {
                 self.world.lock().wrong("lives", format!("{lives} processes and no end"));
                 break;
             }

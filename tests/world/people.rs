@@ -19,10 +19,10 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 /// Interval at which a person looks at the cell, ms.
-const LOOKS_MS: u64 = 200;
+const POLL_INTERVAL_MS: u64 = 200;
 /// Duration of a computation, and interval of the checks for a film's next picture, ms.
-const COMPUTES_MS: u64 = 120;
-const WATCHES_MS: u64 = 60;
+const COMPUTATION_MS: u64 = 120;
+const PICTURE_POLL_INTERVAL_MS: u64 = 60;
 /// From the end of all trouble the cell must come to a new cycle within so long, ms.
 const RECOVERY_MS: u64 = 60_000;
 /// With its tip farther than this from the panel, the arm may go to its park pose from anywhere, mm: the gate's 40
@@ -33,9 +33,9 @@ const CALM_MS: u64 = 1_000;
 /// So long what struck last may have its effect before all is mended, however many cycles have ended, ms.
 pub const AFTERMATH_MS: u64 = 5_000;
 /// Number of steps by which a second screen may be behind.
-const MOST_SHOWN: usize = 64;
+const MAX_STEPS_BEHIND: usize = 64;
 /// Number of attempts to continue a held cycle.
-const TRIES: u32 = 3;
+const MAX_ATTEMPTS: u32 = 3;
 
 /// What is to become of the process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -155,7 +155,7 @@ impl People {
         let now = Shown::from_state(state);
         if self.shown.back() != Some(&now) {
             self.shown.push_back(now);
-            self.shown.drain(..self.shown.len().saturating_sub(MOST_SHOWN));
+            self.shown.drain(..self.shown.len().saturating_sub(MAX_STEPS_BEHIND));
         }
         while let Some((press, back)) = world.screens.pop_front() {
             let at = self.shown.len().saturating_sub(1 + back as usize);
@@ -167,7 +167,7 @@ impl People {
         let is_another_part = world.is_another_part;
         let away_until_ms = world.away_until_ms;
         drop(world);
-        if desk.is_free() && now_ms >= away_until_ms.max(self.looked_ms + LOOKS_MS) {
+        if desk.is_free() && now_ms >= away_until_ms.max(self.looked_ms + POLL_INTERVAL_MS) {
             self.looked_ms = now_ms;
             if let Some(what) = self.usual(state, is_another_part) {
                 let is_leave = matches!(what, What::Leave);
@@ -245,7 +245,7 @@ impl People {
             }
             (_, At::Held(hold)) if is_ready => {
                 self.held += 1;
-                if self.held > TRIES {
+                if self.held > MAX_ATTEMPTS {
                     self.held = 0;
                     return table(cycle::Request::Stop);
                 }
@@ -264,8 +264,8 @@ impl People {
         match self.aim {
             Aim::Recover { whole: true } => {
                 // A cycle that only found the arm at an unknown place is none.
-                let is_next =
-                    state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) } && self.taken_away < TRIES;
+                let is_next = state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
+                    && self.taken_away < MAX_ATTEMPTS;
                 has_begun && state.at.rests() && !state.job.running && !is_next
             }
             Aim::Recover { whole: false } => {
@@ -304,7 +304,7 @@ impl People {
     }
 
     /// A result comes to the loop once it has taken its time.
-    fn lets_in(&mut self, id: Id) -> bool {
+    fn admit(&mut self, id: Id) -> bool {
         let world = self.world.lock();
         let now_ms = world.now_ms();
         let late_ms = world.cameras.iter().flatten().filter(|(_, until_ms)| now_ms < *until_ms);
@@ -317,13 +317,13 @@ impl People {
         match self.working {
             Some((under_way, due_ms)) if under_way == id => {
                 if now_ms >= due_ms {
-                    self.working = Some((id, now_ms + WATCHES_MS + late_ms));
+                    self.working = Some((id, now_ms + PICTURE_POLL_INTERVAL_MS + late_ms));
                     return true;
                 }
                 false
             }
             _ => {
-                self.working = Some((id, now_ms + COMPUTES_MS + late_ms));
+                self.working = Some((id, now_ms + COMPUTATION_MS + late_ms));
                 false
             }
         }
@@ -340,7 +340,7 @@ impl Port<RequestCommand> for People {
                 RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))
             }
             RequestCommand::Next(state) => RequestAnswer::Next(self.next(&state)),
-            RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.lets_in(id).then_some(id)),
+            RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.admit(id).then_some(id)),
             RequestCommand::Tell(news) => {
                 self.hear(&news);
                 if let Some(desk) = &mut self.desk {

@@ -8,9 +8,9 @@ use panelprep::eki::{Command, LinkLoss, Report, Time};
 use std::mem::discriminant;
 
 /// How long the loop waits for a report before it looks elsewhere, ms.
-const PATIENCE_MS: u64 = 20;
+const POLL_TIMEOUT_MS: u64 = 20;
 /// This number of reports in one moment means that the loop does not let time pass.
-const MOST_AT_ONCE: u32 = 10_000;
+const MAX_SIMULTANEOUS_REPORTS: u32 = 10_000;
 
 /// The robot's port.
 pub struct Robot {
@@ -33,14 +33,14 @@ impl Robot {
         let mut world = self.world.lock();
         let (now_ms, (told_ms, count)) = (world.now_ms(), self.told);
         self.told = (now_ms, if told_ms == now_ms { count + 1 } else { 0 });
-        if self.told.1 == MOST_AT_ONCE {
-            world.wrong("time goes on", format!("{MOST_AT_ONCE} reports in one moment"));
+        if self.told.1 == MAX_SIMULTANEOUS_REPORTS {
+            world.wrong("time goes on", format!("{MAX_SIMULTANEOUS_REPORTS} reports in one moment"));
         }
     }
 
     fn next(&mut self) -> Option<Report> {
         let mut world = self.world.lock();
-        let end_ms = world.now_ms() + PATIENCE_MS;
+        let end_ms = world.now_ms() + POLL_TIMEOUT_MS;
         loop {
             while let Some(mut report) = world.cell.next_report() {
                 if world.sabotage == Some(Sabotage::HidesJogs) {

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Messages that are kept, to come once more.
-const MOST_SENT: usize = 60;
+const MAX_KEPT_MESSAGES: usize = 60;
 /// The operation of a request, as it is written in its message.
 const ABORT: &str = " Op=\"11\"";
 const HEARTBEAT: &str = " Op=\"10\"";
@@ -67,7 +67,7 @@ impl Tampering {
     fn replayed(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let Some(epoch) = epoch_of(bytes) else { return vec![] };
         self.sent.push_back((epoch, bytes.to_vec()));
-        if self.sent.len() > MOST_SENT {
+        if self.sent.len() > MAX_KEPT_MESSAGES {
             self.sent.pop_front();
         }
         if self.replays == 0 {

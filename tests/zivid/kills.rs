@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Longer than any start on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+const START_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The result of the kills.
 #[derive(Debug, Default)]
@@ -22,7 +22,7 @@ pub struct Killed {
 
 /// Kills the worker this number of times, each at a random moment of a capture, a transfer, a rest or a start.
 pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt) -> Killed {
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(START_TIMEOUT).expect("ready");
     let (is_over, status) = (AtomicBool::new(false), scanner.watch());
     thread::scope(|scope| {
         let asks = scope.spawn(|| {
@@ -43,17 +43,21 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
             thread::sleep(Duration::from_millis(random.random_range(0..400)));
             let since = Instant::now();
             while !kill_worker(status.worker()) {
-                assert!(since.elapsed() < PATIENCE, "no worker comes");
+                assert!(since.elapsed() < START_TIMEOUT, "no worker comes");
                 thread::sleep(Duration::from_millis(2));
             }
             while status.lost() < kill {
-                assert!(since.elapsed() < PATIENCE, "kill {kill} was not noticed: {:?}", status.faults().last());
+                assert!(
+                    since.elapsed() < START_TIMEOUT,
+                    "kill {kill} was not noticed: {:?}",
+                    status.faults().last()
+                );
                 thread::sleep(Duration::from_millis(2));
             }
         }
         is_over.store(true, Ordering::Relaxed);
         let (mut scanner, mut delivered) = asks.join().expect("who asks is never stopped");
-        scanner.ready(PATIENCE).expect("started again");
+        scanner.ready(START_TIMEOUT).expect("started again");
         right(&scanner.shot().expect("it delivers again"));
         delivered += 1;
         let faults = status.faults();

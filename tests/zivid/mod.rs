@@ -15,7 +15,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 const SMALL: [usize; 2] = [162, 100];
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn ready(
     lines: &str,
@@ -25,7 +25,7 @@ fn ready(
     let (mut setup, launch) = stub::camera(folder.path(), SMALL, lines);
     patience(&mut setup);
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(TIMEOUT).expect("ready");
     (folder, scanner)
 }
 
@@ -51,7 +51,7 @@ fn each_planted_fault_of_the_camera_is_named() {
         let since = Instant::now();
         // A worker that was started again counts from one: its second exposure fails again.
         while !["hang", "crash"].contains(&fault) && scanner.shot().is_err() {
-            assert!(since.elapsed() < PATIENCE, "{fault}: {:?}", scanner.history());
+            assert!(since.elapsed() < TIMEOUT, "{fault}: {:?}", scanner.history());
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -86,7 +86,7 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
         let folder = tempfile::tempdir().expect("a folder");
         let (setup, launch) = on_the_network(folder.path(), SMALL, &format!("status {status}\n"));
         let scanner = ZividScanner::start(setup, launch).expect("a thread");
-        let told = scanner.ready(PATIENCE).expect_err(status).to_string();
+        let told = scanner.ready(TIMEOUT).expect_err(status).to_string();
         assert!(
             told.starts_with(words) && told.contains("In the SDK's words: the camera cannot be connected"),
             "{told}"
@@ -96,7 +96,7 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = on_the_network(folder.path(), SMALL, "");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(PATIENCE).expect("this one opens");
+    scanner.ready(TIMEOUT).expect("this one opens");
     scanner.shot().expect("and delivers");
 }
 
@@ -154,7 +154,7 @@ fn a_camera_that_crashes_its_process_each_time_is_left_alone() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = stub::camera(folder.path(), SMALL, "fault 1 crash\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    let down = scanner.ready(PATIENCE).expect_err("down");
+    let down = scanner.ready(TIMEOUT).expect_err("down");
     assert!(matches!(down, ZividFault::Down { ended: 4, allowed: 3, .. }), "{down}");
     assert!(down.to_string().contains("Last: C11 the 3D camera's worker ended (signal: 6 (SIGABRT)"), "{down}");
     assert!(matches!(scanner.temperatures(), Err(ZividFault::Down { .. })));
@@ -168,7 +168,7 @@ fn a_worker_without_its_library_says_what_to_do() {
     let arguments = ["zivid-worker".into(), "--library".into(), folder.path().join("none.so").into()];
     let launch = panelprep::devices::zivid::launcher(env!("CARGO_BIN_EXE_panelprep").into(), arguments.into());
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
-    let told = scanner.ready(PATIENCE).expect_err("none").to_string();
+    let told = scanner.ready(TIMEOUT).expect_err("none").to_string();
     assert!(told.starts_with("C1 the 3D camera's worker cannot work: ") && told.contains("`make zivid`"), "{told}");
 }
 

@@ -11,7 +11,7 @@ use tokio_postgres::Client;
 use tokio_postgres::types::ToSql;
 
 /// A page waits so long for the database.
-const ANSWERS_WITHIN: Duration = Duration::from_secs(15);
+const QUERY_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// A reader of the archive. Clones share one connection, which is made anew if it was lost.
 #[derive(Clone)]
@@ -67,7 +67,7 @@ impl Reader {
 
     /// Drops the connection to a database that does not answer, so that the next page connects anew.
     async fn in_time<T>(&self, asking: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
-        let answered = database::within(ANSWERS_WITHIN, asking).await;
+        let answered = database::within(QUERY_TIMEOUT, asking).await;
         if let Err(ArchiveError::Silent { .. }) = answered {
             *self.client.lock().await = None;
         }

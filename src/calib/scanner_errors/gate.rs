@@ -8,7 +8,7 @@ use crate::words::apart;
 /// Fewer places give no information on a working volume.
 pub const MIN_PLACES: usize = 8;
 /// A board that is bowed by more is no calibration board, mm.
-const MOST_BOW_MM: f64 = 0.5;
+const MAX_BOW_MM: f64 = 0.5;
 /// Share of the picture in which at least two scans have the board.
 const COVERED: f64 = 0.6;
 /// Farthest depth over nearest.
@@ -59,10 +59,10 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
                     "the board is turned by {is}° in its plane, {least}° are needed: else its own bow counts as the camera's; turn it upright in some scans"
                 )
             }),
-        Check::new("the board's bow", "mm", found.bow_mm).at_most(MOST_BOW_MM, SetBy::Program).reviews(
+        Check::new("the board's bow", "mm", found.bow_mm).at_most(MAX_BOW_MM, SetBy::Program).reviews(
             "scanner_board",
             || {
-                let [is, most] = apart(found.bow_mm, MOST_BOW_MM, 2);
+                let [is, most] = apart(found.bow_mm, MAX_BOW_MM, 2);
                 format!("the board is bowed by {is} mm (limit {most} mm); use a stiff one")
             },
         ),

@@ -54,7 +54,7 @@ pub fn rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
 }
 
 /// The error that is the same in each scan is corrected only if the left-out rms falls to this share.
-const WORTH_IT: f64 = 0.9;
+const MAX_RMS_RATIO: f64 = 0.9;
 
 /// Measures the camera's errors.
 ///
@@ -76,7 +76,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         .iter()
         .filter_map(|&lambda| Some((lambda, field::left_out(&fits, Some(lambda))?)))
         .min_by(|a, b| a.1.rms_mm.total_cmp(&b.1.rms_mm));
-    let best = best.filter(|(_, left_out)| left_out.rms_mm <= WORTH_IT * plain.rms_mm);
+    let best = best.filter(|(_, left_out)| left_out.rms_mm <= MAX_RMS_RATIO * plain.rms_mm);
     let (solved, left_out) = match &best {
         Some((lambda, left_out)) => (field::solve(&fits, *lambda), left_out),
         None => (None, &plain),

@@ -12,7 +12,7 @@ use crate::geometry::DepthField;
 use nalgebra::{DMatrix, DVector};
 
 /// A slope is accepted if the rms of the predicted scales of left-out scans falls to this share.
-const WORTH_IT: f64 = 0.8;
+const MAX_RMS_RATIO: f64 = 0.8;
 /// Terms of (1).
 const TERMS: usize = 4;
 
@@ -52,7 +52,7 @@ pub(super) fn estimate(views: &[PlaneView], field: Option<&DepthField>) -> Optio
     let terms = DMatrix::from_fn(views.len(), TERMS, term);
     let all = LeftOut::fit(&terms, &scales)?;
     let scale_alone = LeftOut::fit(&terms.columns(0, 2).into_owned(), &scales)?;
-    let is_worth_it = all.foretold <= WORTH_IT * scale_alone.foretold;
+    let is_worth_it = all.foretold <= MAX_RMS_RATIO * scale_alone.foretold;
     Some(Tilt {
         slope_mm: is_worth_it.then(|| [all.solved[2], all.solved[3]]),
         left_percent: if is_worth_it { all.left } else { scale_alone.left },

@@ -247,7 +247,7 @@ fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
     });
     outcome.put("parameters", numbers.collect());
     let (told, untold): (Vec<_>, Vec<_>) =
-        found.numbers.iter().partition(|number| number.untold < robot_next::TOLD);
+        found.numbers.iter().partition(|number| number.untold < robot_next::DETERMINED_SHARE);
     for number in &told {
         outcome.say(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
     }

@@ -21,7 +21,7 @@ const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
 
 /// A flat scan lies on the rays of some lens wherever its frame is: the depths differ by this share of the distance
 /// at least.
-const LEAST_RELIEF: f64 = 0.05;
+const MIN_RELIEF: f64 = 0.05;
 
 /// Reads the lens and writes the file.
 ///
@@ -55,8 +55,8 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     depths_mm.sort_by(f64::total_cmp);
     let depth = |share: f64| depths_mm[((depths_mm.len() - 1) as f64 * share) as usize];
     let relief = (depth(0.95) - depth(0.05)) / depth(0.5);
-    if relief.is_nan() || relief < LEAST_RELIEF {
-        let [found, wanted] = apart(100.0 * relief, 100.0 * LEAST_RELIEF, 1);
+    if relief.is_nan() || relief < MIN_RELIEF {
+        let [found, wanted] = apart(100.0 * relief, 100.0 * MIN_RELIEF, 1);
         review.push(Reason::new(
             "flat",
             format!(

@@ -9,7 +9,7 @@ use crate::verdict::Reason;
 /// Below this there is room for a few cycles only, MB.
 const SCARCE_MB: u64 = 10_000;
 /// What is written and read in the same minute may differ by as much, s.
-const CLOCK_SLACK_S: i64 = 60;
+const CLOCK_TOLERANCE_S: i64 = 60;
 
 /// Room for what a cycle leaves behind.
 pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
@@ -50,7 +50,7 @@ pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
 /// What was written last must not lie ahead.
 pub(super) fn clock_behind(written_unix_s: i64, now_unix_s: i64) -> Check {
     let ahead_s = written_unix_s - now_unix_s;
-    if ahead_s > CLOCK_SLACK_S {
+    if ahead_s > CLOCK_TOLERANCE_S {
         let found = format!("the store was last written {:.1} h ahead of now", ahead_s as f64 / 3600.0);
         return Check::wrong("clock beside the store", found, "set the computer's clock: `timedatectl`");
     }

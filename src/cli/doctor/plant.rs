@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Time limit for a server to accept a connection.
-const WITHIN: Duration = Duration::from_secs(3);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Everything that the cell's file names.
 pub(super) fn check(cell: &Cell) -> Vec<Check> {
@@ -77,7 +77,7 @@ fn reached(name: &'static str, files: Result<(), TrustError>, address: String) -
     if let Err(problem) = files {
         return Check::wrong(name, problem.to_string(), "mend the file, or name another one in the cell's file");
     }
-    match connected(address.clone(), WITHIN) {
+    match connected(address.clone(), CONNECT_TIMEOUT) {
         Ok(()) => Check::right(name, format!("{address} accepts connections")),
         Err(problem) => {
             let advice = "check the address in the cell's file, the network, and whether the server runs; the cell \

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 const NAME: &str = "compliant tool";
 /// Time limit for the tool to answer and to move back.
-const WITHIN: Duration = Duration::from_secs(3);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Checks the tool of a cell; `None` if it is a spring. `served` states that the service runs and holds the tool.
 pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
@@ -38,7 +38,7 @@ pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
 fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
     let began = Instant::now();
     let (mut last, mut lost): (Option<Reading>, Option<Loss>) = (None, None);
-    while began.elapsed() < WITHIN {
+    while began.elapsed() < RESPONSE_TIMEOUT {
         match link.news() {
             Some(ToolNews::Reading { reading, .. }) => (last, lost) = (Some(reading), None),
             Some(ToolNews::Lost(loss)) => lost = Some(loss),

@@ -193,7 +193,7 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
             shown(usual.mean),
             shown(usual.sigma)
         ),
-        None => format!("fewer than {} values: no hints", crate::history::western_electric::LEAST_VALUES),
+        None => format!("fewer than {} values: no hints", crate::history::western_electric::MIN_VALUES),
     });
     words.extend((trend.without > 0).then(|| format!("{} more cycles have no such number", trend.without)));
     words

@@ -7,7 +7,7 @@ use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividFault,
 use std::time::Duration;
 
 /// Time limit for the controller's answer.
-const PATIENCE: Duration = Duration::from_secs(2);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// What was found of one kind: serial numbers, and a sentence.
 pub(super) struct Found {
@@ -65,7 +65,7 @@ fn only_zivid() -> Result<String, String> {
 /// Whether something listens at the controller's address.
 pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
-    match connected((host.to_owned(), port), PATIENCE) {
+    match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {
         Ok(()) => format!("{place}: the controller accepts connections; `panelprep doctor` checks more"),
         Err(problem) => format!("{place}: nothing answers yet: {problem}"),
     }

@@ -26,9 +26,9 @@ pub(super) fn for_row(number: u32) -> Option<fn(&Cell) -> Tried> {
 }
 
 /// A controller makes its channels available again within this time, whatever happened to them.
-const BACK: Duration = Duration::from_secs(10);
+const RECONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// States come every 100 ms.
-const HEARD: Duration = Duration::from_millis(1_500);
+const STATE_TIMEOUT: Duration = Duration::from_millis(1_500);
 
 fn found(right: bool, evidence: String) -> Tried {
     Ok((if right { Finding::Proven } else { Finding::Wrong }, evidence))
@@ -52,7 +52,7 @@ impl Client {
     /// Tries until the controller reports a state; `None` if it does not report one in time.
     fn patient(cell: &Cell) -> Option<(Client, String)> {
         let begun = Instant::now();
-        while begun.elapsed() < BACK {
+        while begun.elapsed() < RECONNECT_TIMEOUT {
             let both = (connect(cell, cell.robot().command_port()), connect(cell, cell.robot().state_port()));
             if let (Ok(command), Ok(state)) = both {
                 let mut client = Client { command, state };
@@ -69,7 +69,7 @@ impl Client {
     fn hear(&mut self) -> Option<String> {
         let (begun, mut text) = (Instant::now(), Vec::new());
         let mut piece = [0; 4_096];
-        while begun.elapsed() < HEARD {
+        while begun.elapsed() < STATE_TIMEOUT {
             match self.state.read(&mut piece) {
                 Ok(0) => break,
                 Ok(count) => text.extend_from_slice(&piece[..count]),

@@ -32,7 +32,12 @@ struct Taken {
 ///
 /// # Errors
 /// If the folder already holds a clip, the camera does not deliver, or writing to the disk fails.
-pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+pub fn capture(
+    args: &Shoot,
+    files: &CellFiles,
+    outcome: &mut Outcome,
+    progress: &dyn Fn(&str),
+) -> Result<(), Fault> {
     let list = args.out.join("clip.csv");
     if list.exists() || args.out.join(file_name(1)).exists() {
         return Err(ClipFault::ClipIsThere { folder: args.out.clone() }.into());

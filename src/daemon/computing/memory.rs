@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Results that are remembered, at most: each has its notes and what it found. What is new after that is computed
 /// each time.
-const MOST: usize = 4_000;
+const MAX_RESULTS: usize = 4_000;
 
 /// Names the scene that the cameras would show for this act now; `None` if the result is not to be remembered.
 pub type SceneKey = Box<dyn FnMut(Act) -> Option<u64> + Send>;
@@ -78,7 +78,7 @@ impl Memory {
     pub(super) fn remember(&self, inputs: String, worked: &Worked) {
         let Ok(found) = &worked.found else { return };
         let mut results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
-        if results.len() >= MOST {
+        if results.len() >= MAX_RESULTS {
             return;
         }
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {

@@ -10,13 +10,13 @@ use maud::{Markup, html};
 use serde_json::json;
 
 /// The page loads itself again.
-const AGAIN_S: u32 = 5;
+const RELOAD_INTERVAL_S: u32 = 5;
 /// A cell that did not report for this time is stale, ms: it reports its state every two seconds.
 const STALE_MS: i64 = 15_000;
 
 pub(super) async fn page(State(shared): State<Shared>) -> Response {
     match shared.reader().cells().await {
-        Ok((cells, now_unix_ms)) => frame::page("Cells", "/", Some(AGAIN_S), &body(&cells, now_unix_ms)),
+        Ok((cells, now_unix_ms)) => frame::page("Cells", "/", Some(RELOAD_INTERVAL_S), &body(&cells, now_unix_ms)),
         Err(error) => failed(&error),
     }
 }

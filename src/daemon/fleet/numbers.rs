@@ -17,9 +17,9 @@ use maud::{Markup, html};
 use serde::Deserialize;
 
 /// Values over all cells.
-const MOST: i64 = 2_000;
+const MAX_VALUES: i64 = 2_000;
 /// Verifications of each cell.
-const MOST_VERIFICATIONS: i64 = 200;
+const MAX_VERIFICATIONS: i64 = 200;
 /// Newest values of a cell that are held against its earlier ones.
 const LATE: usize = 10;
 const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
@@ -47,7 +47,7 @@ async fn numbers(shared: &Shared, mut query: NumbersQuery) -> Result<Found, Arch
     if query.quantity.is_empty() {
         Known::LocalizationError.word().clone_into(&mut query.quantity);
     }
-    let cells = shared.reader().numbers(&query.panel, &query.quantity, MOST).await?;
+    let cells = shared.reader().numbers(&query.panel, &query.quantity, MAX_VALUES).await?;
     Ok(Found { panels, query, cells })
 }
 
@@ -55,7 +55,7 @@ async fn verifications(shared: &Shared, mut query: NumbersQuery) -> Result<Found
     if !SUBJECTS.contains(&query.subject.as_str()) {
         SUBJECTS[0].clone_into(&mut query.subject);
     }
-    let cells = shared.reader().verifications(&query.subject, MOST_VERIFICATIONS).await?;
+    let cells = shared.reader().verifications(&query.subject, MAX_VERIFICATIONS).await?;
     Ok(Found { panels: Vec::new(), query, cells })
 }
 
@@ -127,7 +127,7 @@ fn numbers_body(Found { panels, query, cells }: &Found) -> Markup {
             }
             @let address = frame::address(&[("panel", &query.panel), ("quantity", &query.quantity)]);
             p.links { a href={ "/numbers.csv?" (address) } { "CSV" } " · " a href={ "/numbers.json?" (address) } { "JSON" } }
-            p.note { "The newest " (MOST) " values over all cells." }
+            p.note { "The newest " (MAX_VALUES) " values over all cells." }
         }
         (compared((title, unit), cells))
     }
@@ -151,7 +151,7 @@ fn verifications_body(Found { query, cells, .. }: &Found) -> Markup {
             }
             @let address = frame::address(&[("subject", &query.subject)]);
             p.links { a href={ "/verifications.csv?" (address) } { "CSV" } " · " a href={ "/verifications.json?" (address) } { "JSON" } }
-            p.note { "The newest " (MOST_VERIFICATIONS) " of each cell." }
+            p.note { "The newest " (MAX_VERIFICATIONS) " of each cell." }
         }
         (compared((title, unit), cells))
     }

@@ -18,10 +18,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// Before this time is over, the service reports a camera that has stopped delivering.
-const PATIENCE: Duration = Duration::from_secs(120);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(120);
 /// The longest head, and the most that one shot may be: 100 million points.
-const MOST_HEAD_BYTES: u64 = 64 * 1_024;
-const MOST_SHOT_BYTES: usize = 2_000_000_000;
+const MAX_HEAD_BYTES: u64 = 64 * 1_024;
+const MAX_SHOT_BYTES: usize = 2_000_000_000;
 
 type Connection = BufReader<UnixStream>;
 
@@ -61,8 +61,8 @@ fn failed(problem: impl std::fmt::Display) -> CameraError {
 /// Requests shots.
 fn ask(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
     let mut stream = UnixStream::connect(socket).map_err(failed)?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
-    stream.set_write_timeout(Some(PATIENCE)).map_err(failed)?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(failed)?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(failed)?;
     stream.write_all(request_line(&What::Shoot(shot)).map_err(failed)?.as_bytes()).map_err(failed)?;
     Ok(BufReader::new(stream))
 }
@@ -70,7 +70,7 @@ fn ask(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
 /// The next head.
 fn head(connection: &mut Connection) -> Result<Sent, CameraError> {
     let mut line = Vec::new();
-    connection.by_ref().take(MOST_HEAD_BYTES).read_until(b'\n', &mut line).map_err(failed)?;
+    connection.by_ref().take(MAX_HEAD_BYTES).read_until(b'\n', &mut line).map_err(failed)?;
     match serde_json::from_slice(&line) {
         Ok(Sent::Failed { reasons }) if reasons.iter().any(|reason| reason.code == AT_WORK) => {
             Err(CameraError::AtWork)
@@ -90,8 +90,8 @@ fn words(reasons: &[crate::verdict::Reason]) -> String {
 }
 
 fn body(connection: &mut Connection, bytes: usize) -> Result<Vec<u8>, CameraError> {
-    if bytes > MOST_SHOT_BYTES {
-        return Err(failed(format!("a shot of {bytes} bytes (limit {MOST_SHOT_BYTES} bytes)")));
+    if bytes > MAX_SHOT_BYTES {
+        return Err(failed(format!("a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes)")));
     }
     let mut body = Vec::new();
     let read = connection.take(bytes as u64).read_to_end(&mut body).map_err(failed)?;

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Largest age of the robot's last state at which the axes are still taken to be there.
-const FRESH: Duration = Duration::from_millis(500);
+const MAX_STATE_AGE: Duration = Duration::from_millis(500);
 
 /// The robot's last state, and when it came. Clones are the same one.
 #[derive(Debug, Clone, Default)]
@@ -21,12 +21,12 @@ impl LastState {
     /// The controller's mapped inputs as bits, while the state is fresh.
     pub(in crate::daemon) fn inputs(&self) -> Option<u32> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
-        (came.elapsed() < FRESH).then_some(state.inputs)
+        (came.elapsed() < MAX_STATE_AGE).then_some(state.inputs)
     }
 
     /// Returns the position of the axes, while the arm is at rest and the state is fresh.
     pub(super) fn stands(&self) -> Option<Joints> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
-        (came.elapsed() < FRESH && !state.moving).then_some(state.joints)
+        (came.elapsed() < MAX_STATE_AGE && !state.moving).then_some(state.joints)
     }
 }

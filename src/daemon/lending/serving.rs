@@ -13,11 +13,11 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 /// Time limit for a client to accept the data that it is sent.
-const CLIENT_PATIENCE: Duration = Duration::from_secs(10);
+const CLIENT_TIMEOUT: Duration = Duration::from_secs(10);
 /// A client's end of a film is looked for so long, before the next picture is.
-const GLANCE: Duration = Duration::from_millis(2);
+const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
 /// No camera takes more pictures a second than this.
-const MOST_PER_SECOND: f64 = 100.0;
+const MAX_PICTURES_PER_SECOND: f64 = 100.0;
 
 /// Why a connection ends before its end.
 enum Broken {
@@ -56,8 +56,8 @@ pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCamer
 
 fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras) -> Result<(), Broken> {
     stream.set_nonblocking(false)?;
-    stream.set_write_timeout(Some(CLIENT_PATIENCE))?;
-    stream.set_read_timeout(Some(GLANCE))?;
+    stream.set_write_timeout(Some(CLIENT_TIMEOUT))?;
+    stream.set_read_timeout(Some(END_POLL_TIMEOUT))?;
     let lent = cameras.lend()?;
     match request {
         ShotRequest::Scan => {
@@ -77,14 +77,14 @@ fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras)
 }
 
 fn one(stream: &mut UnixStream, lent: &Lent<'_>, eye: Eye) -> Result<(), Broken> {
-    let TakenPicture { picture: taken, time_s, conditions } = lent.take(eye)?;
+    let TakenPicture { picture: taken, time_s, conditions } = lent.capture(eye)?;
     Ok(picture(stream, &taken, (time_s, conditions))?)
 }
 
 fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> Result<(), Broken> {
-    if !(pictures_per_second > 0.0 && pictures_per_second <= MOST_PER_SECOND) {
+    if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
         let message = format!(
-            "{pictures_per_second} pictures per second; more than 0 and at most {MOST_PER_SECOND} are possible"
+            "{pictures_per_second} pictures per second; more than 0 and at most {MAX_PICTURES_PER_SECOND} are possible"
         );
         return Err(Reason::new("bad_request", message).into());
     }

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
 
 /// Longest time that a request for a shot waits for the end of another one.
-const NEXT_PATIENCE: Duration = Duration::from_secs(1);
+const LEND_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The code of the reason why there is no shot while the cell is at work.
 pub(super) const AT_WORK: &str = "at_work";
@@ -79,7 +79,7 @@ impl SharedCameras {
     pub(super) fn lend(&self) -> Result<Lent<'_>, Reason> {
         let since = Instant::now();
         while self.0.is_lent.swap(true, Ordering::Acquire) {
-            if since.elapsed() > NEXT_PATIENCE {
+            if since.elapsed() > LEND_TIMEOUT {
                 return Err(Reason::new(
                     "busy",
                     "another client is taking pictures now; try again when it has \

@@ -28,7 +28,7 @@ pub(in crate::daemon) struct TakenPicture {
 
 impl Lent<'_> {
     /// Takes one, if the cell is still at rest.
-    pub(super) fn take(&self, eye: Eye) -> Result<TakenPicture, Reason> {
+    pub(super) fn capture(&self, eye: Eye) -> Result<TakenPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;
         let failed = |error: CameraError| Reason::new("camera", error.to_string());
         let (picture, time_s, conditions) = match eye {
@@ -58,7 +58,7 @@ impl SharedCameras {
     ///
     /// # Errors
     /// If the cell is at work, another client uses the cameras, or the camera delivers no picture.
-    pub(in crate::daemon) fn take(&self, eye: Eye) -> Result<TakenPicture, Reason> {
-        self.lend()?.take(eye)
+    pub(in crate::daemon) fn capture(&self, eye: Eye) -> Result<TakenPicture, Reason> {
+        self.lend()?.capture(eye)
     }
 }

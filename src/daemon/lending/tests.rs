@@ -160,17 +160,17 @@ fn shots_come_over_as_they_were_taken() {
 #[test]
 fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
     let bench = Bench::new();
-    let code = |eye| bench.cameras.take(eye).expect_err("none").code.into_owned();
+    let code = |eye| bench.cameras.capture(eye).expect_err("none").code.into_owned();
     bench.cameras.are_needed();
     assert_eq!(code(Eye::Flange), "at_work");
     bench.cameras.cell_is(&State::NEW);
-    let taken = bench.cameras.take(Eye::Flange).expect("a picture");
+    let taken = bench.cameras.capture(Eye::Flange).expect("a picture");
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
     assert_eq!(code(Eye::Scanner), "camera", "it delivers none");
     let lent = bench.cameras.lend().expect("nobody has them");
     assert_eq!(code(Eye::Flange), "busy");
     drop(lent);
-    assert!(bench.cameras.take(Eye::Flange).is_ok());
+    assert!(bench.cameras.capture(Eye::Flange).is_ok());
     assert_eq!(bench.cameras.check().expect("looked at"), []);
     bench.cameras.are_needed();
     assert_eq!(bench.cameras.check(), None, "a cycle is not disturbed");

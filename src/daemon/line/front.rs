@@ -22,11 +22,11 @@ use tokio::sync::oneshot;
 use tokio::time::{MissedTickBehavior, interval};
 
 /// Interval at which the controller reports its inputs.
-const EVERY: Duration = Duration::from_millis(100);
+const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
 /// Threads that read the recipe and wait for the store's disk.
-const BLOCKING: usize = 2;
+const BLOCKING_THREADS: usize = 2;
 /// The program's end waits so long for them.
-const END_WITHIN: Duration = Duration::from_secs(1);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// What the handshake is made of.
 pub struct LineParts {
@@ -65,7 +65,7 @@ impl LineFront {
     /// # Errors
     /// If the system provides no thread.
     pub fn serve(parts: LineParts) -> std::io::Result<Self> {
-        let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING).build()?;
+        let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING_THREADS).build()?;
         let (end, mut ended) = oneshot::channel();
         let serve = move || {
             step_back();
@@ -75,7 +75,7 @@ impl LineFront {
                     _ = &mut ended => {}
                 }
             });
-            runtime.shutdown_timeout(END_WITHIN);
+            runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
         };
         let thread = thread::Builder::new().name("line".to_owned()).spawn(serve)?;
         Ok(LineFront { end: Some(end), thread: Some(thread) })
@@ -91,7 +91,7 @@ impl Drop for LineFront {
 
 async fn follow(parts: LineParts) {
     let mut handshake = Handshake::default();
-    let mut tick = interval(EVERY);
+    let mut tick = interval(UPDATE_INTERVAL);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut told = None;
     // A signal cannot state which recipe it means: it is the one with which the service was started.

@@ -21,7 +21,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Long enough for a busy machine.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 /// Part present and start request, and the six outputs.
 const INPUTS: [u16; 2] = [30, 31];
 const OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
@@ -113,7 +113,7 @@ impl Bench {
             if Told(read) == wanted {
                 return;
             }
-            assert!(since.elapsed() < PATIENCE, "{signals:?}: found {read:06b}");
+            assert!(since.elapsed() < TIMEOUT, "{signals:?}: found {read:06b}");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -164,7 +164,7 @@ fn a_line_leads_the_cell_by_signals() {
     bench.line_sets(true, false);
     std::thread::sleep(Duration::from_millis(500));
     bench.line_sets(true, true);
-    let start = bench.starts.recv_timeout(PATIENCE).expect("an edge asks");
+    let start = bench.starts.recv_timeout(TIMEOUT).expect("an edge asks");
     assert_eq!(start.text, "panel = \"door\"\n");
     assert_eq!(start.part.and_then(|part| part.order).as_deref(), Some("WO 7"));
     bench.line_reads(&[Fault]);
@@ -181,7 +181,7 @@ fn a_line_leads_the_cell_by_signals() {
     std::thread::sleep(Duration::from_millis(500));
     assert!(bench.resets.try_recv().is_err(), "the part is still there");
     bench.line_sets(false, false);
-    bench.resets.recv_timeout(PATIENCE).expect("the part is gone");
+    bench.resets.recv_timeout(TIMEOUT).expect("the part is gone");
     bench.line_reads(&[Ready]);
 
     // The program ends: the controller's own program informs the line.

@@ -3,9 +3,9 @@
 use std::time::{Duration, Instant};
 
 /// It is sent again after this share of the time after which it is an alarm, then after twice as long each time.
-const SHARE: u32 = 6;
+const FIRST_RETRY_FRACTION: u32 = 6;
 /// The longest time between two.
-const LONGEST: Duration = Duration::from_secs(2 * 3_600);
+const MAX_RETRY_INTERVAL: Duration = Duration::from_secs(2 * 3_600);
 
 /// Since when the office has no more of an epoch.
 #[derive(Debug, Clone, Copy, Default)]
@@ -26,17 +26,17 @@ impl Lacking {
     }
 
     fn is_due_at(&mut self, (lacks, archived): (bool, u64), behind_min: usize, now: Instant) -> bool {
-        let first = Duration::from_secs(60) * u32::try_from(behind_min).unwrap_or(u32::MAX) / SHARE;
+        let first = Duration::from_secs(60) * u32::try_from(behind_min).unwrap_or(u32::MAX) / FIRST_RETRY_FRACTION;
         match &mut self.0 {
             Some(since) if lacks && since.archived == archived => {
                 let is_due = now.duration_since(since.at) >= since.pause;
                 if is_due {
-                    (since.at, since.pause) = (now, LONGEST.min(since.pause * 2));
+                    (since.at, since.pause) = (now, MAX_RETRY_INTERVAL.min(since.pause * 2));
                 }
                 is_due
             }
             since => {
-                *since = lacks.then_some(Since { archived, at: now, pause: first.min(LONGEST) });
+                *since = lacks.then_some(Since { archived, at: now, pause: first.min(MAX_RETRY_INTERVAL) });
                 false
             }
         }

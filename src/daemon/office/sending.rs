@@ -17,15 +17,15 @@ use std::time::{Duration, Instant};
 /// How far records were sent, in the store's folder.
 const PROGRESS: &str = "office.json";
 /// Records that are read at a time.
-const AT_ONCE: usize = 200;
+const BATCH_RECORDS: usize = 200;
 /// Bytes that are on their way at a time.
-const MOST_BYTES: usize = 32 << 20;
+const MAX_IN_FLIGHT_BYTES: usize = 32 << 20;
 /// Files of which it is remembered that this stream has them: most records name the same recipe and calibrations.
-const MOST_FILES: usize = 50_000;
+const MAX_FILES: usize = 50_000;
 /// Interval at which the office is queried.
-const ASK_EVERY: Duration = Duration::from_secs(5);
+const POLL_INTERVAL: Duration = Duration::from_secs(5);
 /// Interval at which offers of recipes are requested.
-const OFFERS_EVERY: Duration = Duration::from_secs(30);
+const OFFER_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
 /// What sends.
 pub(super) struct Sender {
@@ -103,7 +103,7 @@ impl Sender {
             let bytes = state.bytes().map_err(|error| error.to_string())?;
             link.tell_state(bytes).await.map_err(broken)?;
         }
-        if self.asked.is_none_or(|asked| asked.elapsed() >= ASK_EVERY) {
+        if self.asked.is_none_or(|asked| asked.elapsed() >= POLL_INTERVAL) {
             self.ask(last).await?;
         }
         self.ask_for_offers().await;
@@ -120,7 +120,7 @@ impl Sender {
     /// Asks which recipes the office offers for the panels taught to this cell. If an offer cannot be obtained, it
     /// is requested again later.
     async fn ask_for_offers(&mut self) {
-        if self.offered.is_some_and(|offered| offered.elapsed() < OFFERS_EVERY) {
+        if self.offered.is_some_and(|offered| offered.elapsed() < OFFER_POLL_INTERVAL) {
             return;
         }
         self.offered = Some(Instant::now());
@@ -188,7 +188,7 @@ impl Sender {
 
     /// Sends some records after this one, each after its files, and waits until the broker has them.
     async fn send(&mut self, after: &Position) -> Result<(), String> {
-        let envelopes = self.store()?.outbox_after(after, AT_ONCE).map_err(|error| error.to_string())?;
+        let envelopes = self.store()?.outbox_after(after, BATCH_RECORDS).map_err(|error| error.to_string())?;
         let mut under_way: Vec<(Position, Vec<Sending>)> = Vec::new();
         let mut bytes = 0;
         let mut broken = None;
@@ -201,7 +201,7 @@ impl Sender {
                     break;
                 }
             }
-            if bytes >= MOST_BYTES {
+            if bytes >= MAX_IN_FLIGHT_BYTES {
                 break;
             }
         }
@@ -220,7 +220,7 @@ impl Sender {
         let mut whole: Vec<(What, Vec<u8>)> = Vec::new();
         if let Body::Signature { files, .. } = &mut envelope.body {
             for file in files.iter_mut().filter(|file| file.gone.is_none()) {
-                if self.files.len() >= MOST_FILES {
+                if self.files.len() >= MAX_FILES {
                     self.files.clear();
                 }
                 if self.files.contains(&file.hash) {

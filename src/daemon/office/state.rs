@@ -11,9 +11,9 @@ use crate::verdict::Reason;
 use std::time::{Duration, Instant};
 
 /// Shortest time between two reports of the state.
-const EVERY: Duration = Duration::from_secs(2);
+const MIN_REPORT_INTERVAL: Duration = Duration::from_secs(2);
 /// Interval at which alarms are read.
-const STANDING_EVERY: Duration = Duration::from_secs(5);
+const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Determines the state of the cell when a report is due.
 pub(super) struct Teller {
@@ -30,10 +30,10 @@ impl Teller {
 
     /// Returns the state of the cell; `None` if it was reported a moment ago.
     pub async fn now(&mut self, cell: &CellName, last: &[Position]) -> Option<CellState> {
-        if self.told.is_some_and(|told| told.elapsed() < EVERY) {
+        if self.told.is_some_and(|told| told.elapsed() < MIN_REPORT_INTERVAL) {
             return None;
         }
-        if self.stood.is_none_or(|stood| stood.elapsed() >= STANDING_EVERY) {
+        if self.stood.is_none_or(|stood| stood.elapsed() >= ALARM_POLL_INTERVAL) {
             let front = self.front.clone();
             self.standing = tokio::task::spawn_blocking(move || standing(&front)).await.unwrap_or_default();
             self.stood = Some(Instant::now());

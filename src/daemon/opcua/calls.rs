@@ -19,11 +19,11 @@ use tokio::sync::Mutex as AsyncMutex;
 use tokio::time::timeout;
 
 /// A call is answered within this time, whatever the disk does.
-const PATIENCE: Duration = Duration::from_secs(20);
+const CALL_TIMEOUT: Duration = Duration::from_secs(20);
 /// Stops, and aborts, that come within this time are one.
-const TOGETHER: Duration = Duration::from_millis(100);
+const MERGE_WINDOW: Duration = Duration::from_millis(100);
 /// The longest text that is taken, in characters.
-const MOST_CHARACTERS: usize = 200;
+const MAX_CHARACTERS: usize = 200;
 
 /// What came of a call.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +83,7 @@ impl Calls {
         from: &str,
     ) -> Outcome {
         let called = self.checked(method, arguments, caller, from);
-        let outcome = timeout(PATIENCE, called).await.unwrap_or_else(|_| {
+        let outcome = timeout(CALL_TIMEOUT, called).await.unwrap_or_else(|_| {
             refused("silent", StatusCode::BadTimeout, "the service did not answer in time; look at its state")
         });
         if let Outcome::Refused(_, reason) = &outcome {
@@ -170,7 +170,7 @@ impl Calls {
     /// of that one if it was done. If it was not done, it is requested anew.
     async fn urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
         let mut last = self.urgent[place].lock().await;
-        if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < TOGETHER) {
+        if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_WINDOW) {
             return reply.clone();
         }
         let reply = self.front.gateway.request(What::Table(request), who(caller)).await;
@@ -242,7 +242,7 @@ fn wrong_arguments(method: &Method) -> Outcome {
     let taken: Vec<&str> = method.arguments.iter().map(|argument| argument.name).collect();
     let message = match taken[..] {
         [] => format!("{} takes no arguments", method.name),
-        _ => format!("{} takes {}; a text has at most {MOST_CHARACTERS} characters", method.name, taken.join(", ")),
+        _ => format!("{} takes {}; a text has at most {MAX_CHARACTERS} characters", method.name, taken.join(", ")),
     };
     refused("bad_request", StatusCode::BadInvalidArgument, message)
 }
@@ -251,7 +251,7 @@ fn wrong_arguments(method: &Method) -> Outcome {
 fn text(value: &Variant) -> Option<String> {
     let Variant::String(text) = value else { return None };
     let text = text.as_ref().trim();
-    let is_plain = text.chars().count() <= MOST_CHARACTERS && !text.contains(char::is_control);
+    let is_plain = text.chars().count() <= MAX_CHARACTERS && !text.contains(char::is_control);
     is_plain.then(|| text.to_owned())
 }
 

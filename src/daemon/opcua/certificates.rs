@@ -25,7 +25,7 @@ pub(super) const TRUSTED: &str = "trusted";
 /// Clients that were turned away.
 pub(super) const REJECTED: &str = "rejected";
 /// Maximum number of rejected certificates that are kept: a client that sends new ones without end must not fill the disk.
-const MOST_REJECTED: usize = 32;
+const MAX_REJECTED: usize = 32;
 /// Ten years: a client has to be configured to trust it only once.
 const DAYS: u32 = 3_650;
 const KEY_BITS: u32 = 2_048;
@@ -172,7 +172,7 @@ impl Rejected {
             .filter_map(|entry| Some((entry.metadata().and_then(|data| data.modified()).ok()?, entry.path())))
             .collect();
         found.sort();
-        let surplus = found.len().saturating_sub(MOST_REJECTED);
+        let surplus = found.len().saturating_sub(MAX_REJECTED);
         for (_, old) in found.drain(..surplus) {
             if let Err(error) = fs::remove_file(&old) {
                 tracing::warn!("{}: {error}", old.display());
@@ -274,8 +274,8 @@ mod tests {
         for number in 0..100 {
             fs::write(rejected.join(format!("{number:03}.der")), "").expect("written");
         }
-        assert_eq!(seen.new_ones(folder.path()).len(), MOST_REJECTED);
-        assert_eq!(fs::read_dir(&rejected).expect("there").count(), MOST_REJECTED);
+        assert_eq!(seen.new_ones(folder.path()).len(), MAX_REJECTED);
+        assert_eq!(fs::read_dir(&rejected).expect("there").count(), MAX_REJECTED);
         assert_eq!(seen.new_ones(folder.path()), Vec::<PathBuf>::new());
     }
 }

@@ -19,7 +19,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Shortest time between two repetitions of all alarms, regardless of the client that requests them.
-const REFRESH: Duration = Duration::from_millis(500);
+const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
 /// What the names of conditions begin with.
 const BEGINNING: &str = "Alarm/";
 
@@ -93,7 +93,7 @@ impl Conditions {
         let now_unix_ms = now_unix_ms();
         let alarms: Vec<Alarm> = {
             let mut inside = self.lock();
-            if inside.refreshed.is_some_and(|at| at.elapsed() < REFRESH) {
+            if inside.refreshed.is_some_and(|at| at.elapsed() < MIN_REFRESH_INTERVAL) {
                 return StatusCode::BadRefreshInProgress;
             }
             inside.refreshed = Some(Instant::now());

@@ -18,9 +18,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Maximum number of rejected certificates that are logged individually.
-const MOST_TOLD: usize = 3;
+const MAX_LOGGED: usize = 3;
 /// Interval at which calibration files are read.
-const FILES: Duration = Duration::from_secs(30);
+const FILE_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
 /// What is read of the store and of files.
 #[derive(Debug, Clone, Default)]
@@ -85,7 +85,7 @@ impl Reader {
             Ok(accounts) => self.access.learn(&accounts),
             Err(error) => tracing::warn!("the OPC UA server shows old values: {error}"),
         }
-        if self.files_read.is_none_or(|at| at.elapsed() >= FILES) {
+        if self.files_read.is_none_or(|at| at.elapsed() >= FILE_POLL_INTERVAL) {
             self.files_read = Some(Instant::now());
             self.of_files(&mut now);
         }
@@ -113,7 +113,7 @@ impl Reader {
             tracing::warn!("OPC UA server: {words}");
         }
         let new = self.rejected.new_ones(&self.folder);
-        for file in new.iter().take(MOST_TOLD) {
+        for file in new.iter().take(MAX_LOGGED) {
             let words = certificates::words(file);
             let todo = format!(
                 "unknown certificate; to trust it, move it from {} to {} in {}",
@@ -124,8 +124,8 @@ impl Reader {
             tracing::warn!("OPC UA client turned away: {words}: {todo}");
             self.tell(Some(words), todo);
         }
-        if new.len() > MOST_TOLD {
-            self.tell(None, format!("{} more unknown certificates", new.len() - MOST_TOLD));
+        if new.len() > MAX_LOGGED {
+            self.tell(None, format!("{} more unknown certificates", new.len() - MAX_LOGGED));
         }
         let turned_away = self.door.turned_away();
         if turned_away > 0 {

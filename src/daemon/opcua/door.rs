@@ -16,17 +16,17 @@ use tokio::sync::Notify;
 use tokio::time::sleep;
 
 /// Largest number of connections at one time, and of one address.
-const MOST: usize = 48;
-const MOST_OF_ADDRESS: usize = 16;
+const MAX_CONNECTIONS: usize = 48;
+const MAX_CONNECTIONS_PER_ADDRESS: usize = 16;
 /// A peer that accepts no data for this time is gone.
-const GONE: Duration = Duration::from_secs(30);
+const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// A peer that has left within this time may be the one to which a report refers.
-const RECENT: Duration = Duration::from_secs(5);
+const DEPARTURE_RETENTION: Duration = Duration::from_secs(5);
 /// The header of a message: type, chunk, size, and the channel if it has one.
-const HEADER: usize = 12;
+const HEADER_BYTES: usize = 12;
 /// The longest message before the channel is known: an acknowledgement, an error, the opening of a channel with a
 /// certificate.
-const LONGEST_OPENING: usize = 64 * 1_024;
+const MAX_OPENING_BYTES: usize = 64 * 1_024;
 
 /// The connections as they are now.
 #[derive(Debug, Default)]
@@ -50,8 +50,8 @@ struct Peer {
 
 impl Inside {
     fn has_left(&mut self, from: IpAddr) {
-        self.left.retain(|_, at| at.elapsed() < RECENT);
-        if self.left.len() < MOST {
+        self.left.retain(|_, at| at.elapsed() < DEPARTURE_RETENTION);
+        if self.left.len() < MAX_CONNECTIONS {
             self.left.insert(from, Instant::now());
         }
     }
@@ -67,7 +67,7 @@ impl Door {
     fn enter(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
         let mut inside = self.lock();
         let of_address = inside.open.values().filter(|peer| peer.from == from).count();
-        if inside.open.len() >= MOST || of_address >= MOST_OF_ADDRESS {
+        if inside.open.len() >= MAX_CONNECTIONS || of_address >= MAX_CONNECTIONS_PER_ADDRESS {
             inside.turned_away += 1;
             inside.has_left(from);
             return None;
@@ -99,7 +99,7 @@ impl Door {
     /// All addresses that are connected or were lately, each once.
     pub fn addresses(&self) -> Vec<IpAddr> {
         let inside = self.lock();
-        let lately = inside.left.iter().filter(|(_, at)| at.elapsed() < RECENT).map(|(from, _)| *from);
+        let lately = inside.left.iter().filter(|(_, at)| at.elapsed() < DEPARTURE_RETENTION).map(|(from, _)| *from);
         let mut all: Vec<IpAddr> = inside.open.values().map(|peer| peer.from).chain(lately).collect();
         all.sort();
         all.dedup();
@@ -139,7 +139,10 @@ impl Door {
 
     async fn pass(&self, number: u64, stream: TcpStream, server: SocketAddr) {
         let socket = socket2::SockRef::from(&stream);
-        let is_set = socket.set_tcp_user_timeout(Some(GONE)).and_then(|()| socket.set_tcp_nodelay(true)).is_ok();
+        let is_set = socket
+            .set_tcp_user_timeout(Some(DISCONNECT_TIMEOUT))
+            .and_then(|()| socket.set_tcp_nodelay(true))
+            .is_ok();
         let Some(inner) =
             TcpStream::connect(server).await.ok().filter(|inner| is_set && inner.set_nodelay(true).is_ok())
         else {
@@ -170,13 +173,13 @@ impl Door {
 
 /// Reads one message of the server before its channel is known; returns it with the channel, if it opens one.
 async fn message(from: &mut (impl AsyncReadExt + Unpin)) -> Option<(Vec<u8>, Option<u32>)> {
-    let mut header = [0; HEADER];
+    let mut header = [0; HEADER_BYTES];
     from.read_exact(&mut header).await.ok()?;
     let size = usize::try_from(u32::from_le_bytes([header[4], header[5], header[6], header[7]])).ok()?;
-    let rest = size.checked_sub(HEADER).filter(|rest| *rest <= LONGEST_OPENING)?;
+    let rest = size.checked_sub(HEADER_BYTES).filter(|rest| *rest <= MAX_OPENING_BYTES)?;
     let mut whole = header.to_vec();
-    whole.resize(HEADER + rest, 0);
-    from.read_exact(&mut whole[HEADER..]).await.ok()?;
+    whole.resize(HEADER_BYTES + rest, 0);
+    from.read_exact(&mut whole[HEADER_BYTES..]).await.ok()?;
     let channel = u32::from_le_bytes([header[8], header[9], header[10], header[11]]);
     Some((whole, header.starts_with(b"OPN").then_some(channel)))
 }
@@ -190,11 +193,11 @@ mod tests {
         let door = Door::default();
         let address = |number: u8| IpAddr::from([10, 0, 0, number]);
         let taken: Vec<_> = (0..30).filter_map(|_| door.enter(address(1))).collect();
-        assert_eq!(taken.len(), MOST_OF_ADDRESS);
+        assert_eq!(taken.len(), MAX_CONNECTIONS_PER_ADDRESS);
         assert!(door.enter(address(2)).is_some(), "another address is not kept out");
         let others = (3..100).filter(|number| door.enter(address(*number)).is_some()).count();
-        assert_eq!(others, MOST - MOST_OF_ADDRESS - 1);
-        assert_eq!(door.turned_away(), 30 - MOST_OF_ADDRESS as u64 + 97 - others as u64);
+        assert_eq!(others, MAX_CONNECTIONS - MAX_CONNECTIONS_PER_ADDRESS - 1);
+        assert_eq!(door.turned_away(), 30 - MAX_CONNECTIONS_PER_ADDRESS as u64 + 97 - others as u64);
         door.leave(taken[0].0);
         assert!(door.addresses().contains(&address(1)), "also who has just left");
         let (number, _) = door.enter(address(2)).expect("a place is free again");

@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 
 /// Calls at once, and calls a second after that.
-const AT_ONCE: f64 = 20.0;
-const A_SECOND: f64 = 5.0;
+const BURST_CALLS: f64 = 20.0;
+const CALLS_PER_SECOND: f64 = 5.0;
 /// Largest number of callers that are remembered; those that were silent for longest are forgotten first.
-const MOST_CALLERS: usize = 256;
+const MAX_CALLERS: usize = 256;
 /// Time after which a flood is reported again.
-const TOLD_AGAIN_S: f64 = 60.0;
+const REPORT_INTERVAL_S: f64 = 60.0;
 
 /// Calls of each caller. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
@@ -37,18 +37,19 @@ pub(super) enum Turn {
 impl Flood {
     /// A call by this caller.
     pub fn call(&mut self, caller: &str, now_s: f64) -> Turn {
-        if self.0.len() >= MOST_CALLERS && !self.0.contains_key(caller) {
+        if self.0.len() >= MAX_CALLERS && !self.0.contains_key(caller) {
             let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());
             oldest.and_then(|name| self.0.remove(&name));
         }
-        let bucket = self.0.entry(caller.to_owned()).or_insert(Bucket { left: AT_ONCE, at_s: now_s, told_s: None });
-        bucket.left = (bucket.left + (now_s - bucket.at_s) * A_SECOND).min(AT_ONCE);
+        let bucket =
+            self.0.entry(caller.to_owned()).or_insert(Bucket { left: BURST_CALLS, at_s: now_s, told_s: None });
+        bucket.left = (bucket.left + (now_s - bucket.at_s) * CALLS_PER_SECOND).min(BURST_CALLS);
         bucket.at_s = now_s;
         if bucket.left >= 1.0 {
             bucket.left -= 1.0;
             return Turn::Taken;
         }
-        let is_told = bucket.told_s.is_none_or(|told_s| now_s - told_s >= TOLD_AGAIN_S);
+        let is_told = bucket.told_s.is_none_or(|told_s| now_s - told_s >= REPORT_INTERVAL_S);
         if is_told {
             bucket.told_s = Some(now_s);
         }
@@ -82,6 +83,6 @@ mod tests {
         for n in 0..2_000 {
             flood.call(&format!("n{n}"), f64::from(n));
         }
-        assert_eq!(flood.0.len(), MOST_CALLERS);
+        assert_eq!(flood.0.len(), MAX_CALLERS);
     }
 }

@@ -21,9 +21,9 @@ use tokio::sync::watch;
 use tokio::time::sleep;
 
 /// Interval at which the loop is polled.
-const EVERY: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Interval at which the store is read.
-const STORE: Duration = Duration::from_secs(1);
+const STORE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Reads the store repeatedly, for the follower of the cell.
 pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, tell: watch::Sender<Depth>) {
@@ -38,7 +38,7 @@ pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, 
         if tell.send(depth).is_err() {
             return;
         }
-        sleep(STORE).await;
+        sleep(STORE_POLL_INTERVAL).await;
     }
 }
 
@@ -98,7 +98,7 @@ impl Follower {
                 CoreNodes::link(&mut self.core.address_space().write(), &linked, &conditions);
                 linked = conditions;
             }
-            sleep(EVERY).await;
+            sleep(POLL_INTERVAL).await;
         }
     }
 

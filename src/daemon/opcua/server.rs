@@ -27,11 +27,11 @@ use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
 /// An address that could not be had, and a server that failed, are tried again after this time.
-const AGAIN: Duration = Duration::from_secs(1);
+const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// What it is called in the log and among alarms.
 const NAME: &str = "OPC UA server";
 /// Threads that wait for the store's disk and hash passwords.
-const BLOCKING: usize = 4;
+const BLOCKING_THREADS: usize = 4;
 /// Messages are decoded one inside of another: room for that, whatever comes in.
 const STACK_BYTES: usize = 8 * 1_024 * 1_024;
 
@@ -57,7 +57,7 @@ impl OpcUaServer {
     /// If the system refuses a thread.
     pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
-        let plan = Plan { name: "opcua", what: NAME, blocking: BLOCKING, stack_bytes: Some(STACK_BYTES) };
+        let plan = Plan { name: "opcua", what: NAME, blocking: BLOCKING_THREADS, stack_bytes: Some(STACK_BYTES) };
         let begin = async move |ended: &mut oneshot::Receiver<()>| run((&parts, address), ended).await;
         Ok(Some(OpcUaServer { _background: Background::start(plan, begin)? }))
     }
@@ -75,7 +75,7 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
             tracing::warn!("{NAME}: {problem}; it is tried again every second");
         }
         tokio::select! {
-            () = sleep(AGAIN) => {}
+            () = sleep(RESTART_DELAY) => {}
             _ = &mut *ended => return,
         }
     }

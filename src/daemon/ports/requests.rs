@@ -83,7 +83,7 @@ pub trait RequestPort: Port<RequestCommand> {
     }
 
     /// See [`RequestCommand::LetsIn`].
-    fn lets_in(&mut self, result: Id) -> bool {
+    fn admit(&mut self, result: Id) -> bool {
         matches!(self.perform(RequestCommand::LetsIn(result)), RequestAnswer::LetsIn(Some(_)))
     }
 

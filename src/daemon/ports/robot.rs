@@ -160,7 +160,7 @@ impl LinkedRobot {
     }
 
     fn hear(&mut self) -> Result<Option<Report>, ThreadFault> {
-        let report = self.link.next(PATIENCE);
+        let report = self.link.next(REPORT_POLL_TIMEOUT);
         match &report {
             Some(Report::State(state) | Report::Connected { state }) => {
                 self.last.is(Some(state));
@@ -185,7 +185,7 @@ impl LinkedRobot {
 
 /// How long the loop waits for the robot before it looks elsewhere, by the wall clock. In lock step time does not pass
 /// by looking elsewhere.
-const PATIENCE: Duration = Duration::from_millis(20);
+const REPORT_POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
 impl Port<RobotCommand> for LinkedRobot {
     fn perform(&mut self, command: RobotCommand) -> RobotAnswer {

@@ -16,12 +16,12 @@ use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 
 /// To connect.
-const CONNECTS_WITHIN: Duration = Duration::from_secs(10);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// One file and its answer.
-const ANSWERS_WITHIN: Duration = Duration::from_secs(60);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 /// Largest part of an answer that is read, and largest part that is reported.
-const MOST_BYTES: usize = 16 * 1_024;
-const MOST_CHARACTERS: usize = 200;
+const MAX_BYTES: usize = 16 * 1_024;
+const MAX_CHARACTERS: usize = 200;
 
 /// A connection.
 pub(super) struct Connection {
@@ -72,8 +72,8 @@ impl Connection {
             let name = ServerName::try_from(host.clone()).map_err(|error| error.to_string())?;
             begin(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
         };
-        let late = |_| format!("it does not answer within {} s", CONNECTS_WITHIN.as_secs());
-        timeout(CONNECTS_WITHIN, connecting).await.map_err(late)?
+        let late = |_| format!("it does not answer within {} s", CONNECT_TIMEOUT.as_secs());
+        timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
     /// The connection is kept if it may be used again.
@@ -98,8 +98,8 @@ impl Connection {
             let response = sender.send_request(request).await.map_err(|error| error.to_string())?;
             Ok::<_, String>(told(response).await)
         };
-        let late = |_| format!("no answer within {} s", ANSWERS_WITHIN.as_secs());
-        let answered = timeout(ANSWERS_WITHIN, asking).await.map_err(late)??;
+        let late = |_| format!("no answer within {} s", RESPONSE_TIMEOUT.as_secs());
+        let answered = timeout(RESPONSE_TIMEOUT, asking).await.map_err(late)??;
         self.sender = Some(sender);
         Ok(answered)
     }
@@ -130,8 +130,8 @@ async fn told(response: Response<hyper::body::Incoming>) -> (StatusCode, String)
         let words = format!("it redirects us to {place}; write the address that accepts records into [push] to");
         return (status, words.chars().filter(|c| !c.is_control()).collect());
     }
-    let bytes = to_bytes(Body::new(response.into_body()), MOST_BYTES).await.unwrap_or_default();
+    let bytes = to_bytes(Body::new(response.into_body()), MAX_BYTES).await.unwrap_or_default();
     let text = String::from_utf8_lossy(&bytes);
     let line = text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
-    (status, line.chars().filter(|c| !c.is_control()).take(MOST_CHARACTERS).collect())
+    (status, line.chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect())
 }

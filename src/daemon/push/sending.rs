@@ -21,7 +21,7 @@ const PROGRESS: &str = "push.json";
 /// What the names of pictures, recipes and calibrations begin with.
 const FILES: &str = "files/";
 /// Largest number of them that is remembered: most records name the same recipe and calibrations.
-const MOST_FILES: usize = 50_000;
+const MAX_FILES: usize = 50_000;
 const JSON: &str = "application/json";
 const PDF: &str = "application/pdf";
 const BYTES: &str = "application/octet-stream";
@@ -123,7 +123,7 @@ impl Rounds for Sender {
                 progress_file::write(&self.folder, PROGRESS, &self.progress)?;
                 // Pictures, recipes and calibrations have the same name in every record.
                 self.put.retain(|name| name.starts_with(FILES));
-                if self.put.len() >= MOST_FILES {
+                if self.put.len() >= MAX_FILES {
                     self.put.clear();
                 }
             }

@@ -55,14 +55,14 @@ fn name(index: usize, value: &Value) -> String {
 }
 
 /// Longest text of one side.
-const LONGEST: usize = 200;
+const MAX_TEXT_LENGTH: usize = 200;
 
 /// Returns a value as text, cut if it is long.
 pub(super) fn short(value: &Value) -> String {
     let text = value.to_string();
-    if text.chars().count() <= LONGEST {
+    if text.chars().count() <= MAX_TEXT_LENGTH {
         return text;
     }
-    let cut: String = text.chars().take(LONGEST).collect();
+    let cut: String = text.chars().take(MAX_TEXT_LENGTH).collect();
     format!("{cut}…")
 }

@@ -20,7 +20,7 @@ use std::time::Duration;
 type Source<'a> = Box<dyn Iterator<Item = Result<Entry, TapeError>> + Send + 'a>;
 
 /// Rounds of the loop in which nothing of the recording comes to it; then it waits for what did not come.
-const MOST_ROUNDS: u32 = 3;
+const MAX_IDLE_ROUNDS: u32 = 3;
 
 /// A recording that is played. Its clones are the same player, so that each port may have one.
 #[derive(Clone)]
@@ -126,7 +126,7 @@ impl Playback<'_> {
         if cameras { self.seen.front() } else { self.ahead.front() }
     }
 
-    fn take(&mut self, cameras: bool) -> Option<Entry> {
+    fn pop_entry(&mut self, cameras: bool) -> Option<Entry> {
         self.peek(cameras)?;
         let entry = if cameras { self.seen.pop_front() } else { self.ahead.pop_front() }?;
         (self.rounds, self.at_ns) = (0, entry.at_ns);
@@ -139,7 +139,7 @@ impl Playback<'_> {
         let Some((topic, said)) = command.said() else { return command.otherwise(self.now, self.parted) };
         if topic == Topic::Request && said.is_null() {
             self.rounds += 1;
-            if !self.parted && self.rounds > MOST_ROUNDS {
+            if !self.parted && self.rounds > MAX_IDLE_ROUNDS {
                 self.part("the loop waits");
             }
         }
@@ -162,7 +162,7 @@ impl Playback<'_> {
         if self.parted || !self.peek(false).is_some_and(is_next) {
             return None;
         }
-        let entry = self.take(false)?;
+        let entry = self.pop_entry(false)?;
         match topic {
             Topic::Clock => self.now = Duration::deserialize(&entry.heard).map_or(self.now, Time::after_start),
             Topic::Result => self.result_ns = Some(entry.at_ns),
@@ -179,7 +179,7 @@ impl Playback<'_> {
             goes_on || begins && with_its_begin
         };
         while !self.lock_step && self.peek(true).is_some_and(is_left) {
-            self.take(true);
+            self.pop_entry(true);
         }
     }
 
@@ -197,7 +197,7 @@ impl Playback<'_> {
             self.part(&format!("{} {}", topic.name(), short(said)));
             return None;
         }
-        let entry = self.take(cameras)?;
+        let entry = self.pop_entry(cameras)?;
         let (recorded, now) = match topic {
             Topic::Finding => {
                 let now = super::earlier_form::in_form_of(&entry.said, said.clone());

@@ -21,15 +21,15 @@ use std::time::{Duration, Instant};
 pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
 
 /// Pictures and points that wait to be packed, bytes: some seconds of film at full size.
-const MOST_BYTES: usize = 256 << 20;
+const MAX_QUEUED_BYTES: usize = 256 << 20;
 /// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
 /// Time after which written data is complete on the disk, whatever comes then; also the interval at which the free
 /// space is checked.
-const FLUSH: Duration = Duration::from_secs(1);
+const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest wait for a disk that accepts nothing: for a place, and at the end.
-const HANGS: Duration = Duration::from_secs(2);
-const HANGS_AT_THE_END: Duration = Duration::from_secs(20);
+const DISK_TIMEOUT: Duration = Duration::from_secs(2);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// The entrance for entries; any thread may use it.
 #[derive(Debug, Clone)]
@@ -56,7 +56,12 @@ pub(super) struct Bounds {
 
 impl Bounds {
     pub fn new(lock_step: bool) -> Self {
-        Bounds { waits: lock_step, most_bytes: MOST_BYTES, hangs: HANGS, hangs_at_the_end: HANGS_AT_THE_END }
+        Bounds {
+            waits: lock_step,
+            most_bytes: MAX_QUEUED_BYTES,
+            hangs: DISK_TIMEOUT,
+            hangs_at_the_end: CLOSE_TIMEOUT,
+        }
     }
 }
 
@@ -215,7 +220,7 @@ impl Recorder {
         let bytes = size(&entry);
         let mut inside = shared.lock();
         // The first one always finds a place, however large it is.
-        while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.takes() {
+        while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.is_accepting() {
             if !waits || inside.hung {
                 let at_ns = inside.now_ns;
                 inside.lose(entry.topic, at_ns);
@@ -225,7 +230,7 @@ impl Recorder {
             inside = waited.0;
             inside.hung |= waited.1.timed_out();
         }
-        if !inside.takes() {
+        if !inside.is_accepting() {
             return;
         }
         entry.at_ns = inside.now_ns;
@@ -296,7 +301,7 @@ impl Recorder {
 }
 
 impl Inside {
-    fn takes(&self) -> bool {
+    fn is_accepting(&self) -> bool {
         !self.closed && self.stopped.is_none()
     }
 
@@ -328,7 +333,7 @@ impl Shared {
         let mut flushed = Instant::now();
         let mut has_room = self.has_room(room);
         while has_room && self.write_next(&mut writer)? {
-            if flushed.elapsed() >= FLUSH {
+            if flushed.elapsed() >= FLUSH_INTERVAL {
                 writer.flush()?;
                 flushed = Instant::now();
                 has_room = self.has_room(room);
@@ -364,7 +369,7 @@ impl Shared {
         }
         let mut inside = self.lock();
         if inside.waiting.is_empty() && !inside.closed {
-            inside = self.changed.wait_timeout(inside, FLUSH).unwrap_or_else(PoisonError::into_inner).0;
+            inside = self.changed.wait_timeout(inside, FLUSH_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
         }
         let Some(entry) = inside.waiting.pop_front() else { return Ok(!inside.closed) };
         drop(inside);

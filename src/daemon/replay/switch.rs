@@ -20,7 +20,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Longest time between two reports of the writing thread that it works; packing a picture needs less.
-const LONGEST_SILENCE: Duration = Duration::from_secs(20);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// The beginning of a recording, and its file.
 #[derive(Debug, Clone)]
@@ -113,7 +113,7 @@ impl RecordingSwitch {
     }
 
     /// Returns the recording of the cycle that has ended, if it has one that was not taken yet.
-    pub fn take(&self) -> Option<Recording> {
+    pub fn take_recording(&self) -> Option<Recording> {
         let mut inside = self.lock();
         if inside.recorder.is_some() { None } else { inside.recording.take() }
     }
@@ -191,7 +191,7 @@ impl Inside {
             robot_mm: calibrations.robot_mm,
         };
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).map(Path::to_owned);
-        let (sign, watched) = supervised("recording", LONGEST_SILENCE);
+        let (sign, watched) = supervised("recording", HEARTBEAT_TIMEOUT);
         let sign = Arc::new(sign);
         let of_disk = sign.clone();
         let begun = move || {

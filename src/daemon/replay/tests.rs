@@ -305,7 +305,7 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
     let look = || line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));
     let result = || Entry { at_ns: 5, ..line(Topic::Result, Value::Null, json!(7)) };
     let mut later = player(vec![look(), result()]);
-    assert!(later.lets_in(Id(7)));
+    assert!(later.admit(Id(7)));
     let played = later.played();
     assert!(!played.to_the_end, "{played:?}");
     assert_eq!(
@@ -322,9 +322,9 @@ fn a_result_waits_for_its_turn() {
     let reports = || line(Topic::Report, Value::Null, told(&Report::Progress { done: CommandId(4) }));
     let result = line(Topic::Result, Value::Null, json!(7));
     let mut player = player(vec![reports(), result]);
-    assert!(!player.lets_in(Id(7)), "a report comes first");
+    assert!(!player.admit(Id(7)), "a report comes first");
     assert!(heard(&mut player).is_some());
-    assert!(!player.lets_in(Id(8)) && player.lets_in(Id(7)) && !player.lets_in(Id(7)));
+    assert!(!player.admit(Id(8)) && player.admit(Id(7)) && !player.admit(Id(7)));
     assert!(player.played().to_the_end);
 }
 

@@ -11,7 +11,7 @@ use std::time::Duration;
 /// this time.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 /// The largest message that is taken from the broker, and the largest that is sent, in bytes. A command is far smaller.
-const MOST_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
+const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
 /// How the broker is reached.
 pub(super) struct Broker {
@@ -26,10 +26,7 @@ impl Broker {
     pub fn read(node: &SparkplugNode) -> Result<Self, TrustError> {
         let client_id = format!("{}/{}", node.group_id, node.edge_node_id);
         let mut options = MqttOptions::new(client_id, node.broker.clone(), node.port);
-        options
-            .set_keep_alive(KEEP_ALIVE)
-            .set_clean_session(true)
-            .set_max_packet_size(MOST_BYTES[0], MOST_BYTES[1]);
+        options.set_keep_alive(KEEP_ALIVE).set_clean_session(true).set_max_packet_size(MAX_BYTES[0], MAX_BYTES[1]);
         if let Some(tls) = &node.tls {
             let config = trust::client_config(&tls.ca_certificate, tls.own.as_ref())?;
             let config = TlsConfiguration::Rustls(Arc::new(config));

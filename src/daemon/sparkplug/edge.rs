@@ -15,9 +15,9 @@ use tokio::time::sleep;
 /// A lost broker is tried again after this time, then after twice as long each time, up to the second one.
 const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
 /// A connection that lived for so long was a good one.
-const GOOD: Duration = Duration::from_secs(30);
+const MIN_STABLE_TIME: Duration = Duration::from_secs(30);
 /// Threads that wait for the store's disk and for names of hosts.
-const BLOCKING: usize = 3;
+const BLOCKING_THREADS: usize = 3;
 
 /// What the edge node is made of.
 pub struct SparkplugParts {
@@ -40,7 +40,7 @@ impl SparkplugEdge {
     /// # Errors
     /// If the system refuses a thread.
     pub fn serve(SparkplugParts { node, front }: SparkplugParts) -> std::io::Result<Self> {
-        let plan = Plan { name: "sparkplug", what: NAME, blocking: BLOCKING, stack_bytes: None };
+        let plan = Plan { name: "sparkplug", what: NAME, blocking: BLOCKING_THREADS, stack_bytes: None };
         let begin = async move |leave: &mut oneshot::Receiver<()>| run((&node, &front), leave).await;
         Ok(SparkplugEdge { _background: Background::start(plan, begin)? })
     }
@@ -79,7 +79,7 @@ async fn run((node, front): (&SparkplugNode, &FrontParts), leave: &mut oneshot::
             }
             Ended::Lost(why) => session.fails(&why),
         }
-        pause = if begun.elapsed() >= GOOD { BACK_OFF[0] } else { pause };
+        pause = if begun.elapsed() >= MIN_STABLE_TIME { BACK_OFF[0] } else { pause };
         tokio::select! {
             _ = &mut *leave => return,
             () = sleep(pause) => {}

@@ -16,10 +16,10 @@ use tokio::sync::watch;
 use tokio::time::sleep;
 
 /// Interval at which the loop is polled.
-const EVERY: Duration = Duration::from_millis(500);
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// Longest time between two readings of the store: the record of a cycle's end may come a little after its state,
 /// and ages increase.
-const STORE_EVERY: Duration = Duration::from_secs(10);
+const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Reads the cell repeatedly, until no receiver is left.
 pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellView>>) {
@@ -27,14 +27,15 @@ pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellVie
     while !tell.is_closed() {
         let reply = parts.gateway.request(What::State, Who::by(Front::Sparkplug)).await;
         let now = loop_view(reply);
-        let is_due = read.as_ref().is_none_or(|(at, was)| at.elapsed() >= STORE_EVERY || is_another(was, &now));
+        let is_due =
+            read.as_ref().is_none_or(|(at, was)| at.elapsed() >= MAX_STORE_POLL_INTERVAL || is_another(was, &now));
         if is_due {
             let shared = parts.clone();
             kept = tokio::task::spawn_blocking(move || kept_view(&shared)).await.unwrap_or_default();
             read = Some((Instant::now(), now.clone()));
         }
         tell.send_replace(Some(CellView { now, kept: kept.clone() }));
-        sleep(EVERY).await;
+        sleep(POLL_INTERVAL).await;
     }
 }
 

@@ -14,14 +14,14 @@ use tokio::time::{MissedTickBehavior, interval, timeout};
 
 /// Largest number of messages that wait for the connection. If they are not accepted, the connection is given up:
 /// its data may be lost, their order must not.
-const MOST_WAITING: usize = 64;
+const MAX_WAITING: usize = 64;
 /// Packets of the broker that wait for the node; the rest waits in the broker.
-const MOST_PACKETS: usize = 16;
+const MAX_PACKETS: usize = 16;
 /// Interval at which the cell is read.
-const LOOK_EVERY: Duration = Duration::from_millis(500);
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// Time limit for the broker to answer a connection, in s, and to accept its last messages.
-const CONNECT_WITHIN_S: u64 = 10;
-const LEAVE_WITHIN: Duration = Duration::from_secs(2);
+const CONNECT_TIMEOUT_S: u64 = 10;
+const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The task of the connection ended without a word, which it never should.
 pub(super) const BROKEN: &str = "the connection's task failed";
@@ -87,9 +87,9 @@ pub(super) async fn connected(
     node.step(Event::Connecting, parts.now());
     let options = broker.options(node.will(parts.now()));
     // A connection of its own each time: nothing that waited for a former one is sent in this one.
-    let (client, mut eventloop) = AsyncClient::new(options, MOST_WAITING);
-    eventloop.network_options.set_connection_timeout(CONNECT_WITHIN_S);
-    let (tell, packets) = mpsc::channel(MOST_PACKETS);
+    let (client, mut eventloop) = AsyncClient::new(options, MAX_WAITING);
+    eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
+    let (tell, packets) = mpsc::channel(MAX_PACKETS);
     // Ends with this connection, since dropping a set ends its tasks.
     let mut polling = JoinSet::new();
     polling.spawn(poll(eventloop, tell));
@@ -112,7 +112,7 @@ async fn poll(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event
 
 impl Session<'_> {
     async fn serve(&mut self, leave: &mut oneshot::Receiver<()>) -> Ended {
-        let mut look = interval(LOOK_EVERY);
+        let mut look = interval(POLL_INTERVAL);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             let ended = tokio::select! {
@@ -207,7 +207,7 @@ impl Session<'_> {
             }
         };
         #[expect(clippy::let_underscore_must_use, reason = "a broker that takes nothing tells the death itself")]
-        let _ = timeout(LEAVE_WITHIN, sent).await;
+        let _ = timeout(DISCONNECT_TIMEOUT, sent).await;
     }
 }
 
@@ -221,7 +221,7 @@ fn words(error: &ConnectionError) -> String {
             ConnectReturnCode::RefusedProtocolVersion => "the broker does not speak MQTT 3.1.1".to_owned(),
             _ => "the broker is not available".to_owned(),
         },
-        ConnectionError::NetworkTimeout => format!("no answer within {CONNECT_WITHIN_S} s"),
+        ConnectionError::NetworkTimeout => format!("no answer within {CONNECT_TIMEOUT_S} s"),
         other => {
             let words = other.to_string();
             let advice = if words.contains("UnknownIssuer") {

@@ -276,7 +276,7 @@ fn a_film_goes_on_without_the_robot() {
 /// Returns the next result, if one comes within a time that is long even on a busy machine.
 fn worked(computing: &mut Computing) -> Option<Worked> {
     computing.ready(Duration::from_secs(60))?;
-    computing.take()
+    computing.take_result()
 }
 
 fn watched_s(worked: &Worked) -> Option<f64> {

@@ -8,11 +8,11 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
 /// The whole body comes within this time after its head.
-pub(super) const WITHIN: Duration = Duration::from_secs(5);
+pub(super) const BODY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Returns a request with a body that ends with an error if it does not come in time.
 pub(super) async fn in_time(request: Request) -> Request {
-    let until = Instant::now() + WITHIN;
+    let until = Instant::now() + BODY_TIMEOUT;
     request.map(|body| match body.is_end_stream() {
         true => body,
         false => limited(body, until),

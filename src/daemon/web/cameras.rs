@@ -26,7 +26,7 @@ use serde_json::json;
 use std::sync::Arc;
 
 /// The widest picture that is sent, px.
-const WIDEST: usize = 1_280;
+const MAX_WIDTH_PX: usize = 1_280;
 /// Each camera, by its word in addresses and the key of its name.
 const EYES: [(&str, &str, Eye); 2] =
     [("scanner", "cameras.scanner", Eye::Scanner), ("flange", "cameras.flange", Eye::Flange)];
@@ -101,7 +101,7 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
 }
 
 /// Has a camera take a picture, if the cell is at rest without a cycle.
-pub(super) async fn take(
+pub(super) async fn capture(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(name): Path<String>,
@@ -129,7 +129,7 @@ fn taken(web: &Web, at: usize) -> Result<(), Reason> {
     let cameras = web.front.gateway.cameras.as_ref();
     let message = "the service has not opened its cameras yet; check the state";
     let cameras = cameras.ok_or_else(|| Reason::new("not_now", message))?;
-    let taken = cameras.take(EYES[at].2)?;
+    let taken = cameras.capture(EYES[at].2)?;
     let jpeg = encoded(&taken.picture).map_err(|problem| Reason::new("camera", problem))?;
     let view = View {
         jpeg,
@@ -143,8 +143,8 @@ fn taken(web: &Web, at: usize) -> Result<(), Reason> {
 }
 
 fn encoded(picture: &ColorPicture) -> Result<Vec<u8>, String> {
-    let small = match picture.width > WIDEST {
-        true => &resized(picture, WIDEST).map_err(|error| error.to_string())?,
+    let small = match picture.width > MAX_WIDTH_PX {
+        true => &resized(picture, MAX_WIDTH_PX).map_err(|error| error.to_string())?,
         false => picture,
     };
     files::write_color_jpeg(small).map_err(|error| error.to_string())

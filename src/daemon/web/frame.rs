@@ -7,7 +7,7 @@ use crate::report::canvas::resized;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The widest picture that is sent, px.
-const WIDEST: usize = 960;
+const MAX_WIDTH_PX: usize = 960;
 
 /// The newest picture as a JPEG.
 pub(super) struct Frames {
@@ -48,8 +48,8 @@ impl Frames {
 }
 
 fn encoded(frame: &LiveFrame) -> Option<Vec<u8>> {
-    let drawn = frame.drawn().and_then(|picture| match picture.width > WIDEST {
-        true => resized(&picture, WIDEST),
+    let drawn = frame.drawn().and_then(|picture| match picture.width > MAX_WIDTH_PX {
+        true => resized(&picture, MAX_WIDTH_PX),
         false => Ok(picture),
     });
     let jpeg = drawn.map_err(|error| error.to_string());

@@ -21,7 +21,7 @@ use std::sync::Arc;
 /// Cycles on one page.
 const PAGE: usize = 50;
 /// Cycles in one file.
-const FILE: usize = crate::history::MOST_HITS;
+const FILE: usize = crate::history::MAX_HITS;
 const VERDICTS: [Verdict; 7] = [
     Verdict::Pass,
     Verdict::Fail,

@@ -17,9 +17,9 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 /// Interval at which the loop is polled.
-const EVERY: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Without a change, longest time until a page is informed that all is well.
-const SIGN: Duration = Duration::from_secs(1);
+const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Polls the loop and reports changes, until no receiver is left.
 pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::Sender<Arc<Live>>) {
@@ -35,13 +35,13 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
             // What was last known stays, with the time when it was.
             None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };
-        if !now.says_the_same(&was) || told.elapsed() >= SIGN {
+        if !now.says_the_same(&was) || told.elapsed() >= KEEP_ALIVE_INTERVAL {
             told = tokio::time::Instant::now();
             if tell.send(Arc::new(now)).is_err() {
                 return;
             }
         }
-        tokio::time::sleep(EVERY).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
 }
 
@@ -52,7 +52,7 @@ pub(super) async fn events(
     State(web): State<Arc<Web>>,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let place = web.lookers.take(owner(from.ip()));
+    let place = web.lookers.acquire(owner(from.ip()));
     let mut live = web.live.clone();
     live.mark_changed();
     let stream = stream::unfold((live, place), |(mut live, mut place)| async move {

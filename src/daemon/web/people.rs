@@ -5,7 +5,7 @@ use super::layout::{Frame, Script};
 use super::reading::{Answer, ended, reading};
 use super::state::{Web, entry, hashing};
 use super::visitor::{Visitor, role_key};
-use crate::accounts::{Account, AuditEntry, MOST_PRINTED, Permission, Role};
+use crate::accounts::{Account, AuditEntry, MAX_PRINTED, Permission, Role};
 use crate::random;
 use crate::store::Store;
 use axum::extract::State;
@@ -59,7 +59,7 @@ fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
                 Some(_) => input type="hidden" name="name" value=(name);,
                 None => label { (word("login.name")) input name="name" required maxlength="40" autocomplete="off"; },
             }
-            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MOST_PRINTED) autocomplete="off"; }
+            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MAX_PRINTED) autocomplete="off"; }
             label { (word("people.role"))
                 select name="role" {
                     @for role in Role::VARIANTS {

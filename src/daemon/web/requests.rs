@@ -75,7 +75,7 @@ pub(super) async fn accept(
 }
 
 /// The longest reason, in characters.
-const MOST_CHARACTERS: usize = 200;
+const MAX_CHARACTERS: usize = 200;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -91,7 +91,7 @@ pub(super) async fn hold(
     Json(Hold { why }): Json<Hold>,
 ) -> Response {
     let reply = web.front.gateway.request(What::Table(cycle::Request::Hold), visitor.who()).await;
-    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MOST_CHARACTERS).collect();
+    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect();
     if reply.answer == Exit::Done && !why.is_empty() {
         let subject = reply.cycle_id.map_or(why.clone(), |cycle| format!("cycle {cycle}: {why}"));
         let line = AuditEntry { subject: Some(subject), ..entry(&visitor, "hold") };

@@ -14,7 +14,7 @@ use axum::routing::{MethodRouter, get, post};
 use std::sync::Arc;
 
 /// The longest body that is read: a recipe that is edited, with its escapes.
-pub(super) const MOST_BODY_BYTES: usize = 512 * 1_024;
+pub(super) const MAX_BODY_BYTES: usize = 512 * 1_024;
 
 const fn look(path: &'static str, access: Access, handler: fn() -> MethodRouter<Arc<Web>>) -> Route {
     Route { path, method: Method::Get, access, handler }
@@ -83,7 +83,7 @@ pub(super) static ROUTES: &[Route] = &[
     change("/setup/recipe/{name}/proposal", Needs(Configure), || post(draw::propose)),
     look("/setup/cameras", Needs(View), || get(cameras::page)),
     look("/setup/cameras/{name}", Needs(View), || get(cameras::picture)),
-    change("/setup/cameras/{name}", Needs(Configure), || post(cameras::take)),
+    change("/setup/cameras/{name}", Needs(Configure), || post(cameras::capture)),
     look("/setup/doctor", Needs(Configure), || get(doctor::page)),
     look("/people", Needs(ManagePeople), || get(people::page)),
     change("/people", Needs(ManagePeople), || post(people::save)),
@@ -97,6 +97,6 @@ pub(super) fn router(web: &Arc<Web>) -> Router {
         let guarded = (web.clone(), route);
         router.route(route.path, (route.handler)().layer(from_fn_with_state(guarded, guard::pass)))
     });
-    let router = router.fallback(guard::not_found).layer(DefaultBodyLimit::max(MOST_BODY_BYTES));
+    let router = router.fallback(guard::not_found).layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
     router.layer(from_fn_with_state(web.clone(), guard::headers)).with_state(web.clone())
 }

@@ -37,17 +37,17 @@ use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
 /// Connections that have given way and are still listened to: a request that was written meanwhile is read.
-const LEAVING: usize = 64;
+const MAX_DRAINING: usize = 64;
 /// How long they are.
-const LAST_WORD: Duration = Duration::from_millis(50);
+const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// The TLS handshake, and the head of each request, must come within this time.
-const PATIENCE: Duration = Duration::from_secs(10);
+const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 /// An address that could not be had is tried again after this time.
-const AGAIN: Duration = Duration::from_secs(1);
+const BIND_RETRY_DELAY: Duration = Duration::from_secs(1);
 /// A peer that accepts no data for this time is gone.
-const GONE: Duration = Duration::from_secs(30);
+const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 /// Threads that wait for the store's disk, hash passwords and encode pictures.
-const BLOCKING: usize = 4;
+const BLOCKING_THREADS: usize = 4;
 
 /// What the page is made of.
 pub struct PageParts {
@@ -92,7 +92,8 @@ impl OperatorPage {
         };
         let failed = |source| PageError::Listen { address, source };
         let mut builder = Builder::new_current_thread();
-        let runtime = builder.enable_io().enable_time().max_blocking_threads(BLOCKING).build().map_err(failed)?;
+        let runtime =
+            builder.enable_io().enable_time().max_blocking_threads(BLOCKING_THREADS).build().map_err(failed)?;
         let (listener, address) = match runtime.block_on(TcpListener::bind(address)) {
             Ok(listener) => {
                 let address = listener.local_addr().map_err(failed)?;
@@ -170,7 +171,7 @@ fn run(
 /// meanwhile.
 async fn bound(address: SocketAddr) -> TcpListener {
     loop {
-        sleep(AGAIN).await;
+        sleep(BIND_RETRY_DELAY).await;
         if let Ok(listener) = TcpListener::bind(address).await {
             tracing::info!("the operator's page is served at {address} now");
             return listener;
@@ -185,20 +186,20 @@ pub(in crate::daemon) async fn listen_on(listener: TcpListener, certificate: Opt
 
 async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {
     let places = Places::new(CONNECTIONS);
-    let attended = Arc::new(Semaphore::new(CONNECTIONS.of_all + LEAVING));
+    let attended = Arc::new(Semaphore::new(CONNECTIONS.of_all + MAX_DRAINING));
     loop {
         let Ok(attended) = attended.clone().acquire_owned().await else { return };
         match listener.accept().await {
             Ok((stream, from)) => {
                 let (acceptor, router) = (acceptor.clone(), router.clone());
-                let mut place = places.take(owner(from.ip()));
+                let mut place = places.acquire(owner(from.ip()));
                 tokio::spawn(async move {
                     let heard = place.heard();
                     tokio::select! {
                         () = attend(stream, from, acceptor, (router, heard)) => {}
                         () = async {
                             place.is_wanted().await;
-                            sleep(LAST_WORD).await;
+                            sleep(DRAIN_TIMEOUT).await;
                         } => {}
                     }
                     drop((place, attended));
@@ -215,13 +216,13 @@ type Heeded = (Router, Heard<IpAddr>);
 
 async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Heeded) {
     let socket = socket2::SockRef::from(&stream);
-    if socket.set_tcp_user_timeout(Some(GONE)).and_then(|()| socket.set_tcp_nodelay(true)).is_err() {
+    if socket.set_tcp_user_timeout(Some(DISCONNECT_TIMEOUT)).and_then(|()| socket.set_tcp_nodelay(true)).is_err() {
         return;
     }
     match acceptor {
         None => speak(stream, from, router).await,
         Some(acceptor) => {
-            if let Ok(Ok(stream)) = timeout(PATIENCE, acceptor.accept(stream)).await {
+            if let Ok(Ok(stream)) = timeout(HEAD_TIMEOUT, acceptor.accept(stream)).await {
                 speak(stream, from, router).await;
             }
         }
@@ -240,7 +241,7 @@ async fn speak(
     });
     let service = TowerToHyperService::new(router.layer(heeded));
     let mut server = http1::Builder::new();
-    server.timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(64 * 1_024);
+    server.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT).max_buf_size(64 * 1_024);
     #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
 }

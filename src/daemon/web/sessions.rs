@@ -5,9 +5,9 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
 /// A session ends so long after the person logged in, whatever they do, s.
-const LONGEST_S: f64 = 12.0 * 3_600.0;
+const MAX_SESSION_S: f64 = 12.0 * 3_600.0;
 /// Largest number of sessions of all accounts.
-const MOST: usize = 200;
+const MAX_SESSIONS: usize = 200;
 
 /// A session.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,7 +69,7 @@ impl Sessions {
         while self.open.values().filter(|session| session.name == name).count() >= self.of_account {
             self.end_oldest(|session| session.name == name);
         }
-        if self.open.len() >= MOST {
+        if self.open.len() >= MAX_SESSIONS {
             self.end_oldest(|_| true);
         }
         let session = Session { name, printed_name, role, stamp, csrf, began_s: now_s, seen_s: now_s };
@@ -104,7 +104,7 @@ impl Sessions {
 
     fn forget(&mut self, now_s: f64) {
         let idle_s = self.idle_s;
-        self.open.retain(|_, session| now_s - session.seen_s < idle_s && now_s - session.began_s < LONGEST_S);
+        self.open.retain(|_, session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S);
     }
 }
 
@@ -128,7 +128,7 @@ mod tests {
         while sessions.find("t", now_s, true).is_some() {
             now_s += 59.0;
         }
-        assert!((LONGEST_S..LONGEST_S + 59.0).contains(&(now_s - 100.0)), "{now_s}");
+        assert!((MAX_SESSION_S..MAX_SESSION_S + 59.0).contains(&(now_s - 100.0)), "{now_s}");
         assert_eq!(sessions.find("u", 0.0, true), None);
     }
 

@@ -9,7 +9,7 @@ use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
 /// Shortest time between two readings of the accounts for this, s, unless one has changed.
-const EVERY_S: f64 = 1.0;
+const MIN_READ_INTERVAL_S: f64 = 1.0;
 
 /// The accounts as they were read last; none before they were.
 #[derive(Debug, Default)]
@@ -33,7 +33,7 @@ impl Stamps {
     pub async fn count(&self, people: &Arc<People>, person: &Person) -> bool {
         let mut known = self.0.lock().await;
         let read_s = people.now_s();
-        if known.as_ref().is_some_and(|known| read_s - known.read_s < EVERY_S && known.has(person)) {
+        if known.as_ref().is_some_and(|known| read_s - known.read_s < MIN_READ_INTERVAL_S && known.has(person)) {
             return true;
         }
         let shared = people.clone();

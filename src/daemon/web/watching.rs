@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Interval at which the cell is checked.
-const EVERY: Duration = Duration::from_secs(60);
+const CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Looks again and again, as long as the page is served.
 pub(super) async fn follow(web: Arc<Web>) {
@@ -17,6 +17,6 @@ pub(super) async fn follow(web: Arc<Web>) {
             shared.count_refusals(shared.now_ms());
         })
         .await;
-        tokio::time::sleep(EVERY).await;
+        tokio::time::sleep(CHECK_INTERVAL).await;
     }
 }

@@ -13,13 +13,13 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time limit for making a connection.
-const CONNECT: Duration = Duration::from_millis(1_000);
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(1_000);
 /// A lost link is tried again after this time.
-const AGAIN: Duration = Duration::from_millis(300);
+const RECONNECT_DELAY: Duration = Duration::from_millis(300);
 /// Longest time until the thread checks for new commands and sends them.
-const LOOK: Duration = Duration::from_millis(5);
+const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Longest time between two reports of the thread that it works.
-const LONGEST_SILENCE: Duration = Duration::from_secs(5);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why no link was started.
 #[derive(Debug, thiserror::Error)]
@@ -63,7 +63,7 @@ impl AcfLink {
     /// # Errors
     /// If the system provides no thread.
     pub fn start(tool: &CompliantTool, address: &ToolAddress) -> Result<Self, AcfStartError> {
-        let (sign, watched) = supervised("compliant tool", LONGEST_SILENCE);
+        let (sign, watched) = supervised("compliant tool", HEARTBEAT_TIMEOUT);
         let shared = Arc::new(Shared::default());
         let kept = Kept {
             address: address.clone(),
@@ -139,7 +139,7 @@ impl Kept {
                 told = Some(loss);
             }
             if !self.shared.ends() {
-                std::thread::sleep(AGAIN);
+                std::thread::sleep(RECONNECT_DELAY);
             }
         }
     }
@@ -148,7 +148,7 @@ impl Kept {
         let ToolAddress { host, port } = &self.address;
         let address = (host.as_str(), *port).to_socket_addrs()?.next();
         let address = address.ok_or_else(|| io::Error::from(ErrorKind::AddrNotAvailable))?;
-        let stream = TcpStream::connect_timeout(&address, CONNECT)?;
+        let stream = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT)?;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(self.limits.reply_within))?;
         Ok(stream)
@@ -183,7 +183,10 @@ impl Kept {
         if let Some(bytes) = session.tick(self.now()) {
             stream.write_all(&bytes).map_err(|_| Loss::Closed)?;
         }
-        let wait = session.due().map_or(LOOK, |due| due.since(self.now())).clamp(Duration::from_millis(1), LOOK);
+        let wait = session
+            .due()
+            .map_or(COMMAND_POLL_INTERVAL, |due| due.since(self.now()))
+            .clamp(Duration::from_millis(1), COMMAND_POLL_INTERVAL);
         let mut buffer = [0; 256];
         let read = stream.set_read_timeout(Some(wait)).and_then(|()| stream.read(&mut buffer));
         match read {

@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// How long it waits for bytes or a client.
-const LOOK: Duration = Duration::from_millis(2);
+const POLL_TIMEOUT: Duration = Duration::from_millis(2);
 
 /// A mock that listens; dropped, it ends.
 pub struct MockAcfServer {
@@ -36,7 +36,7 @@ impl MockAcfServer {
             while !ended.load(Ordering::Relaxed) {
                 match listener.accept() {
                     Ok((stream, _)) => serve(stream, &mut mock, (&of_thread, &ended), (since, touches_at_mm)),
-                    Err(_) => std::thread::sleep(LOOK),
+                    Err(_) => std::thread::sleep(POLL_TIMEOUT),
                 }
             }
         };
@@ -75,7 +75,7 @@ fn serve(
     (since, touches_at_mm): (Instant, f64),
 ) {
     mock.connect();
-    if stream.set_nonblocking(false).and_then(|()| stream.set_read_timeout(Some(LOOK))).is_err() {
+    if stream.set_nonblocking(false).and_then(|()| stream.set_read_timeout(Some(POLL_TIMEOUT))).is_err() {
         return;
     }
     let mut buffer = [0; 256];

@@ -13,7 +13,7 @@ use crate::geometry::{Flange, Rigid, Tool};
 /// So finely time passes between two looks, ms.
 const STEP_MS: u64 = 5;
 /// A lost link is tried again after this time, ms.
-const AGAIN_MS: u64 = 500;
+const RECONNECT_DELAY_MS: u64 = 500;
 /// A disc that is farther beside the panel's outline than this has nothing before it, mm.
 const BESIDE_MM: f64 = 15.0;
 
@@ -76,7 +76,7 @@ impl<S: Surroundings> SimulatedAcf<S> {
         let (now, now_ms) = (Time::at_ms(around.time_ms), around.time_ms);
         self.mock.advance(around);
         if matches!(self.session.state(), State::Offline | State::Lost(_)) && now_ms >= self.again_ms {
-            self.again_ms = now_ms + AGAIN_MS;
+            self.again_ms = now_ms + RECONNECT_DELAY_MS;
             if !self.mock.is_reachable() {
                 return self.session.lose(Loss::Unreachable { problem: "the connection is refused".to_owned() });
             }

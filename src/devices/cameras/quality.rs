@@ -11,7 +11,7 @@ const SATURATED: u8 = 254;
 /// … and a pixel whose brightest channel is below this one is dark.
 const DARK: u8 = 10;
 /// The steepest pixels.
-const STEEPEST: f64 = 0.001;
+const STEEPEST_SHARE: f64 = 0.001;
 
 /// The quality of a picture, from its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +45,7 @@ impl PictureQuality {
             picture.rgb.iter().filter(|rgb| is_one(rgb)).count() as f64 / pixels
         };
         PictureQuality {
-            sharpness_gray_per_px: below(&mut slopes, 1.0 - STEEPEST).unwrap_or(0.0),
+            sharpness_gray_per_px: below(&mut slopes, 1.0 - STEEPEST_SHARE).unwrap_or(0.0),
             saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= SATURATED)),
             dark_share: share(&|rgb| rgb.iter().all(|level| *level < DARK)),
             mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,

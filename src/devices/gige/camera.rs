@@ -11,7 +11,7 @@ use super::format::PixelFormat;
 use super::settings::{Exposing, Settings};
 use super::sockets::{rmem_max, socket_buffer_bytes};
 use super::statistics::Statistics;
-use super::still::{self, NoStill, Shutter, TRIES};
+use super::still::{self, MAX_ATTEMPTS, NoStill, Shutter};
 use super::streaming::Streaming;
 use aravis::GvStreamOption;
 use aravis::prelude::*;
@@ -106,12 +106,12 @@ impl Connected {
 
     /// A picture that is exposed now.
     pub fn still(&mut self) -> Result<Frame, GigeError> {
-        let taken = still::take(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
+        let taken = still::capture(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
         let camera_c = if taken.is_ok() { self.sensor.temperature_c() } else { None };
         taken.map(|(facts, pixels)| Frame { facts, pixels, camera_c }).map_err(|none| match none {
             NoStill::Gone(gone) => gone,
-            NoStill::Timeout => GigeError::Timeout { waited_ms: whole_ms(TRIES * self.settings.patience()) },
-            NoStill::Refused(last) => GigeError::Refused { tries: TRIES, last },
+            NoStill::Timeout => GigeError::Timeout { waited_ms: whole_ms(MAX_ATTEMPTS * self.settings.patience()) },
+            NoStill::Refused(last) => GigeError::Refused { tries: MAX_ATTEMPTS, last },
             NoStill::Frozen(last) => GigeError::Frozen { last },
         })
     }
@@ -119,7 +119,7 @@ impl Connected {
     /// The next picture of a free running camera that may be taken.
     pub fn next(&mut self) -> Result<Frame, GigeError> {
         let begun = Instant::now();
-        while begun.elapsed() < self.settings.patience() * TRIES {
+        while begun.elapsed() < self.settings.patience() * MAX_ATTEMPTS {
             let Some((facts, pixels)) = self.sensor.wait()? else { break };
             match self.acceptance.judge(&facts, &pixels) {
                 Ok(()) => {

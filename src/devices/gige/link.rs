@@ -9,7 +9,7 @@ use super::camera::{Connected, Frame, WARM_UP};
 use super::error::{GigeError, whole_ms};
 use super::settings::{Exposing, Settings};
 use super::statistics::Statistics;
-use super::still::TRIES;
+use super::still::MAX_ATTEMPTS;
 use crate::devices::UNKNOWN_PX;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -18,14 +18,14 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time limit for the first search before a picture is refused, in addition to the time for the first pictures.
-const SEARCH: Duration = Duration::from_secs(5);
+const SEARCH_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time limit for releasing a camera that does not answer, in addition to the attempts for one picture.
-const SLACK: Duration = Duration::from_secs(15);
+const RELEASE_TIMEOUT: Duration = Duration::from_secs(15);
 /// Interval between checks of a camera that has no request.
-const TICK: Duration = Duration::from_millis(100);
+const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 /// From one search for a lost camera to the next, at first and at most.
-const FIRST_PAUSE: Duration = Duration::from_millis(200);
-const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+const MIN_SEARCH_INTERVAL: Duration = Duration::from_millis(200);
+const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The state of the camera's link.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,8 +75,8 @@ impl GigeCamera {
         let (asks, asked) = mpsc::channel();
         let standing = Standing::Searching;
         let shared = Arc::new(Mutex::new(Shared { standing, statistics: Statistics::default() }));
-        let search = SEARCH + WARM_UP * settings.patience();
-        let longest = SLACK + TRIES * settings.patience();
+        let search = SEARCH_TIMEOUT + WARM_UP * settings.patience();
+        let longest = RELEASE_TIMEOUT + MAX_ATTEMPTS * settings.patience();
         let is_ending = Arc::new(AtomicBool::new(false));
         let mut link = Link {
             settings,
@@ -87,7 +87,7 @@ impl GigeCamera {
             before: Statistics::default(),
             away_since: None,
             next_search: Instant::now(),
-            pause: FIRST_PAUSE,
+            pause: MIN_SEARCH_INTERVAL,
         };
         let which = link.settings.which.to_string();
         let thread = std::thread::Builder::new().name("gige".to_owned()).spawn(move || link.serve(&asked))?;
@@ -106,7 +106,7 @@ impl GigeCamera {
         let asked = Instant::now();
         self.asks.as_ref().ok_or_else(lost)?.send(CameraRequest::Picture { asked, reply }).map_err(|_| lost())?;
         loop {
-            match answer.recv_timeout(TICK) {
+            match answer.recv_timeout(CHECK_INTERVAL) {
                 Ok(picture) => return picture,
                 Err(RecvTimeoutError::Disconnected) => return Err(lost()),
                 Err(RecvTimeoutError::Timeout) => {
@@ -206,7 +206,7 @@ impl Link {
             if self.connected.is_none() && Instant::now() >= self.next_search {
                 self.search();
             }
-            match asked.recv_timeout(TICK) {
+            match asked.recv_timeout(CHECK_INTERVAL) {
                 Ok(CameraRequest::Picture { asked, reply }) if asked.elapsed() < self.longest => {
                     let picture = self.picture();
                     if let Some(why) = picture.as_ref().err().filter(|_| self.connected.is_some()) {
@@ -256,7 +256,7 @@ impl Link {
             Ok(connected) => {
                 self.connected = Some(connected);
                 self.before.connections += 1;
-                self.pause = FIRST_PAUSE;
+                self.pause = MIN_SEARCH_INTERVAL;
                 lock(&self.shared).standing = Standing::Connected;
                 self.publish();
                 if let Some(since) = self.away_since.take() {
@@ -266,7 +266,7 @@ impl Link {
             }
             Err(why) => {
                 self.next_search = Instant::now() + self.pause;
-                self.pause = (self.pause * 2).min(LONGEST_PAUSE);
+                self.pause = (self.pause * 2).min(MAX_SEARCH_INTERVAL);
                 self.away(why);
             }
         }

@@ -50,7 +50,7 @@ pub use search::{FoundCamera, search};
 pub use settings::{Exposing, NoNode, PACKET_BYTES, PlanError, Settings, Step, Which, plan};
 pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
 pub use statistics::Statistics;
-pub use still::{NoStill, Shutter, TRIES, take};
+pub use still::{MAX_ATTEMPTS, NoStill, Shutter, capture};
 pub use subnet::{Subnet, out_of_reach, subnets};
 
 #[cfg(all(test, feature = "gige"))]

@@ -67,12 +67,12 @@ pub struct Settings {
 }
 
 /// From trigger to picture, besides the exposure.
-const PATIENCE: Duration = Duration::from_millis(1_000);
+const PICTURE_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 impl Settings {
     /// How long one picture is waited for.
     pub fn patience(&self) -> Duration {
-        PATIENCE + Duration::from_micros(self.exposure_us.unwrap_or_default() as u64)
+        PICTURE_TIMEOUT + Duration::from_micros(self.exposure_us.unwrap_or_default() as u64)
     }
 }
 

@@ -4,11 +4,11 @@
 use super::subnet::{Subnet, subnets};
 
 /// The minimum request, bytes: two pictures of an ordinary camera.
-const LEAST_BYTES: usize = 8 << 20;
+const MIN_BYTES: usize = 8 << 20;
 
 /// Returns the buffer requested from the system for such pictures, bytes. Granted up to `net.core.rmem_max`.
 pub fn socket_buffer_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
-    burst_bytes(size_px, packet_bytes).max(LEAST_BYTES)
+    burst_bytes(size_px, packet_bytes).max(MIN_BYTES)
 }
 
 /// Returns the receive buffer that a socket needs for a picture in one burst, bytes. The kernel counts each packet

@@ -8,7 +8,7 @@ use super::acceptance::{Acceptance, Facts, Refused};
 use super::statistics::Statistics;
 
 /// Triggers of one still, at most.
-pub const TRIES: u32 = 3;
+pub const MAX_ATTEMPTS: u32 = 3;
 
 /// A camera that exposes on demand.
 pub trait Shutter {
@@ -51,13 +51,13 @@ pub enum NoStill<G> {
 ///
 /// # Errors
 /// If no attempt delivers a usable frame.
-pub fn take<S: Shutter>(
+pub fn capture<S: Shutter>(
     shutter: &mut S,
     acceptance: &mut Acceptance,
     statistics: &mut Statistics,
 ) -> Result<(Facts, Vec<u8>), NoStill<S::Gone>> {
     let mut last: Option<NoStill<S::Gone>> = None;
-    for attempt in 0..TRIES {
+    for attempt in 0..MAX_ATTEMPTS {
         statistics.retries += u64::from(attempt > 0);
         shutter.trigger().map_err(NoStill::Gone)?;
         let failed = match shutter.wait().map_err(NoStill::Gone)? {
@@ -183,7 +183,7 @@ mod tests {
 
     fn take_of(fates: &[Fate]) -> (Result<u8, NoStill<()>>, Statistics) {
         let (mut camera, mut statistics) = (Scripted::new(fates), Statistics::default());
-        let taken = take(&mut camera, &mut acceptance(), &mut statistics);
+        let taken = capture(&mut camera, &mut acceptance(), &mut statistics);
         (taken.map(|(_, pixels)| pixels[0] / 16), statistics)
     }
 
@@ -205,9 +205,9 @@ mod tests {
     fn a_frozen_camera_is_told_at_its_second_old_frame() {
         let mut camera = Scripted::new(&[Fate::Good]);
         let (mut acceptance, mut statistics) = (acceptance(), Statistics::default());
-        take(&mut camera, &mut acceptance, &mut statistics).expect("good");
+        capture(&mut camera, &mut acceptance, &mut statistics).expect("good");
         camera.fates = VecDeque::from([Fate::Old, Fate::Old, Fate::Good]);
-        let frozen = take(&mut camera, &mut acceptance, &mut statistics).expect_err("frozen");
+        let frozen = capture(&mut camera, &mut acceptance, &mut statistics).expect_err("frozen");
         assert!(matches!(frozen, NoStill::Frozen(Refused::NotNewer { .. })), "{frozen:?}");
         assert_eq!((statistics.accepted, statistics.refused), (1, 2));
     }
@@ -220,8 +220,8 @@ mod tests {
             let (mut camera, mut acceptance, mut statistics) = (Scripted::new(&fates), acceptance(), Statistics::default());
             for _ in 0..fates.len() {
                 let before = camera.exposures;
-                let taken = take(&mut camera, &mut acceptance, &mut statistics);
-                prop_assert!(camera.exposures - before <= u64::from(TRIES));
+                let taken = capture(&mut camera, &mut acceptance, &mut statistics);
+                prop_assert!(camera.exposures - before <= u64::from(MAX_ATTEMPTS));
                 if let Ok((facts, pixels)) = taken {
                     prop_assert_eq!(facts.camera_time_ns, camera.exposures);
                     prop_assert_eq!(pixels[0], (camera.exposures * 16) as u8);

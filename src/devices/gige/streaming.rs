@@ -18,13 +18,13 @@ const BUFFERS: usize = 8;
 const FRAME_RETENTION_US: u32 = 200_000;
 const PACKET_TIMEOUT_US: u32 = 20_000;
 /// The wait for a picture looks this often whether the camera is still there.
-const GLANCE: Duration = Duration::from_millis(50);
+const CONNECTION_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// The wait for a sensor that is not ready for its trigger.
-const POLL: Duration = Duration::from_millis(2);
+const TRIGGER_POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// The node that reports it, of cameras that have one.
 const ARMED: &str = "TriggerArmed";
 /// Some models report ready only after the first trigger, and some never: the maximum number of waits.
-const MOST_UNARMED: u64 = 3;
+const MAX_UNARMED_WAITS: u64 = 3;
 /// Room for pictures of two bytes a pixel, so that one of a deeper format than was set arrives complete and reports
 /// its name.
 const ROOM: usize = 2;
@@ -135,7 +135,7 @@ impl Streaming {
             self.check()?;
             if begun.elapsed() > self.patience {
                 self.unarmed += 1;
-                if self.unarmed >= MOST_UNARMED {
+                if self.unarmed >= MAX_UNARMED_WAITS {
                     tracing::warn!(
                         "the camera never reports that it is ready for its trigger ({ARMED}); it is triggered \
                          without this report"
@@ -144,7 +144,7 @@ impl Streaming {
                 }
                 break;
             }
-            std::thread::sleep(POLL);
+            std::thread::sleep(TRIGGER_POLL_INTERVAL);
         }
         Ok(())
     }
@@ -169,7 +169,9 @@ impl Shutter for Streaming {
         while begun.elapsed() < self.patience {
             self.check()?;
             let Some(stream) = &self.stream else { return Ok(None) };
-            let Some(buffer) = stream.timeout_pop_buffer(GLANCE.as_micros() as u64) else { continue };
+            let Some(buffer) = stream.timeout_pop_buffer(CONNECTION_CHECK_INTERVAL.as_micros() as u64) else {
+                continue;
+            };
             let frame = read(&buffer);
             stream.push_buffer(buffer);
             return Ok(Some(frame));

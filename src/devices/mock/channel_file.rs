@@ -117,14 +117,14 @@ impl ChannelFile {
             match reader.read_event().map_err(|error| FileProblem::Xml(error.to_string()))? {
                 Event::Start(node) => {
                     path.push(node.name().into_inner().to_owned());
-                    file.take(&path, &node)?;
+                    file.read_element(&path, &node)?;
                 }
                 Event::Empty(node) => {
                     path.push(node.name().into_inner().to_owned());
-                    file.take(&path, &node)?;
+                    file.read_element(&path, &node)?;
                     path.pop();
                 }
-                Event::Text(text) => file.take_text(&path, text.into_inner().trim())?,
+                Event::Text(text) => file.read_text(&path, text.into_inner().trim())?,
                 Event::End(_) => {
                     path.pop();
                 }
@@ -139,7 +139,7 @@ impl ChannelFile {
         }
     }
 
-    fn take(&mut self, path: &[String], node: &BytesStart<'_>) -> Result<(), FileProblem> {
+    fn read_element(&mut self, path: &[String], node: &BytesStart<'_>) -> Result<(), FileProblem> {
         let names: Vec<&str> = path.iter().map(String::as_str).collect();
         match names[..] {
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFERING"] => {
@@ -162,7 +162,7 @@ impl ChannelFile {
         Ok(())
     }
 
-    fn take_text(&mut self, path: &[String], text: &str) -> Result<(), FileProblem> {
+    fn read_text(&mut self, path: &[String], text: &str) -> Result<(), FileProblem> {
         let names: Vec<&str> = path.iter().map(String::as_str).collect();
         match (&names[..], text) {
             (["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "PORT"], _) => self.port = number("PORT", text)?,

@@ -32,7 +32,7 @@ pub(super) struct Arrival {
 
 const FRAME_ATTRIBUTES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Longest KRL string.
-const LONGEST_TEXT: usize = 512;
+const MAX_TEXT_LENGTH: usize = 512;
 
 /// Reads one document: what of the file it holds, in the document's order; a repeated node comes repeatedly.
 pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Vec<Arrival>, EkiFault> {
@@ -46,19 +46,19 @@ pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Vec<Arriva
             Event::Start(node) => {
                 content.clear();
                 reading.descend(node.name().into_inner());
-                reading.take(&node)?;
+                reading.read_attributes(&node)?;
             }
             Event::Empty(node) => {
                 let above = reading.path.len();
                 reading.descend(node.name().into_inner());
-                reading.take(&node)?;
-                reading.take_content("")?;
+                reading.read_attributes(&node)?;
+                reading.read_content("")?;
                 reading.path.truncate(above);
             }
             Event::Text(text) => content.push_str(&text),
             Event::GeneralRef(name) => content.push(predefined(&name).ok_or(EkiFault::Malformed)?),
             Event::End(_) => {
-                reading.take_content(content.trim())?;
+                reading.read_content(content.trim())?;
                 content.clear();
                 reading.path.truncate(reading.path.rfind('/').unwrap_or(0));
             }
@@ -88,7 +88,7 @@ impl Reading<'_> {
     }
 
     /// The node's attributes: values of their own, or the six numbers of a frame.
-    fn take(&mut self, node: &BytesStart<'_>) -> Result<(), EkiFault> {
+    fn read_attributes(&mut self, node: &BytesStart<'_>) -> Result<(), EkiFault> {
         let path = self.path.as_str();
         let own = |element: &Element, attribute: Option<&str>| element.address() == (path, attribute);
         let frame =
@@ -122,7 +122,7 @@ impl Reading<'_> {
     }
 
     /// The node has ended with this text.
-    fn take_content(&mut self, content: &str) -> Result<(), EkiFault> {
+    fn read_content(&mut self, content: &str) -> Result<(), EkiFault> {
         for (index, element) in self.elements.iter().enumerate() {
             if element.kind != Some(Kind::Frame) && element.address() == (self.path.as_str(), None) {
                 self.arrived.push(Arrival { element: index, value: scalar(element.kind, content)? });
@@ -142,7 +142,7 @@ fn scalar(kind: Option<Kind>, text: &str) -> Result<Option<Value>, EkiFault> {
         Some(Kind::Bool) if text == "1" || text.eq_ignore_ascii_case("true") => Value::Bool(true),
         Some(Kind::Bool) if text == "0" || text.eq_ignore_ascii_case("false") => Value::Bool(false),
         Some(Kind::Bool) => return Err(EkiFault::Malformed),
-        Some(Kind::Text) if text.len() > LONGEST_TEXT => return Err(EkiFault::TextTooLong),
+        Some(Kind::Text) if text.len() > MAX_TEXT_LENGTH => return Err(EkiFault::TextTooLong),
         Some(Kind::Text) => Value::Text(text.to_owned()),
     };
     Ok(Some(value))
@@ -328,7 +328,7 @@ mod tests {
             value(2, Some(Value::Int(5))),
         ];
         assert_eq!(found, expected);
-        let long = format!("<S><Name>{}</Name></S>", "x".repeat(LONGEST_TEXT + 1));
+        let long = format!("<S><Name>{}</Name></S>", "x".repeat(MAX_TEXT_LENGTH + 1));
         assert_eq!(decode(&elements, long.as_bytes()), Err(EkiFault::TextTooLong));
         let mut out = Vec::new();
         Template::new(&elements[..1], &["S/Name"]).write(&mut out, &[Value::Text("a<b".to_owned())]);

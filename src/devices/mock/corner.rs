@@ -32,7 +32,7 @@ pub(super) fn measure_mm(from: &Pose, to: &Pose, mm_per_deg: f64) -> f64 {
 
 const PARTS: usize = 32;
 /// A blend shorter than this is a stop.
-const SHORTEST_MM: f64 = 1e-6;
+const MIN_BLEND_MM: f64 = 1e-6;
 
 /// A corner's two lines and how much it may be cut.
 #[derive(Debug, Clone, Copy)]
@@ -71,7 +71,7 @@ impl Corner {
         let whole_out_mm = distance_mm(&bend.vertex, &bend.next);
         let blend_mm = bend.blend_mm.min(bend.whole_in_mm / 2.0).min(whole_out_mm / 2.0);
         let in_mm = distance_mm(&bend.from, &bend.vertex);
-        if blend_mm < SHORTEST_MM || in_mm < blend_mm - 1e-9 {
+        if blend_mm < MIN_BLEND_MM || in_mm < blend_mm - 1e-9 {
             return None;
         }
         let start = between(&bend.from, &bend.vertex, (1.0 - blend_mm / in_mm).max(0.0));

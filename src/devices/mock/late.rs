@@ -34,7 +34,7 @@ impl DelayedStream {
     }
 
     /// The next piece that has arrived.
-    pub(super) fn take(&mut self, now: Instant) -> Option<Vec<u8>> {
+    pub(super) fn pop(&mut self, now: Instant) -> Option<Vec<u8>> {
         self.pieces.pop_front_if(|(due, _)| *due <= now).map(|(_, piece)| piece)
     }
 
@@ -54,9 +54,9 @@ mod tests {
         let mut way = DelayedStream::new(Some((5, 15)), true, 1);
         let (now, bytes): (Instant, Vec<u8>) = (Instant::now(), (0..100).collect());
         way.put(now, &bytes);
-        assert_eq!(way.take(now + Duration::from_millis(4)), None);
+        assert_eq!(way.pop(now + Duration::from_millis(4)), None);
         let mut found: Vec<Vec<u8>> = Vec::new();
-        while let Some(piece) = way.take(now + Duration::from_millis(15)) {
+        while let Some(piece) = way.pop(now + Duration::from_millis(15)) {
             found.push(piece);
         }
         assert!(found.len() > 1 && found.concat() == bytes);

@@ -37,7 +37,7 @@ impl Ports {
 /// A client that does not read for this long is gone.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 /// How often clients are looked for, and in free time ticks made up for.
-const ROUND: Duration = Duration::from_millis(3);
+const POLL_INTERVAL: Duration = Duration::from_millis(3);
 
 struct Shared {
     controller: Controller,
@@ -61,7 +61,7 @@ impl Shared {
     fn flush(&mut self) {
         let now = Instant::now();
         for channel in [Channel::Command, Channel::State] {
-            while let Some(bytes) = self.ways_in[channel as usize].take(now) {
+            while let Some(bytes) = self.ways_in[channel as usize].pop(now) {
                 self.deliver(channel, &bytes);
             }
         }
@@ -72,7 +72,7 @@ impl Shared {
             }
             self.ways_out[channel as usize].put(now, &bytes);
             let mut sent = true;
-            while let Some(piece) = self.ways_out[channel as usize].take(now) {
+            while let Some(piece) = self.ways_out[channel as usize].pop(now) {
                 let stream = self.stream(channel).as_mut();
                 sent &= stream.is_some_and(|stream| stream.write_all(&piece).is_ok());
             }
@@ -218,7 +218,7 @@ impl Rounds {
                 }
             }
             self.handle.lock().flush();
-            std::thread::sleep(ROUND);
+            std::thread::sleep(POLL_INTERVAL);
         }
         for (channel, _) in &self.listeners {
             self.handle.lock().hang_up(*channel);
@@ -233,7 +233,7 @@ impl Rounds {
         for (channel, listener) in &self.listeners {
             // A client that connects while the channel already has a client is dropped.
             while let Ok((stream, _)) = listener.accept() {
-                if let Some(reader) = take_client(&self.handle, *channel, stream) {
+                if let Some(reader) = accept_client(&self.handle, *channel, stream) {
                     self.readers.push(reader);
                 }
             }
@@ -242,7 +242,7 @@ impl Rounds {
     }
 }
 
-fn take_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Option<JoinHandle<()>> {
+fn accept_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Option<JoinHandle<()>> {
     let mut shared = handle.lock();
     if shared.stream(channel).is_some() {
         return None;

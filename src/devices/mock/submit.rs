@@ -21,7 +21,7 @@ pub(super) const REOPEN_MS: u64 = 24;
 /// The largest step by which one request may raise the epoch.
 const EPOCH_STEP: i32 = 1_000_000;
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
-const MOST: [f64; 2] = [2.0, 10.0];
+const MAX_VEL_ACC: [f64; 2] = [2.0, 10.0];
 
 impl Controller {
     /// Answers the requests in order. In lock step a heartbeat waits for the commands that it names.
@@ -41,7 +41,7 @@ impl Controller {
             if grants && !is_delivered {
                 return;
             }
-            let request = match self.request_places.take(&mut self.states.memory) {
+            let request = match self.request_places.pop(&mut self.states.memory) {
                 Ok(request) => request,
                 Err(fault) => return self.close(Channel::State, fault),
             };
@@ -111,17 +111,17 @@ impl Controller {
             {
                 return;
             }
-            match self.command_places.take(&mut self.commands.memory) {
+            match self.command_places.pop(&mut self.commands.memory) {
                 Ok(command) => {
                     self.last_frame_ms = self.now_ms;
-                    self.take(command);
+                    self.on_command(command);
                 }
                 Err(fault) => return self.close(Channel::Command, fault),
             }
         }
     }
 
-    fn take(&mut self, command: Command) {
+    fn on_command(&mut self, command: Command) {
         let left_out = self.setup.left_out;
         if command.epoch < self.epoch.number && left_out != Some(Rule::EpochCheck) {
             self.stale += 1; // in flight when its epoch ended
@@ -169,11 +169,11 @@ impl Controller {
                 percent(r1) && r2 == 0.0
             }
             wire::MOVE_LIN if n2 == 1 && self.troubles.override_percent() != 100 => return Err(Refusal::Override),
-            wire::MOVE_LIN => n1 >= 0 && (0..=1).contains(&n2) && r1 >= 0.0 && (0.0..=MOST[0]).contains(&r2),
+            wire::MOVE_LIN => n1 >= 0 && (0..=1).contains(&n2) && r1 >= 0.0 && (0.0..=MAX_VEL_ACC[0]).contains(&r2),
             wire::SET_BASE => true,
             wire::SET_TCP => (0..=1).contains(&n1),
             wire::SET_ACC_SPEED => {
-                let motion = r1 > 0.0 && r1 <= MOST[0] && r2 > 0.0 && r2 <= MOST[1];
+                let motion = r1 > 0.0 && r1 <= MAX_VEL_ACC[0] && r2 > 0.0 && r2 <= MAX_VEL_ACC[1];
                 motion && percent(f64::from(n1)) && percent(f64::from(n2))
             }
             wire::SET_DIGOUT => {

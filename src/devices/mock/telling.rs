@@ -9,15 +9,15 @@ use super::wire::Channel;
 use crate::geometry::KukaPose;
 use std::collections::BTreeMap;
 
-const STATE_EVERY_MS: u64 = 100;
-const ACK_EVERY_MS: u64 = 500;
+const STATE_INTERVAL_MS: u64 = 100;
+const ACK_INTERVAL_MS: u64 = 500;
 
 impl Controller {
     /// At the end of a tick: what has changed, or is due.
     pub(super) fn tell(&mut self) {
         let ack = self.ack();
         let due =
-            self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_EVERY_MS);
+            self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_INTERVAL_MS);
         if due && self.commands.connected && !self.troubles.silences(Channel::Command) {
             self.answers.last_ack = Some((ack, self.now_ms));
             let numbers = [ack.received, ack.done, ack.free, ack.refusal.0, ack.refusal.1, ack.epoch];
@@ -25,7 +25,7 @@ impl Controller {
         }
         // In a granted time the heartbeat's answer is that state.
         let next_ms = self.now_ms + TICK_MS;
-        if self.read_up_to.is_none() && next_ms > self.answers.last_state_ms + STATE_EVERY_MS {
+        if self.read_up_to.is_none() && next_ms > self.answers.last_state_ms + STATE_INTERVAL_MS {
             self.tell_state(self.answers.answered);
         }
     }

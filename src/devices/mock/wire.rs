@@ -131,7 +131,7 @@ impl CommandPlaces {
     }
 
     /// Removes and returns the next command: eight reads, and their counts must belong to one document.
-    pub(super) fn take(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
+    pub(super) fn pop(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
         let mut row = Row::default();
         let [id, epoch, operation, n1, n2] = self.ints.map(|place| row.keep(memory.get_int(place)));
         let [r1, r2] = self.reals.map(|place| row.keep(memory.get_real(place)));
@@ -183,7 +183,7 @@ impl RequestPlaces {
     }
 
     /// The next request, taken out.
-    pub(super) fn take(&self, memory: &mut Memory) -> Result<Request, EkiFault> {
+    pub(super) fn pop(&self, memory: &mut Memory) -> Result<Request, EkiFault> {
         let mut row = Row::default();
         let [id, epoch, operation, n1] = self.0.map(|place| row.keep(memory.get_int(place)));
         row.checked()?;

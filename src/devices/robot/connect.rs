@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::net::TcpStream;
 
 /// Timeout for a connection.
-const CONNECT: Duration = Duration::from_secs(2);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Bytes that are not acknowledged for this long end the connection.
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -21,7 +21,7 @@ pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream),
 
 async fn open(channel: Channel, host: &str, port: u16) -> Result<TcpStream, LinkLoss> {
     let address = format!("{host}:{port}");
-    let stream = match tokio::time::timeout(CONNECT, TcpStream::connect((host, port))).await {
+    let stream = match tokio::time::timeout(CONNECT_TIMEOUT, TcpStream::connect((host, port))).await {
         Ok(Ok(stream)) => stream,
         Ok(Err(error)) => return Err(refused_by(&error, channel, address)),
         Err(_) => return Err(no_answer(channel, address)),
@@ -44,7 +44,7 @@ fn refused_by(error: &IoError, channel: Channel, address: String) -> LinkLoss {
 }
 
 fn no_answer(channel: Channel, address: String) -> LinkLoss {
-    LinkLoss::NoAnswer { channel, address, waited_ms: CONNECT.as_millis() as u64 }
+    LinkLoss::NoAnswer { channel, address, waited_ms: CONNECT_TIMEOUT.as_millis() as u64 }
 }
 
 fn set_up(stream: &TcpStream) -> Result<(), IoError> {

@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
 
 /// The longest time without a sign of life of the thread.
-const LONGEST_SILENCE: Duration = Duration::from_secs(4);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 /// It answers each order, and ends, within this time.
-const ANSWERS: Duration = Duration::from_secs(2);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The link's share of the cell's file.
 pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
@@ -112,7 +112,7 @@ impl RobotLink {
         let (orders, taken) = mpsc::unbounded_channel();
         let reports = Arc::new(ReportQueue::default());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-        let (sign, watched) = supervised("robot link", LONGEST_SILENCE);
+        let (sign, watched) = supervised("robot link", HEARTBEAT_TIMEOUT);
         let link = run::Link::new(address, session, pace, (taken, reports.clone()), sign);
         let thread = std::thread::Builder::new().name("robot link".to_owned());
         let thread = thread.spawn(move || {
@@ -199,7 +199,7 @@ impl RobotLink {
     /// passes only in here.
     pub async fn next(&mut self) -> Report {
         loop {
-            match self.reports.take() {
+            match self.reports.pop() {
                 Ok(report) => return report,
                 Err(queue::Empty { closed: true, .. }) => std::future::pending().await,
                 Err(queue::Empty { told, .. }) if self.pace == Pace::LockStep && self.granted != Some(told) => {
@@ -223,7 +223,7 @@ impl RobotLink {
         let (reply, answer) = oneshot::channel();
         self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
         // The thread answers at once. If it does not, it is lost, and the caller must not be lost with it.
-        match tokio::time::timeout(ANSWERS, answer).await {
+        match tokio::time::timeout(RESPONSE_TIMEOUT, answer).await {
             Ok(Ok(answer)) => answer,
             Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
         }
@@ -237,7 +237,7 @@ impl Drop for RobotLink {
         let Some(thread) = self.thread.take() else { return };
         let since = Instant::now();
         while !thread.is_finished() {
-            if since.elapsed() > ANSWERS {
+            if since.elapsed() > RESPONSE_TIMEOUT {
                 tracing::warn!(
                     "the robot link's thread does not end; the controller's own watchdog stops the robot"
                 );

@@ -57,7 +57,7 @@ impl ReportQueue {
         self.changed.notify_one();
     }
 
-    pub(super) fn take(&self) -> Result<Report, Empty> {
+    pub(super) fn pop(&self) -> Result<Report, Empty> {
         let mut inside = self.lock();
         inside.unread_since = (inside.waiting.len() > 1).then(Instant::now);
         inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
@@ -103,7 +103,7 @@ mod tests {
         for report in [progress(1), progress(2), opened.clone(), progress(1), progress(5), progress(9)] {
             queue.add(report, true);
         }
-        let taken: Vec<Report> = std::iter::from_fn(|| queue.take().ok()).collect();
+        let taken: Vec<Report> = std::iter::from_fn(|| queue.pop().ok()).collect();
         assert_eq!(taken, [progress(2), opened, progress(9)]);
         assert_eq!(queue.told(), 6);
     }

@@ -13,17 +13,17 @@ use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 
 /// Between two attempts to connect: doubled each time, up to the last.
-const FIRST_PAUSE: Duration = Duration::from_millis(100);
-const LAST_PAUSE: Duration = Duration::from_secs(1);
+const MIN_RECONNECT_DELAY: Duration = Duration::from_millis(100);
+const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(1);
 /// Time limit for sending an abort when the link is closed.
-const FAREWELL: Duration = Duration::from_millis(100);
+const ABORT_SEND_TIMEOUT: Duration = Duration::from_millis(100);
 /// In lock step no deadline passes; a controller that does not answer for this long by the wall clock is gone.
-const LOCK_STEP_SILENCE: Duration = Duration::from_secs(10);
+const LOCK_STEP_TIMEOUT: Duration = Duration::from_secs(10);
 /// Reports that are not fetched for this long, while anything is queued, end the epoch: heartbeats mean that the
 /// program looks after the robot, not that this thread runs.
-const UNATTENDED: Duration = Duration::from_secs(1);
+const REPORT_READ_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval at which the thread signals that it works, if nothing else happens.
-const SIGN: Duration = Duration::from_millis(500);
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
 pub(super) struct Link {
     address: Address,
@@ -82,7 +82,7 @@ impl Link {
 
     /// Connects, and reconnects, until no sender of orders is left.
     pub(super) async fn run(mut self) {
-        let mut pause = FIRST_PAUSE;
+        let mut pause = MIN_RECONNECT_DELAY;
         loop {
             let address = self.address.clone();
             match self.meanwhile(connect(&address)).await {
@@ -102,7 +102,7 @@ impl Link {
                         return;
                     }
                     if self.told_loss.is_none() {
-                        pause = FIRST_PAUSE;
+                        pause = MIN_RECONNECT_DELAY;
                     }
                 }
             }
@@ -111,7 +111,7 @@ impl Link {
             if let Err(Deserted) = self.meanwhile(tokio::time::sleep(pause + jitter)).await {
                 return;
             }
-            pause = (2 * pause).min(LAST_PAUSE);
+            pause = (2 * pause).min(MAX_RECONNECT_DELAY);
         }
     }
 
@@ -122,7 +122,7 @@ impl Link {
             self.sign.works();
             tokio::select! {
                 result = &mut work => return Ok(result),
-                () = tokio::time::sleep(SIGN) => {}
+                () = tokio::time::sleep(HEARTBEAT_INTERVAL) => {}
                 order = self.orders.recv() => self.obey(order.ok_or(Deserted)?),
             }
         }
@@ -133,7 +133,7 @@ impl Link {
         let mut heard = Instant::now();
         loop {
             self.sign.works();
-            if self.pace == Pace::Wall && self.reports.unread_for() >= UNATTENDED {
+            if self.pace == Pace::Wall && self.reports.unread_for() >= REPORT_READ_TIMEOUT {
                 self.session.interrupt(StopCause::Unattended);
             }
             while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
@@ -183,7 +183,7 @@ impl Link {
                 }
                 () = tokio::time::sleep_until(deadline.into()) => self.time_passed(heard),
                 // Nothing happens, and the thread signals that it works.
-                () = tokio::time::sleep(SIGN) => Ok(()),
+                () = tokio::time::sleep(HEARTBEAT_INTERVAL) => Ok(()),
             };
             if let Err(why) = step {
                 self.session.disconnected(why);
@@ -193,11 +193,11 @@ impl Link {
 
     fn deadline(&self, heard: Instant) -> Instant {
         match self.pace {
-            Pace::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_SILENCE,
+            Pace::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_TIMEOUT,
             // Nothing is due before the next order; the sleep only has to end at some time.
-            Pace::LockStep => Instant::now() + LOCK_STEP_SILENCE,
+            Pace::LockStep => Instant::now() + LOCK_STEP_TIMEOUT,
             Pace::Wall => {
-                let due = self.session.deadline().map_or(LAST_PAUSE, Time::since_start);
+                let due = self.session.deadline().map_or(MAX_RECONNECT_DELAY, Time::since_start);
                 self.started + due
             }
         }
@@ -206,7 +206,7 @@ impl Link {
     fn time_passed(&mut self, heard: Instant) -> Result<(), LinkLoss> {
         self.session.time_passed(self.now());
         let silence = heard.elapsed();
-        if self.pace == Pace::LockStep && self.session.awaits_answer() && silence >= LOCK_STEP_SILENCE {
+        if self.pace == Pace::LockStep && self.session.awaits_answer() && silence >= LOCK_STEP_TIMEOUT {
             let silence_ms = silence.as_millis() as u64;
             return Err(LinkLoss::Silent { channel: Channel::State, silence_ms });
         }
@@ -216,7 +216,7 @@ impl Link {
     /// Reads what the state channel has; in lock step what the command channel has, first.
     fn read(&mut self, streams: &Streams) -> Result<(), LinkLoss> {
         let mut bytes = [0; 16 * 1024];
-        let count = take(Channel::State, &streams.state, &mut bytes)?;
+        let count = read_available(Channel::State, &streams.state, &mut bytes)?;
         if self.pace == Pace::LockStep {
             self.read_acks(&streams.command)?;
         }
@@ -228,7 +228,7 @@ impl Link {
     fn read_acks(&mut self, stream: &TcpStream) -> Result<(), LinkLoss> {
         let mut bytes = [0; 16 * 1024];
         loop {
-            let count = take(Channel::Command, stream, &mut bytes)?;
+            let count = read_available(Channel::Command, stream, &mut bytes)?;
             if count == 0 {
                 return Ok(());
             }
@@ -308,12 +308,12 @@ impl Link {
             clippy::let_underscore_must_use,
             reason = "if it cannot be sent, the controller's own watchdog stops the robot"
         )]
-        let _ = tokio::time::timeout(FAREWELL, leave).await;
+        let _ = tokio::time::timeout(ABORT_SEND_TIMEOUT, leave).await;
     }
 }
 
 /// Reads the available bytes; returns 0 if there are none.
-fn take(channel: Channel, stream: &TcpStream, bytes: &mut [u8]) -> Result<usize, LinkLoss> {
+fn read_available(channel: Channel, stream: &TcpStream, bytes: &mut [u8]) -> Result<usize, LinkLoss> {
     match stream.try_read(bytes) {
         Ok(0) => Err(LinkLoss::Closed { channel }),
         Ok(count) => Ok(count),

@@ -27,9 +27,9 @@ pub struct ExpectedShot {
 
 /// Smallest share of a shot's points that must be present. The points needed for a panel are checked when it is
 /// located; this limit detects a camera that sees nothing.
-pub const LEAST_POINTS_PERCENT: f64 = 1.0;
+pub const MIN_POINTS_PERCENT: f64 = 1.0;
 /// Longest pause for cooling while a film is taken, ms. A 3D shot of a stationary scene tolerates any pause.
-pub const MOST_THROTTLED_MS: f64 = 500.0;
+pub const MAX_THROTTLED_MS: f64 = 500.0;
 
 /// Checks the data of a shot or picture against the request; `sum` is the checksum of its payload.
 ///
@@ -92,9 +92,9 @@ pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
         return Err(ZividFault::NotFinite(infinite));
     }
     let found_percent = 100.0 * there as f64 / planes.points_mm.len().max(1) as f64;
-    match found_percent >= LEAST_POINTS_PERCENT {
+    match found_percent >= MIN_POINTS_PERCENT {
         true => Ok(()),
-        false => Err(ZividFault::NoPoints { found_percent, needed_percent: LEAST_POINTS_PERCENT }),
+        false => Err(ZividFault::NoPoints { found_percent, needed_percent: MIN_POINTS_PERCENT }),
     }
 }
 
@@ -103,7 +103,7 @@ pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
 /// # Errors
 /// If it paused for too long.
 pub fn accept_pause(taken: &ShotInfo, during: &'static str) -> Result<(), ZividFault> {
-    let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MOST_THROTTLED_MS, taken.lens_c);
+    let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MAX_THROTTLED_MS, taken.lens_c);
     match paused_ms <= allowed_ms {
         true => Ok(()),
         false => Err(ZividFault::Throttled { during, paused_ms, allowed_ms, lens_c }),

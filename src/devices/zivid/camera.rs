@@ -19,7 +19,7 @@ impl Camera {
     }
 
     /// Takes a shot or picture and returns the data about it.
-    pub(super) fn take<T>(
+    pub(super) fn capture<T>(
         &mut self,
         settings: &SettingsHash,
         shot: impl FnOnce(&mut dyn Sensor) -> Result<(Exposed, T), Refusal>,

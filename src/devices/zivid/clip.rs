@@ -11,19 +11,19 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Pictures of a clip that wait to be taken over, at most.
-pub const QUEUE: usize = 3;
+pub const QUEUE_LENGTH: usize = 3;
 
 /// Timeout for the next picture of a clip, before it is reported to the daemon that there is none.
-const NEXT_PICTURE: Duration = Duration::from_secs(4);
+const PICTURE_TIMEOUT: Duration = Duration::from_secs(4);
 
 /// A clip without a request for pictures ends by itself after this time: its client may have disappeared.
-const NOBODY_ASKS: Duration = Duration::from_secs(10);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Pictures in a row that the camera may not give; each is a gap in the clip's times. One more ends the clip.
-const MOST_MISSED: u32 = 2;
+const MAX_MISSED: u32 = 2;
 
 /// Beyond what any camera of this kind does.
-const MOST_PER_SECOND: f64 = 1_000.0;
+const MAX_PICTURES_PER_SECOND: f64 = 1_000.0;
 
 /// A picture with how it was taken.
 pub(super) type Photo = (ShotInfo, Vec<[u8; 3]>);
@@ -45,15 +45,17 @@ struct Queue {
 
 impl Queue {
     /// What the camera gave, at this time.
-    fn take(&mut self, taken: Result<Photo, Refusal>, now_ns: u64) {
+    fn receive(&mut self, taken: Result<Photo, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
-            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MOST_MISSED => self.missed += 1,
+            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED => self.missed += 1,
             Err(refusal) => (self.failed, self.is_over) = (Some(refusal), true),
         }
-        if now_ns.saturating_sub(self.asked_ns) > NOBODY_ASKS.as_nanos() as u64 {
-            let message =
-                format!("its pictures were not requested for {} s, so the clip has ended", NOBODY_ASKS.as_secs());
+        if now_ns.saturating_sub(self.asked_ns) > REQUEST_TIMEOUT.as_nanos() as u64 {
+            let message = format!(
+                "its pictures were not requested for {} s, so the clip has ended",
+                REQUEST_TIMEOUT.as_secs()
+            );
             let ended = Refusal { trouble: Trouble::OutOfOrder, message };
             (self.failed, self.is_over) = (Some(ended), true);
             self.waiting.clear();
@@ -64,7 +66,7 @@ impl Queue {
     fn push(&mut self, photo: Photo) {
         (self.taken, self.missed) = (self.taken + 1, 0);
         self.waiting.push_back(photo);
-        if self.waiting.len() > QUEUE {
+        if self.waiting.len() > QUEUE_LENGTH {
             self.waiting.pop_front();
             self.dropped += 1;
         }
@@ -90,7 +92,7 @@ impl Clip {
         pictures_per_second: f64,
     ) -> Result<Self, Refusal> {
         let refused = |message| Refusal { trouble: Trouble::OutOfOrder, message };
-        if !(pictures_per_second > 0.0 && pictures_per_second <= MOST_PER_SECOND) {
+        if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
             return Err(refused(format!("{pictures_per_second} pictures a second are none, or too many")));
         }
         let period_ns = (1e9 / pictures_per_second) as u64;
@@ -101,9 +103,9 @@ impl Clip {
             let (queue, news) = &*theirs;
             let mut due_ns = now_ns();
             loop {
-                let taken = lock(&camera).take(&settings, |sensor| sensor.picture(slot));
+                let taken = lock(&camera).capture(&settings, |sensor| sensor.picture(slot));
                 let mut queue = lock(queue);
-                queue.take(taken, now_ns());
+                queue.receive(taken, now_ns());
                 news.notify_all();
                 // A camera that is late continues from its present time and does not catch up.
                 due_ns = (due_ns + period_ns).max(now_ns());
@@ -128,12 +130,12 @@ impl Clip {
         let (queue, news) = &*self.shared;
         let idle = |queue: &mut Queue| queue.waiting.is_empty() && !queue.is_over;
         lock(queue).asked_ns = now_ns();
-        let waited = news.wait_timeout_while(lock(queue), NEXT_PICTURE, idle);
+        let waited = news.wait_timeout_while(lock(queue), PICTURE_TIMEOUT, idle);
         let mut queue = waited.unwrap_or_else(PoisonError::into_inner).0;
         queue.asked_ns = now_ns();
         let late = || Refusal {
             trouble: Trouble::NoShot,
-            message: format!("no picture of the clip within {} s", NEXT_PICTURE.as_secs()),
+            message: format!("no picture of the clip within {} s", PICTURE_TIMEOUT.as_secs()),
         };
         queue.pop().ok_or_else(|| queue.failed.clone().unwrap_or_else(late))
     }
@@ -199,13 +201,13 @@ mod tests {
     fn a_missing_picture_is_a_gap_and_three_are_the_end() {
         let mut queue = Queue::default();
         for taken in [Err(no_shot()), Err(no_shot()), Ok(photo(1)), Err(no_shot()), Err(no_shot())] {
-            queue.take(taken, 0);
+            queue.receive(taken, 0);
             assert!(!queue.is_over);
         }
-        queue.take(Err(no_shot()), 0);
+        queue.receive(Err(no_shot()), 0);
         assert!(queue.is_over && queue.failed == Some(no_shot()));
         let mut gone = Queue::default();
-        gone.take(Err(Refusal { trouble: Trouble::Gone, message: String::new() }), 0);
+        gone.receive(Err(Refusal { trouble: Trouble::Gone, message: String::new() }), 0);
         assert!(gone.is_over, "a camera that is gone ends it at once");
     }
 
@@ -213,9 +215,9 @@ mod tests {
     #[test]
     fn a_clip_that_nobody_asks_for_ends() {
         let mut queue = Queue { asked_ns: 5_000_000_000, ..Queue::default() };
-        queue.take(Ok(photo(1)), 15_000_000_000);
+        queue.receive(Ok(photo(1)), 15_000_000_000);
         assert!(!queue.is_over);
-        queue.take(Ok(photo(2)), 15_000_000_001);
+        queue.receive(Ok(photo(2)), 15_000_000_001);
         assert!(queue.is_over && queue.waiting.is_empty());
         assert!(queue.failed.is_some_and(|why| why.message.contains("its pictures were not requested for 10 s")));
     }

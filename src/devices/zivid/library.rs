@@ -312,11 +312,11 @@ impl Message {
 }
 
 /// The largest side of a picture: far beyond any camera of this kind, and small enough to reckon with.
-const MOST_SIDE_PX: u64 = 16_384;
+const MAX_SIDE_PX: u64 = 16_384;
 
 impl RawSize {
     fn checked(self) -> Result<Size, Refusal> {
-        let side = |pixels: u64| usize::try_from(pixels).ok().filter(|_| (1..=MOST_SIDE_PX).contains(&pixels));
+        let side = |pixels: u64| usize::try_from(pixels).ok().filter(|_| (1..=MAX_SIDE_PX).contains(&pixels));
         match (side(self.width), side(self.height)) {
             (Some(width), Some(height)) => Ok(Size { width, height }),
             _ => {

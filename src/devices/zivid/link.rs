@@ -113,7 +113,7 @@ fn scan(opened: Opened, timed: &mut Timed<'_>, taken: ShotInfo) -> Result<Answer
 }
 
 /// How often is looked whether the program ends.
-const GLANCE: Duration = Duration::from_millis(100);
+const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// A socket with a deadline for all that is read and written.
 struct Timed<'a> {
@@ -129,7 +129,7 @@ impl Timed<'_> {
             return Err(std::io::Error::other("the program ends"));
         }
         let left = self.until.saturating_duration_since(Instant::now());
-        if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left.min(GLANCE)) }
+        if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left.min(SHUTDOWN_POLL_INTERVAL)) }
     }
 }
 

@@ -49,17 +49,17 @@ struct Process {
 }
 
 /// How long a killed worker is waited for.
-const DEATH: Duration = Duration::from_secs(2);
+const KILL_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Between looks whether it has ended.
-const LOOK: Duration = Duration::from_millis(5);
+const EXIT_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 impl Peer for Process {
     fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
         #[expect(clippy::let_underscore_must_use, reason = "fails only where it has ended already")]
         let _ = child.kill();
-        if self.ended(DEATH).is_some() {
+        if self.ended(KILL_TIMEOUT).is_some() {
             return;
         }
         if let Some(mut child) = self.child.take() {
@@ -74,7 +74,7 @@ impl Peer for Process {
         loop {
             match child.try_wait() {
                 Ok(Some(status)) => return Some(status.to_string()),
-                Ok(None) if Instant::now() < until => std::thread::sleep(LOOK),
+                Ok(None) if Instant::now() < until => std::thread::sleep(EXIT_POLL_INTERVAL),
                 Ok(None) => return None,
                 Err(error) => return Some(format!("its end is not known: {error}")),
             }

@@ -2,7 +2,7 @@
 
 use super::clock::now_ns;
 use super::fault::ZividFault;
-use super::host::{CameraAnswer, CameraRequest, Host, Patience, QueuedRequest, Setup, Shared, Stage, TRIES};
+use super::host::{CameraAnswer, CameraRequest, Host, MAX_ATTEMPTS, Patience, QueuedRequest, Setup, Shared, Stage};
 use super::link::Delivery;
 use super::message::{ClipEnd, Lens, Light, ShotInfo, Size, Temperatures};
 use super::process::Launcher;
@@ -73,11 +73,11 @@ impl ZividWatch {
 }
 
 /// How long a check waits, for a worker that is being started or anything else.
-const CHECK_PATIENCE: Duration = Duration::from_secs(10);
+const CHECK_TIMEOUT: Duration = Duration::from_secs(10);
 /// Additional time limit for ending a worker that does not answer.
-const ENDING: Duration = Duration::from_secs(5);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(5);
 /// How often one who waits for an answer looks whether the camera still delivers.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 impl ZividScanner {
     /// Begins to start the worker; the camera is available when it is warm.
@@ -144,10 +144,13 @@ impl ZividScanner {
         let gone = || ZividFault::NoWorker("the thread that runs it has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
-        let most =
-            if ask == CameraRequest::Check { CHECK_PATIENCE } else { TRIES * self.patience.timeout(ask) + ENDING };
+        let most = if ask == CameraRequest::Check {
+            CHECK_TIMEOUT
+        } else {
+            MAX_ATTEMPTS * self.patience.timeout(ask) + SHUTDOWN_TIMEOUT
+        };
         loop {
-            match answered.recv_timeout(LOOK) {
+            match answered.recv_timeout(POLL_INTERVAL) {
                 Ok(found) => return found,
                 Err(RecvTimeoutError::Disconnected) => return Err(gone()),
                 // The camera was lost before this request and is being started: that may last minutes.
@@ -155,7 +158,7 @@ impl ZividScanner {
                     if let Stage::Starting(since) = self.shared.status().stage {
                         is_given_up.store(true, Ordering::Relaxed);
                         // Of a worker that was lost by this very question the answer is on its way.
-                        return answered.recv_timeout(LOOK).unwrap_or(Err(self.starting(since)));
+                        return answered.recv_timeout(POLL_INTERVAL).unwrap_or(Err(self.starting(since)));
                     }
                 }
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() > most => {
@@ -246,7 +249,7 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn temperatures(&mut self) -> Result<Temperatures, ZividFault> {
-        if let Stage::Starting(since) = self.shared.settled(CHECK_PATIENCE) {
+        if let Stage::Starting(since) = self.shared.settled(CHECK_TIMEOUT) {
             return Err(self.starting(since));
         }
         match self.ask(CameraRequest::Check)? {

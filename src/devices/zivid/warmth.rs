@@ -13,17 +13,17 @@
 use crate::words::apart;
 
 /// How long a camera must have been followed, s: the maker's ten minutes.
-const FOLLOWED_S: f64 = 600.0;
+const MIN_OBSERVED_S: f64 = 600.0;
 /// The line goes through the last temperatures of so long, s.
 const LINE_S: f64 = 300.0;
 /// Temperatures further apart are not one series, s: the camera may have been off between them.
-const GAP_S: f64 = 120.0;
+const MAX_GAP_S: f64 = 120.0;
 /// Three times what the air of a hall does, a fifth of a slow warm-up, °C a minute.
 const LIMIT_C_PER_MIN: f64 = 0.1;
 /// Temperatures are reported in steps; their error is at least that of half a step of 0.1 °C, evenly distributed.
-const LEAST_ERROR_C: f64 = 0.05 / 1.732;
+const MIN_ERROR_C: f64 = 0.05 / 1.732;
 /// Older temperatures are not used, s.
-pub const KEPT_S: f64 = FOLLOWED_S + GAP_S;
+pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 
 /// A temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +85,7 @@ impl std::fmt::Display for Warmth {
                 f,
                 "whether it is warm is not known: its temperature was followed for {:.0} of {:.0} min",
                 (followed_s / 60.0).floor(),
-                FOLLOWED_S / 60.0
+                MIN_OBSERVED_S / 60.0
             ),
         }
     }
@@ -95,7 +95,7 @@ impl std::fmt::Display for Warmth {
 pub fn warmth(readings: &[Reading], now_s: f64) -> Warmth {
     let series = unbroken(readings, now_s);
     let followed_s = series.first().map_or(0.0, |first| now_s - first.at_s);
-    if followed_s < FOLLOWED_S {
+    if followed_s < MIN_OBSERVED_S {
         return Warmth::NotFollowed { followed_s };
     }
     let line: Vec<Reading> = series.iter().filter(|reading| now_s - reading.at_s <= LINE_S).copied().collect();
@@ -113,7 +113,7 @@ pub fn warmth(readings: &[Reading], now_s: f64) -> Warmth {
 fn unbroken(readings: &[Reading], now_s: f64) -> &[Reading] {
     let mut next_s = now_s;
     let of_series = readings.iter().rev().take_while(|reading| {
-        let is_near = next_s - reading.at_s <= GAP_S;
+        let is_near = next_s - reading.at_s <= MAX_GAP_S;
         next_s = reading.at_s;
         is_near
     });
@@ -137,7 +137,7 @@ fn rise(line: &[Reading]) -> Option<(f64, f64)> {
     let slope = together / spread;
     let left = |reading: &Reading| reading.lens_c - middle_c - slope * (reading.at_s - middle_s);
     let squares: f64 = line.iter().map(|reading| left(reading).powi(2)).sum();
-    let error_c = (squares / (count - 2.0)).sqrt().max(LEAST_ERROR_C);
+    let error_c = (squares / (count - 2.0)).sqrt().max(MIN_ERROR_C);
     Some((60.0 * slope, 60.0 * 2.0 * error_c / spread.sqrt()))
 }
 

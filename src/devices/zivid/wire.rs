@@ -23,10 +23,10 @@ use std::io::{ErrorKind, Read, Write};
 const OPENING_BYTES: usize = 24;
 
 /// The largest head. Settings in YAML are the longest.
-pub const MOST_HEAD_BYTES: usize = 1 << 20;
+pub const MAX_HEAD_BYTES: usize = 1 << 20;
 
 /// The largest payload: a 3D shot of 8 million points.
-pub const MOST_PAYLOAD_BYTES: usize = 160 << 20;
+pub const MAX_PAYLOAD_BYTES: usize = 160 << 20;
 
 /// A payload is summed and sent by pieces of this size, so that both ends work at the same time.
 const PIECE_BYTES: usize = 1 << 18;
@@ -42,8 +42,8 @@ pub fn write(
     planes: &[&[u8]],
 ) -> Result<(), WireError> {
     let payload_bytes: usize = planes.iter().map(|plane| plane.len()).sum();
-    allowed(Part::Head, head.len() as u64, MOST_HEAD_BYTES)?;
-    allowed(Part::Payload, payload_bytes as u64, MOST_PAYLOAD_BYTES)?;
+    allowed(Part::Head, head.len() as u64, MAX_HEAD_BYTES)?;
+    allowed(Part::Payload, payload_bytes as u64, MAX_PAYLOAD_BYTES)?;
     let mut opening = Vec::with_capacity(OPENING_BYTES + head.len() + 8);
     opening.extend(MAGIC);
     opening.extend(VERSION.to_le_bytes());
@@ -115,8 +115,8 @@ pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireEr
     }
     let head_bytes = u32::from_le_bytes([h0, h1, h2, h3]);
     let payload_bytes = u64::from_le_bytes(payload);
-    allowed(Part::Head, u64::from(head_bytes), MOST_HEAD_BYTES)?;
-    allowed(Part::Payload, payload_bytes, MOST_PAYLOAD_BYTES)?;
+    allowed(Part::Head, u64::from(head_bytes), MAX_HEAD_BYTES)?;
+    allowed(Part::Payload, payload_bytes, MAX_PAYLOAD_BYTES)?;
     let mut head = vec![0; head_bytes as usize];
     fill(stream, &mut head, Part::Head)?;
     sum.update(&head);
@@ -229,7 +229,7 @@ mod tests {
         opening.extend(u64::MAX.to_le_bytes());
         opening.extend(crc32fast::hash(&opening).to_le_bytes());
         assert!(matches!(read(&opening, &[]), Err(WireError::TooLong { part: Part::Payload, .. })));
-        let head = vec![b' '; MOST_HEAD_BYTES + 1];
+        let head = vec![b' '; MAX_HEAD_BYTES + 1];
         let mut nothing = Vec::new();
         let refused = write(&mut nothing, (Kind::Request, 0), &head, &[]);
         assert!(matches!(refused, Err(WireError::TooLong { part: Part::Head, .. })) && nothing.is_empty());

@@ -110,12 +110,12 @@ impl Worker {
             Request::Settings { usage, yaml, hash } => words(Reply::Settings(self.read(usage, &yaml, hash)?)),
             Request::Scan { settings } => {
                 let slot = self.slot(Use::Scan, &settings)?;
-                let (taken, planes) = lock(&self.camera).take(&settings, |sensor| sensor.scan(slot))?;
+                let (taken, planes) = lock(&self.camera).capture(&settings, |sensor| sensor.scan(slot))?;
                 Ok(Answer::Scan(taken, planes))
             }
             Request::Picture { settings } => {
                 let slot = self.slot(Use::Picture, &settings)?;
-                let (taken, rgb) = lock(&self.camera).take(&settings, |sensor| sensor.picture(slot))?;
+                let (taken, rgb) = lock(&self.camera).capture(&settings, |sensor| sensor.picture(slot))?;
                 Ok(Answer::Picture(taken, rgb))
             }
             Request::BeginClip { settings, pictures_per_second } => {

@@ -5,7 +5,7 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 /// Nothing in these files is deeper than four.
-const DEEPEST: usize = 32;
+const MAX_DEPTH: usize = 32;
 
 /// An element of the file.
 #[derive(Debug)]
@@ -81,8 +81,8 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
             }
             Event::Start(tag) => {
                 open.push(node(text, at, &tag, open.last())?);
-                if open.len() > DEEPEST {
-                    return Err(not_xml(line, &format!("more than {DEEPEST} elements inside each other")));
+                if open.len() > MAX_DEPTH {
+                    return Err(not_xml(line, &format!("more than {MAX_DEPTH} elements inside each other")));
                 }
             }
             Event::Empty(tag) => close(node(text, at, &tag, open.last())?, &mut open, &mut root),

@@ -9,7 +9,7 @@ use crate::eki::report::{Report, StopCause};
 
 /// The maximum number of steps by which a new epoch may be above the controller's: requests that its channel
 /// buffers at once.
-const MOST_STEPS: u32 = 16;
+const MAX_STEPS: u32 = 16;
 
 impl Session {
     /// Requests a new epoch from the controller, with neither base nor tool. [`Report::EpochOpened`] follows.
@@ -53,11 +53,11 @@ impl Session {
     /// never open for a command.
     fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
         let found = self.known_epoch();
-        let far = u64::from(MOST_STEPS) * u64::from(EPOCH_STEP);
+        let far = u64::from(MAX_STEPS) * u64::from(EPOCH_STEP);
         let epoch = u32::try_from(next).ok().filter(|epoch| *epoch <= LAST_NUMBER);
         let epoch = epoch.filter(|epoch| u64::from(epoch.saturating_sub(found.0)) <= far);
         let Some(epoch) = epoch else {
-            let most = MOST_STEPS * EPOCH_STEP;
+            let most = MAX_STEPS * EPOCH_STEP;
             return Err(QueueError::EpochTooFar { next, found, most, above: next.saturating_sub(1) });
         };
         let mut steps = Vec::new();

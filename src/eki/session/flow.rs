@@ -25,7 +25,7 @@ const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
 /// controller's own (`$VEL.ORI`, 200), so that the count is not too small.
 const TURN_DEG_S: f64 = 90.0;
 /// How far behind its plan a point may be, beyond twice what it lasts (`faults.md` R5).
-const LATE: Duration = Duration::from_millis(500);
+const MAX_LATENESS: Duration = Duration::from_millis(500);
 
 /// A command on its way.
 #[derive(Debug)]
@@ -350,7 +350,7 @@ impl Flow {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;
         let waited = now.since(next.sent_at.max(self.progressed_at));
-        if waited <= 2 * next.motion + LATE || self.late.replace(last) == Some(last) {
+        if waited <= 2 * next.motion + MAX_LATENESS || self.late.replace(last) == Some(last) {
             return None;
         }
         Some(Late { id: next.id, contact: next.contact || self.touches, waited })

@@ -4,7 +4,7 @@ use super::flow::{Flow, Late};
 use super::{Phase, Session, Stopping};
 use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
-use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, HIGHEST_EPOCH, LAST_NUMBER};
+use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER, MAX_EPOCH};
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
 use crate::eki::state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 use crate::eki::time::Time;
@@ -113,8 +113,8 @@ impl Session {
         }
         let is_new = self.identity.replace(identity) != Some(identity);
         if is_new || self.is_greeting() {
-            if state.epoch.0 > HIGHEST_EPOCH {
-                let why = LinkLoss::EpochTooHigh { found: state.epoch, most: HIGHEST_EPOCH };
+            if state.epoch.0 > MAX_EPOCH {
+                let why = LinkLoss::EpochTooHigh { found: state.epoch, most: MAX_EPOCH };
                 return self.disconnected(why);
             }
         } else if !self.follows(Channel::State, state.epoch) {

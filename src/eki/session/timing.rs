@@ -8,13 +8,13 @@ use crate::eki::time::Time;
 use std::time::Duration;
 
 /// Silence after which a connection is given up, queued commands or not.
-const SILENCE: Duration = Duration::from_secs(1);
+const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Time limit of a message from its first byte to its last; a slower message is not accepted.
-const UNFINISHED: Duration = Duration::from_millis(200);
+const MESSAGE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// The connections are made anew if the controller acknowledges no command in this number of consecutive epochs.
-const MOST_UNACKNOWLEDGED: u32 = 2;
+const MAX_UNACKNOWLEDGED: u32 = 2;
 
 impl Session {
     /// Sends a heartbeat now, once a controller has answered; in lock step it grants the controller its next 100 ms.
@@ -37,10 +37,10 @@ impl Session {
         if self.pace == Pace::LockStep || !self.is_connected() {
             return None;
         }
-        let silence = self.heard + SILENCE;
+        let silence = self.heard + SILENCE_TIMEOUT;
         let watchdog = self.watchdog().map(|(_, at)| at).into_iter().chain(self.obeyed_by()).min();
         let heartbeat = (!self.is_greeting()).then_some(self.next_heartbeat);
-        let unfinished = self.begun.iter().flatten().map(|&begun| begun + UNFINISHED);
+        let unfinished = self.begun.iter().flatten().map(|&begun| begun + MESSAGE_TIMEOUT);
         [heartbeat, Some(silence), watchdog].into_iter().flatten().chain(unfinished).min()
     }
 
@@ -61,7 +61,7 @@ impl Session {
                 self.unacknowledged += 1;
             }
             // Half a message that a disturbance left in the controller's memory swallows all that come behind it.
-            if self.unacknowledged >= MOST_UNACKNOWLEDGED {
+            if self.unacknowledged >= MAX_UNACKNOWLEDGED {
                 return self.disconnected(LinkLoss::NotAcknowledged { epochs: self.unacknowledged });
             }
         }
@@ -72,7 +72,7 @@ impl Session {
         } else if let Some((channel, waited)) = self.unfinished(now) {
             let waited_ms = u64::try_from(waited.as_millis()).unwrap_or(u64::MAX);
             self.disconnected(LinkLoss::Unfinished { channel, waited_ms });
-        } else if now.since(self.heard) >= SILENCE {
+        } else if now.since(self.heard) >= SILENCE_TIMEOUT {
             let silence_ms = u64::try_from(now.since(self.heard).as_millis()).unwrap_or(u64::MAX);
             self.disconnected(LinkLoss::Silent { channel: Channel::State, silence_ms });
         } else if now >= self.next_heartbeat && !self.is_greeting() {
@@ -83,7 +83,7 @@ impl Session {
     /// A message that should have ended by now.
     fn unfinished(&self, now: Time) -> Option<(Channel, Duration)> {
         let waited =
-            |begun: Option<Time>| begun.map(|begun| now.since(begun)).filter(|waited| *waited >= UNFINISHED);
+            |begun: Option<Time>| begun.map(|begun| now.since(begun)).filter(|waited| *waited >= MESSAGE_TIMEOUT);
         let channels = [Channel::Command, Channel::State].into_iter().zip(self.begun);
         channels.filter_map(|(channel, begun)| Some((channel, waited(begun)?))).next()
     }

@@ -76,7 +76,7 @@ impl Header {
             if words == ["end_header"] && line.ends_with('\n') {
                 return Ok(header);
             }
-            header.take(&words).map_err(|problem| CloudFileError::Header {
+            header.parse_line(&words).map_err(|problem| CloudFileError::Header {
                 line: header.lines,
                 found: line.trim_end().chars().take(80).collect(),
                 problem: problem.to_owned(),
@@ -85,7 +85,7 @@ impl Header {
         Err(CloudFileError::NotACloud { end: "end_header", searched: searched.len() })
     }
 
-    fn take(&mut self, words: &[&str]) -> Result<(), &'static str> {
+    fn parse_line(&mut self, words: &[&str]) -> Result<(), &'static str> {
         let count = |word: &str| word.parse().map_err(|_| "valid: a whole number");
         match *words {
             ["ply"] if self.lines == 1 => {}

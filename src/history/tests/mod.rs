@@ -23,7 +23,7 @@ fn film(pass: u8, failed: &[(&str, f64)]) -> Finding {
     let light = |name: &'static str, percent: f64| Check::new(name, "%", percent).at_least(-40.0, SetBy::Program);
     found(Kind::Inspect, pass, verdict)
         .with([Check::new(name::WATCHED, "s", 60.0 + f64::from(pass))])
-        .with([light(name::LIGHT_LEAST, if pass == 0 { -7.0 } else { -3.0 })])
+        .with([light(name::LIGHT_MIN, if pass == 0 { -7.0 } else { -3.0 })])
         .with(grids)
         .with(times)
         .detail("failed", serde_json::json!(names))

@@ -2,7 +2,7 @@
 
 use super::super::observed::Observation;
 use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, Quality};
-use super::super::steady::LEAST_SEEN_PERCENT;
+use super::super::steady::MIN_OUTLINE_SEEN_PERCENT;
 use crate::recipe;
 use crate::words::apart;
 
@@ -24,7 +24,7 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
         Flaw::Focus => (MIN_SHARPNESS, 2),
         Flaw::Flicker => (0.0, 1),
         Flaw::Frozen | Flaw::OutlineDisagrees => (0.0, 0),
-        Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
+        Flaw::Outline => (MIN_OUTLINE_SEEN_PERCENT, 0),
     };
     let [worst, limit] = apart(worst, limit, decimals);
     match flaw {

@@ -1,21 +1,21 @@
 //! Queries of the model: the state of each pixel of the window.
 
-use super::judging::{MOVES_ON_S, TICKS_A_SECOND};
+use super::judging::{MOVES_ON_S, TICKS_PER_SECOND};
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN, STEPPED};
 use super::{Model, Shimmer};
 use crate::geometry::median;
 
 /// A pixel that showed nothing for a larger share of the film was not seen, nor was one that shows nothing for
 /// longer than [`MOVES_ON_S`] at the end.
-const MOST_UNSEEN: f64 = 0.5;
+const MAX_UNSEEN_SHARE: f64 = 0.5;
 /// A film that changes a place by less than this many times the noise is not distinguished from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
 /// A place that is brighter than this compared with its dry look is not bare, in any light that can be measured.
 const BRIGHT: f32 = 1.15;
 /// One pixel in this many is used to determine what the film leaves of the dry look.
-const FILM_EVERY: usize = 7;
+const FILM_STRIDE: usize = 7;
 /// Fewer of them do not determine what film leaves in general.
-const ENOUGH_FILM: usize = 100;
+const MIN_FILM_PIXELS: usize = 100;
 
 impl Model {
     /// Block and place in it of a pixel of the window.
@@ -57,7 +57,7 @@ impl Model {
     /// The median over the region's pixels that have a dry look, were seen wet and did not break.
     fn median(&self, of: impl Fn(usize) -> f64) -> Option<f64> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
-        let all = (0..self.window.width * self.window.height).step_by(FILM_EVERY).filter(counts);
+        let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
         let mut values: Vec<f64> = all.map(of).collect();
         median(&mut values)
     }
@@ -117,14 +117,14 @@ impl Model {
         let (block, at) = self.at(index);
         let (past, state) = (&self.past[block], self.state(index));
         let Some(last_s) = self.times_s.last().copied().map(f64::from) else { return false };
-        let unseen_s = f64::from(past.unseen[at]) / TICKS_A_SECOND;
+        let unseen_s = f64::from(past.unseen[at]) / TICKS_PER_SECOND;
         let seen_s = f64::from(self.times_s[usize::from(past.seen_at[at])]);
         // A block that was left alone since it was calm showed its film.
         let is_calm = state & super::kernel::BUSY == 0;
         state & INSIDE > 0
             && state & (EVER_WET | BROKE) > 0
             && state & STEPPED == 0
-            && unseen_s <= MOST_UNSEEN * last_s
+            && unseen_s <= MAX_UNSEEN_SHARE * last_s
             && (is_calm || last_s - seen_s <= MOVES_ON_S)
     }
 
@@ -187,11 +187,11 @@ impl Model {
     /// film; `None` if nothing is known.
     pub fn film_range(&self) -> Option<[f64; 2]> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
-        let all = (0..self.window.width * self.window.height).step_by(FILM_EVERY).filter(counts);
+        let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
         let mut shares: Vec<f64> = all.map(|index| f64::from(self.film_look(index))).collect();
         shares.sort_by(f64::total_cmp);
         let part = shares.len() / 20;
-        (shares.len() >= ENOUGH_FILM).then(|| [shares[part], shares[shares.len() - 1 - part]])
+        (shares.len() >= MIN_FILM_PIXELS).then(|| [shares[part], shares[shares.len() - 1 - part]])
     }
 
     /// The least share of its dry look to which a broken place comes back.

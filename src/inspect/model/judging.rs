@@ -37,7 +37,7 @@ use super::kernel::{
 use multiversion::multiversion;
 
 /// Times are counted in these parts of a second.
-pub const TICKS_A_SECOND: f64 = 64.0;
+pub const TICKS_PER_SECOND: f64 = 64.0;
 /// Reflections move on within this time, s, and a break stays.
 pub const MOVES_ON_S: f64 = 3.0;
 /// So near to what it may be a look may lie on the bare side, in σ …
@@ -54,7 +54,7 @@ const QUICK_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
 const CALM_TICKS: u16 = 64;
 /// A place that looks nearer to bare than to its film for this long, ticks, is not passed.
-const BETWEEN_TICKS: u16 = (MOVES_ON_S * TICKS_A_SECOND) as u16;
+const BETWEEN_TICKS: u16 = (MOVES_ON_S * TICKS_PER_SECOND) as u16;
 /// What rounding adds to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
 

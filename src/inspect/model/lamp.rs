@@ -138,7 +138,7 @@ impl Lamp {
             .zip(gains)
             .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
         let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
-        self.take_noise(picture, gains);
+        self.add_noise(picture, gains);
         let flicker_percent = self.flicker.percent_with(gains);
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
             let lit = Lit { gains, agree, flicker_percent: 0.0, brighter: None };
@@ -170,7 +170,7 @@ impl Lamp {
     /// The side of the squares in which noise is measured, px.
     pub const SIDE_PX: usize = 4;
 
-    fn take_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
+    fn add_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
         let side = Lamp::SIDE_PX;
         // A saturated pixel has no noise: such a place gives no information.
         let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
@@ -198,8 +198,8 @@ impl Lamp {
             }
             let mean = |rgb: &[f64; 3]| rgb.iter().sum::<f64>() / 3.0;
             for (before, now) in self.last.iter().zip(&now) {
-                (0..3).for_each(|i| self.sensor[0].take(before[i], now[i]));
-                self.sensor[1].take(mean(before), mean(now));
+                (0..3).for_each(|i| self.sensor[0].add(before[i], now[i]));
+                self.sensor[1].add(mean(before), mean(now));
             }
         }
         self.followed = followed.iter().sum::<f64>() / 3.0;

@@ -14,7 +14,7 @@ use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 /// A tile's side, px.
 pub const TILE_PX: usize = BLOCK_PX;
 /// No light is brighter, 1/4096; a picture in which it were could not be judged by.
-const MOST_Q12: f64 = 16_383.0;
+const MAX_Q12: f64 = 16_383.0;
 
 /// Of a tile this share at least must be near what is expected.
 const MIN_SHARE: f64 = 0.25;
@@ -127,7 +127,7 @@ fn between(cell: usize, tiles: usize) -> (usize, usize, f64) {
 
 /// A gain in 1/4096.
 pub fn q12(gain: f64) -> u16 {
-    (gain * 4096.0).clamp(0.0, MOST_Q12) as u16
+    (gain * 4096.0).clamp(0.0, MAX_Q12) as u16
 }
 
 fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {

@@ -36,14 +36,14 @@ use crate::geometry::ColorPicture;
 use band::Band;
 use colour::is_of_dry_colour;
 pub use judging::MOVES_ON_S;
-use judging::{Past, Rule, TICKS_A_SECOND};
+use judging::{Past, Rule, TICKS_PER_SECOND};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, LOOK, NEW, NO_DRY, OPEN, OVEREXPOSED, Sum};
 use lamp::{Lamp, Lit};
 use light::{Light, TILE_PX};
 pub use measurement::PictureMeasurement;
 use noise::Noise;
 use rayon::prelude::*;
-use region::{EXPOSED_EVERY, LIGHT_EVERY, Region};
+use region::{EXPOSED_ROW_STRIDE, LIGHT_ROW_STRIDE, Region};
 pub use shimmer::{DIFFERENCES, Shimmer};
 use views::Views;
 
@@ -52,7 +52,7 @@ const WIDE_Q10: [u16; 2] = [512, 1331];
 /// … and second pass, relative to the mean of the first.
 const ABOUT: [f64; 2] = [0.86, 1.16];
 /// Every nth row is used for the first mean: thousands of pixels remain.
-const MEAN_EVERY: usize = 4;
+const MEAN_ROW_STRIDE: usize = 4;
 /// Darker than this a dry place shows nothing, levels; from OVEREXPOSED on it may be overexposed.
 const MIN_DRY_LEVELS: u8 = 4;
 const MAX_DRY_LEVELS: u8 = 249;
@@ -64,13 +64,13 @@ const SPRAYED_SHARE: f64 = 0.1;
 /// draw from 0.85 to 1.25.
 pub const FILM_POWER: f64 = 1.3;
 /// Looks are compared up to this many times a film's.
-const MOST_BRIGHT: f64 = 3.9;
+const MAX_BRIGHTNESS_RATIO: f64 = 3.9;
 /// What a film leaves of the dry look, until the clip determines it.
 pub const FILM_ASSUMED: f64 = 0.62;
 
 /// More pictures than these are not counted, nor a film that lasts longer, s.
-pub const MOST_PICTURES: usize = u16::MAX as usize;
-pub const LONGEST_S: f64 = 1_000.0;
+pub const MAX_PICTURES: usize = u16::MAX as usize;
+pub const MAX_FILM_S: f64 = 1_000.0;
 
 /// What a film is judged with.
 #[derive(Debug, Clone, Copy)]
@@ -301,7 +301,7 @@ impl Model {
 
     /// The share of the region that is overexposed.
     fn overexposed_share(&self) -> f64 {
-        let rows = self.region.rows.iter().enumerate().step_by(EXPOSED_EVERY);
+        let rows = self.region.rows.iter().enumerate().step_by(EXPOSED_ROW_STRIDE);
         let found: u32 = rows
             .map(|(row, inside)| {
                 let part = row * self.columns + inside.start..row * self.columns + inside.end;
@@ -313,12 +313,12 @@ impl Model {
 
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
     pub fn follow(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
-        let too_many = self.times_s.len() >= MOST_PICTURES || since_wet_s > LONGEST_S;
+        let too_many = self.times_s.len() >= MAX_PICTURES || since_wet_s > MAX_FILM_S;
         let Some(light) = self.next_light.take().filter(|_| !too_many) else { return Vec::new() };
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
-        self.take_noise(brighter);
+        self.add_noise(brighter);
         self.light = light;
-        self.take_shimmer(since_wet_s);
+        self.add_shimmer(since_wet_s);
         let before = self.times_s.last().copied().unwrap_or_default();
         self.times_s.push(since_wet_s as f32);
         if !self.light.is_without_lamp() {
@@ -327,7 +327,7 @@ impl Model {
         if self.film_left.is_none() {
             self.film_left = self.measured_film();
         }
-        let ticks = |time_s: f64| (time_s * TICKS_A_SECOND).round() as u16;
+        let ticks = |time_s: f64| (time_s * TICKS_PER_SECOND).round() as u16;
         let now = self.times_s.len() as u16 - 1;
         let step = ticks(since_wet_s) - ticks(f64::from(before));
         let rule = Rule {
@@ -343,7 +343,7 @@ impl Model {
             before: now - 1,
             now,
             brighter_q12: light::q12(brighter),
-            mean: (TICKS_A_SECOND / f64::from(step.max(1))).log2().round().clamp(1.0, 6.0) as u32,
+            mean: (TICKS_PER_SECOND / f64::from(step.max(1))).log2().round().clamp(1.0, 6.0) as u32,
             learn: (since_wet_s <= LEARNT_S).then_some(if now <= 2 { 1 } else { 2 }),
         };
         if let Some(power) = rule.learn {
@@ -371,12 +371,12 @@ impl Model {
     /// The brightest that a place without a dry look can be when its film has opened, as a share of its film's look.
     pub fn brightest_break(&self) -> f64 {
         let film = self.film_left.unwrap_or(FILM_ASSUMED).min(1.0);
-        (film.powf(-FILM_POWER) * 1.125).min(MOST_BRIGHT)
+        (film.powf(-FILM_POWER) * 1.125).min(MAX_BRIGHTNESS_RATIO)
     }
 
-    fn take_shimmer(&mut self, since_wet_s: f64) {
+    fn add_shimmer(&mut self, since_wet_s: f64) {
         let Some(shimmer) = self.shimmer.as_mut() else { return };
-        shimmer.take(&shimmer::Picture { look: &self.look, wet: &self.wet, state: &self.state, since_wet_s });
+        shimmer.add(&shimmer::Picture { look: &self.look, wet: &self.wet, state: &self.state, since_wet_s });
     }
 
     /// Ends the observation: nothing is taken any more.
@@ -384,11 +384,11 @@ impl Model {
         self.shimmer.iter_mut().for_each(Shimmer::end);
     }
 
-    fn take_noise(&mut self, brighter: f64) {
-        for (row, inside) in self.region.rows.iter().enumerate().step_by(noise::ROWS_EVERY) {
+    fn add_noise(&mut self, brighter: f64) {
+        for (row, inside) in self.region.rows.iter().enumerate().step_by(noise::ROW_STRIDE) {
             let part = row * self.columns + inside.start..row * self.columns + inside.end;
             let (look, before, state) = (&self.look[part.clone()], &self.before[part.clone()], &self.state[part]);
-            self.noise.take(look, before, state, brighter);
+            self.noise.add(look, before, state, brighter);
         }
     }
 
@@ -411,7 +411,7 @@ impl Model {
         let past = &mut self.past[block];
         self.state[block][at] &= !(BROKE | NEW | OPEN);
         past.run[at] = past.run[at].saturating_sub(1);
-        past.unseen[at] = past.unseen[at].saturating_add((self.terms.persist_s * TICKS_A_SECOND) as u16);
+        past.unseen[at] = past.unseen[at].saturating_add((self.terms.persist_s * TICKS_PER_SECOND) as u16);
         past.seen_at[at] = past.since[at];
     }
 
@@ -433,12 +433,12 @@ impl Model {
             }
             let (look, wet, state) = (&look[column..], &wet[column..], &state[column..]);
             let add = |every, band_q10| kernel::add_up(look, wet, state, Adding { stride, every, band_q10 });
-            let first = add(MEAN_EVERY, WIDE_Q10);
+            let first = add(MEAN_ROW_STRIDE, WIDE_Q10);
             if first.expected == 0 {
                 return first;
             }
             let mean = f64::from(first.found) / f64::from(first.expected) * 1024.0;
-            add(LIGHT_EVERY, ABOUT.map(|share| (share * mean) as u16))
+            add(LIGHT_ROW_STRIDE, ABOUT.map(|share| (share * mean) as u16))
         };
         (0..stride).map(tile).collect()
     }

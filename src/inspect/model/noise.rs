@@ -13,11 +13,11 @@ const AT_SHARE: f64 = 0.385;
 const CLASS: u16 = LEVEL / 16;
 const CLASSES: usize = 512;
 /// Less noise than the rounding to whole levels leaves is no measurement, levels; and what is assumed before there is one.
-const LEAST_LEVELS: f64 = 0.35;
+const MIN_LEVELS: f64 = 0.35;
 const ASSUMED_LEVELS: f64 = 1.5;
 /// One row in this many is looked at, and this many differences are enough.
-pub(super) const ROWS_EVERY: usize = 4;
-const ENOUGH: u64 = 200;
+pub(super) const ROW_STRIDE: usize = 4;
+const MIN_DIFFERENCES: u64 = 200;
 
 /// The result of the differences so far.
 #[derive(Debug, Clone)]
@@ -32,7 +32,7 @@ impl Noise {
 
     /// Adds the pixels of a row in two consecutive pictures; `brighter` is the light of the second against the
     /// first.
-    pub fn take(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
+    pub fn add(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
         for ((look, before), state) in look.iter().zip(before).zip(state) {
             for ((look, before), state) in look.iter().zip(before).zip(state) {
                 let counts = state & (INSIDE | NO_DRY) != 0 && (look | before) & OVEREXPOSED == 0;
@@ -48,7 +48,7 @@ impl Noise {
     /// σ in grey levels.
     pub fn levels(&self) -> f64 {
         let all: u64 = self.classes.iter().sum();
-        if all < ENOUGH {
+        if all < MIN_DIFFERENCES {
             return ASSUMED_LEVELS;
         }
         let wanted = SHARE * all as f64;
@@ -58,11 +58,11 @@ impl Noise {
             if next >= wanted {
                 let within = (wanted - below) / (*count as f64).max(1.0);
                 let level = (class as f64 + within) * f64::from(CLASS) / f64::from(LEVEL);
-                return (level / AT_SHARE / std::f64::consts::SQRT_2).max(LEAST_LEVELS);
+                return (level / AT_SHARE / std::f64::consts::SQRT_2).max(MIN_LEVELS);
             }
             below = next;
         }
-        LEAST_LEVELS
+        MIN_LEVELS
     }
 }
 
@@ -96,7 +96,7 @@ mod tests {
                     })
                 };
                 let [a, b] = [block(0.0), block(if row % 2 == 0 { 20.0 } else { -20.0 })];
-                noise.take(&[a], &[b], &[[INSIDE; BLOCK_PX]], 1.0);
+                noise.add(&[a], &[b], &[[INSIDE; BLOCK_PX]], 1.0);
             }
             let found = noise.levels();
             let most = if moving > 0 { 2.8 } else { 2.1 };

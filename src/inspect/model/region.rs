@@ -5,8 +5,8 @@ use super::light::TILE_PX;
 use std::ops::Range;
 
 /// Every nth row is used to estimate the light, and every nth the overexposed share: thousands of pixels remain.
-pub(super) const LIGHT_EVERY: usize = 2;
-pub(super) const EXPOSED_EVERY: usize = 4;
+pub(super) const LIGHT_ROW_STRIDE: usize = 2;
+pub(super) const EXPOSED_ROW_STRIDE: usize = 4;
 
 /// The region in a window's blocks.
 #[derive(Debug)]
@@ -31,12 +31,12 @@ impl Region {
         };
         let tile = |tile: usize| {
             let (row, column) = (tile / columns * TILE_PX, tile % columns);
-            (row..row + TILE_PX).step_by(LIGHT_EVERY).map(|row| counts[row * columns + column]).sum()
+            (row..row + TILE_PX).step_by(LIGHT_ROW_STRIDE).map(|row| counts[row * columns + column]).sum()
         };
         Region {
             inside: (0..counts.len() / TILE_PX).map(tile).collect(),
             rows: counts.chunks(columns).map(row).collect(),
-            exposed_of: counts.chunks(columns).step_by(EXPOSED_EVERY).flatten().sum(),
+            exposed_of: counts.chunks(columns).step_by(EXPOSED_ROW_STRIDE).flatten().sum(),
         }
     }
 }

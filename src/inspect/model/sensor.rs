@@ -5,14 +5,14 @@
 //! and do not count.
 
 /// Differences beyond this are no noise of a mean of many pixels, levels.
-const MOST_LEVELS: f64 = 3.0;
+const MAX_LEVELS: f64 = 3.0;
 /// Brightness is counted in classes of this width, levels; a class with too few differences gives no result.
 const CLASS_LEVELS: f64 = 16.0;
 const CLASSES: usize = 16;
-const ENOUGH: f64 = 100.0;
+const MIN_COUNT: f64 = 100.0;
 
 /// The least variance: rounding leaves 1/12 in each of 4 × 4 pixels and three channels.
-const LEAST: f64 = 1.0 / 12.0 / 48.0;
+const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
 
 /// Differences so far: of each class how many, and the sums of their squares and of their brightness.
 #[derive(Debug, Clone, Default)]
@@ -22,9 +22,9 @@ pub struct SensorNoise {
 
 impl SensorNoise {
     /// Adds a place in two pictures, in one light.
-    pub fn take(&mut self, before: f64, now: f64) {
+    pub fn add(&mut self, before: f64, now: f64) {
         let difference = now - before;
-        if difference.abs() < MOST_LEVELS {
+        if difference.abs() < MAX_LEVELS {
             let class = ((before / CLASS_LEVELS) as usize).min(CLASSES - 1);
             let [count, squares, levels] = &mut self.classes[class];
             *count += 1.0;
@@ -36,7 +36,7 @@ impl SensorNoise {
     /// The variance of the noise at a brightness, levels²; `None` if too little was seen.
     pub fn variance(&self, levels: f64) -> Option<f64> {
         let known: Vec<(f64, f64, f64)> = (self.classes.iter())
-            .filter(|[count, ..]| *count >= ENOUGH)
+            .filter(|[count, ..]| *count >= MIN_COUNT)
             .map(|[count, squares, levels]| (*count, levels / count, squares / count / 2.0))
             .collect();
         let weight: f64 = known.iter().map(|(count, ..)| count).sum();
@@ -49,7 +49,7 @@ impl SensorNoise {
         let (spread, shared) = (mean(&|it| (it.1 - level).powi(2)), mean(&|it| (it.1 - level) * (it.2 - variance)));
         // Noise does not fall with the light, and is never less than what rounding leaves of the mean of 48 numbers.
         let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
-        let at = |levels: f64| (variance + slope * (levels - level)).max(LEAST);
+        let at = |levels: f64| (variance + slope * (levels - level)).max(MIN_VARIANCE);
         // Beyond what was seen the slope is not sure, and with a and b ≥ 0 the variance is at least in proportion
         // to s below it, and at most above it: the larger one counts, so that noise is never taken for water.
         let nearest =
@@ -73,15 +73,15 @@ mod tests {
         assert_eq!(noise.variance(50.0), None);
         for i in 0..400 {
             let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
-            noise.take(40.0, 40.0 + sign);
-            noise.take(100.0, 100.0 + 2.0 * sign);
-            noise.take(100.0, 150.0);
+            noise.add(40.0, 40.0 + sign);
+            noise.add(100.0, 100.0 + 2.0 * sign);
+            noise.add(100.0, 150.0);
         }
         let at = |levels: f64| noise.variance(levels).expect("enough");
         assert!((at(40.0) - 0.5).abs() < 1e-9 && (at(100.0) - 2.0).abs() < 1e-9 && (at(70.0) - 1.25).abs() < 1e-9);
         assert!((at(10.0) - 0.125).abs() < 1e-9 && (at(200.0) - 4.5).abs() < 1e-9);
         let mut of_one = SensorNoise::default();
-        (0..200).for_each(|i| of_one.take(50.0, if i % 2 == 0 { 51.0 } else { 49.0 }));
+        (0..200).for_each(|i| of_one.add(50.0, if i % 2 == 0 { 51.0 } else { 49.0 }));
         assert!((of_one.variance(100.0).expect("enough") - 1.0).abs() < 1e-9, "of one brightness: in proportion");
     }
 }

@@ -14,7 +14,7 @@ use super::lamp::Lamp;
 use rayon::prelude::*;
 
 /// A site is a square of this side, px: water moves on a scale of millimetres, and the noise of its mean is smaller.
-const EVERY: usize = Lamp::SIDE_PX;
+const SITE_SIDE_PX: usize = Lamp::SIDE_PX;
 /// The number of spans. A span begins with a picture and holds those of this time, s, a second but for what clocks
 /// round: at less than a picture a second each picture is a span.
 const SPANS: usize = 24;
@@ -47,11 +47,11 @@ pub struct Picture<'a> {
 
 impl Shimmer {
     /// A site's side, px.
-    pub const SIDE_PX: usize = EVERY;
+    pub const SIDE_PX: usize = SITE_SIDE_PX;
 
     /// For blocks in rows of `columns`.
     pub fn new(columns: usize, blocks: usize) -> Self {
-        let sites = blocks * BLOCK_PX / (EVERY * EVERY);
+        let sites = blocks * BLOCK_PX / (SITE_SIDE_PX * SITE_SIDE_PX);
         Shimmer {
             columns,
             span: 0,
@@ -63,7 +63,7 @@ impl Shimmer {
     }
 
     /// Adds a picture; pictures after the last span are ignored.
-    pub fn take(&mut self, picture: &Picture<'_>) {
+    pub fn add(&mut self, picture: &Picture<'_>) {
         if picture.since_wet_s - self.began_s >= SPAN_S {
             if self.began_s.is_finite() {
                 self.close();
@@ -78,12 +78,12 @@ impl Shimmer {
         let columns = self.columns;
         let of_row = self.columns();
         self.sums.par_chunks_mut(of_row).enumerate().for_each(|(line, sums)| {
-            for row in EVERY * line..EVERY * (line + 1) {
+            for row in SITE_SIDE_PX * line..SITE_SIDE_PX * (line + 1) {
                 let blocks = row * columns..(row + 1) * columns;
                 let looks = picture.look[blocks.clone()].iter().zip(&picture.wet[blocks.clone()]);
                 let blocks = looks.zip(&picture.state[blocks]);
-                for (((look, wet), state), sums) in blocks.zip(sums.chunks_mut(BLOCK_PX / EVERY)) {
-                    take_row(look, wet, state, sums);
+                for (((look, wet), state), sums) in blocks.zip(sums.chunks_mut(BLOCK_PX / SITE_SIDE_PX)) {
+                    add_row(look, wet, state, sums);
                 }
             }
         });
@@ -95,7 +95,7 @@ impl Shimmer {
         for (sums, means) in self.sums.iter_mut().zip(&mut self.means) {
             let [sum, count] = *sums;
             // With fewer pixels its noise would be larger than is taken.
-            if count > 0.0 && count >= WHOLE * (EVERY * EVERY) as f32 * pictures as f32 {
+            if count > 0.0 && count >= WHOLE * (SITE_SIDE_PX * SITE_SIDE_PX) as f32 * pictures as f32 {
                 means[self.span] = sum / count;
             }
             *sums = [0.0; 2];
@@ -110,7 +110,7 @@ impl Shimmer {
 
     /// Sites in a row of the lattice.
     pub fn columns(&self) -> usize {
-        self.columns * BLOCK_PX / EVERY
+        self.columns * BLOCK_PX / SITE_SIDE_PX
     }
 
     /// How many sites there are.
@@ -120,12 +120,12 @@ impl Shimmer {
 
     /// Row and column of a site in the window, px.
     pub fn place(&self, at: usize) -> (usize, usize) {
-        (at / self.columns() * EVERY, at % self.columns() * EVERY)
+        (at / self.columns() * SITE_SIDE_PX, at % self.columns() * SITE_SIDE_PX)
     }
 
     /// The sites about a pixel of the window.
     pub fn sites_about(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + '_ {
-        let (row, column) = (row / EVERY, column / EVERY);
+        let (row, column) = (row / SITE_SIDE_PX, column / SITE_SIDE_PX);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns());
         (row.saturating_sub(1)..row + 2)
             .flat_map(move |row| columns.clone().map(move |column| row * self.columns() + column))
@@ -143,14 +143,14 @@ impl Shimmer {
 }
 
 /// Adds the part of a block's row that each site has.
-fn take_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
+fn add_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
     let mut shares = [[0.0_f32; 2]; BLOCK_PX];
     for i in 0..BLOCK_PX {
         let counts = state[i] & (INSIDE | NO_DRY) == INSIDE | NO_DRY && look[i] & OVEREXPOSED == 0;
         let own = f32::from(u8::from(counts && wet[i] > 0));
         shares[i] = [own * f32::from(look[i] & LOOK) / f32::from(wet[i].max(1)), own];
     }
-    for (sums, shares) in sums.iter_mut().zip(shares.chunks(EVERY)) {
+    for (sums, shares) in sums.iter_mut().zip(shares.chunks(SITE_SIDE_PX)) {
         for share in shares {
             *sums = [sums[0] + share[0], sums[1] + share[1]];
         }
@@ -180,10 +180,10 @@ mod tests {
                 })
                 .collect();
             let since_wet_s = 0.1 * picture as f64 + 0.05;
-            shimmer.take(&Picture { look: &look, wet: &wet, state: &state, since_wet_s });
+            shimmer.add(&Picture { look: &look, wet: &wet, state: &state, since_wet_s });
         }
         shimmer.end();
-        let at = |row: usize| shimmer.at(row / EVERY * shimmer.columns() + 5, 1.0 / 60.0);
+        let at = |row: usize| shimmer.at(row / SITE_SIDE_PX * shimmer.columns() + 5, 1.0 / 60.0);
         assert!(at(10).iter().all(|shown| shown.abs() < 0.05), "{:?}", at(10));
         assert!(at(20).iter().all(|shown| (shown.abs() - 2.58).abs() < 0.05), "{:?}", at(20));
         assert_eq!(shimmer.place(5 * 8 + 5), (20, 20));

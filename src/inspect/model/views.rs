@@ -8,7 +8,7 @@ use super::kernel::{BLOCK_PX, LEVEL};
 use super::light::TILE_PX;
 
 /// A larger difference gives no more information, levels.
-const MOST_LEVELS: f64 = 40.0;
+const MAX_LEVELS: f64 = 40.0;
 /// A channel alone must be this much better than the mean: each tile decides by a few hundred noisy pixels.
 const BETTER: f64 = 1.1;
 
@@ -40,7 +40,7 @@ impl Views {
         for (block, change) in changes {
             for (said, (weights, surer)) in said[self.tile_of(block)].iter_mut().zip(&self.weights) {
                 let change: f64 = (0..3).map(|i| weights[i] * change[i]).sum();
-                *said += surer * change.abs().min(MOST_LEVELS);
+                *said += surer * change.abs().min(MAX_LEVELS);
             }
         }
         for (chosen, said) in self.chosen.iter_mut().zip(said) {

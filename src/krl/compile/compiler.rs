@@ -12,7 +12,7 @@ use crate::krl::types::{Scope, Type, Types};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Longer names do not compile on a controller.
-const LONGEST_NAME: usize = 24;
+const MAX_NAME_LENGTH: usize = 24;
 
 /// The location of a variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -181,9 +181,9 @@ impl Compiler<'_> {
     }
 
     pub(super) fn check_name(&mut self, name: &str) {
-        if name.len() > LONGEST_NAME {
+        if name.len() > MAX_NAME_LENGTH {
             let length = name.len();
-            self.problem(name, format!("the name has {length} characters; KRL allows {LONGEST_NAME}"));
+            self.problem(name, format!("the name has {length} characters; KRL allows {MAX_NAME_LENGTH}"));
         }
         if RESERVED.binary_search(&name).is_ok() {
             self.problem(name, "this is a word of KRL itself; choose another name");

@@ -1,6 +1,6 @@
 // The clip's pictures on a canvas: loaded pictures are kept, the next ones are loaded ahead.
 
-const KEPT = 60;
+const MAX_CACHED = 60;
 const AHEAD = 6;
 
 export class Film {
@@ -21,7 +21,7 @@ export class Film {
     this.kept.delete(index);
     this.kept.set(index, loading);
     for (const old of this.kept.keys()) {
-      if (this.kept.size <= KEPT) break;
+      if (this.kept.size <= MAX_CACHED) break;
       this.kept.delete(old);
     }
     return loading;

@@ -10,7 +10,7 @@ import { Drafts, ask, posted } from "./program.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay");
-const MOST_UNDONE = 200;
+const MAX_UNDO = 200;
 
 let [clip, film, said] = [null, null, null];
 let [index, zoom, wetFrom] = [0, 1, 0];
@@ -34,7 +34,7 @@ const drafts = new Drafts((problem) => tell(`The drawing is not kept: ${problem}
 
 function remember() {
   undone.push(JSON.stringify(said));
-  if (undone.length > MOST_UNDONE) undone.shift();
+  if (undone.length > MAX_UNDO) undone.shift();
 }
 
 // Changes the person's labels.

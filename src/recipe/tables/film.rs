@@ -42,8 +42,8 @@ impl Process {
     }
 }
 
-pub(in crate::recipe) fn take_process(section: &Section<'_, '_>) -> Option<Process> {
-    let process = Process::take(section)?;
+pub(in crate::recipe) fn parse_process(section: &Section<'_, '_>) -> Option<Process> {
+    let process = Process::parse(section)?;
     let (part, grid) = (process.passes_of_a_part(), process.max_passes_per_grid());
     if part < grid {
         let allowed = format!("found {part}, valid: max_passes_per_grid, {grid}, or more");
@@ -66,8 +66,8 @@ settings! {
     }
 }
 
-pub(in crate::recipe) fn take_region(section: &Section<'_, '_>) -> Option<Region> {
-    let region = Region::take(section)?;
+pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Region> {
+    let region = Region::parse(section)?;
     let turns: Vec<f64> = (0..4).map(|i| turn_at(&region.corners_px(), i)).collect();
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
         section.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
@@ -161,8 +161,8 @@ settings! {
     }
 }
 
-pub(in crate::recipe) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
-    let inspect = Inspect::take(section)?;
+pub(in crate::recipe) fn parse_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
+    let inspect = Inspect::parse(section)?;
     if inspect.channel_weights().iter().all(|weight| *weight < 0.01) {
         section.problem("channel_weights", "one channel at least must weigh 0.01 or more");
         return None;

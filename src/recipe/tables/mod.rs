@@ -12,8 +12,8 @@ pub use path::{FitMethod, Path, Pattern, Surface};
 pub use place::{Corner, CornerName, CornerNames, Locate, Registration};
 pub use removal::{Removal, RemovalMethod};
 
-pub(super) use film::{take_inspect, take_process, take_region};
-pub(super) use panel::take_panel;
-pub(super) use path::take_path;
-pub(super) use place::{take_corner, take_locate};
-pub(super) use removal::take_removal;
+pub(super) use film::{parse_inspect, parse_process, parse_region};
+pub(super) use panel::parse_panel;
+pub(super) use path::parse_path;
+pub(super) use place::{parse_corner, parse_locate};
+pub(super) use removal::parse_removal;

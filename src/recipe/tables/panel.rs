@@ -32,13 +32,13 @@ const MAX_CORNERS: usize = 200;
 /// The smallest area that a drawn polygon encloses, px².
 const MIN_AREA_PX2: f64 = 16.0;
 
-pub(in crate::recipe) fn take_panel(top: &Section<'_, '_>) -> Option<Panel> {
+pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
     if !top.is_table("panel") {
-        let name = top.take::<String>("panel", (), None)?;
+        let name = top.parse::<String>("panel", (), None)?;
         return Some(Panel { name, outline_px: Vec::new(), held_px: Vec::new() });
     }
     let section = top.section("panel");
-    let panel = Panel::take(&section)?;
+    let panel = Panel::parse(&section)?;
     let outline = &panel.outline_px;
     if !outline.is_empty() {
         if !(3..=MAX_CORNERS).contains(&outline.len()) {

@@ -121,8 +121,8 @@ settings! {
     }
 }
 
-pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
-    let path = Path::take(section)?;
+pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
+    let path = Path::parse(section)?;
     if path.step_over_mm() > path.disc_diameter_mm() {
         section.problem(
             "step_over_mm",

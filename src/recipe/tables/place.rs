@@ -42,8 +42,8 @@ settings! {
     }
 }
 
-pub(in crate::recipe) fn take_locate(section: &Section<'_, '_>) -> Option<Locate> {
-    let locate = Locate::take(section)?;
+pub(in crate::recipe) fn parse_locate(section: &Section<'_, '_>) -> Option<Locate> {
+    let locate = Locate::parse(section)?;
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     if (0..3).any(|axis| low[axis] >= high[axis]) {
         section
@@ -139,8 +139,8 @@ settings! {
     }
 }
 
-pub(in crate::recipe) fn take_corner(section: &Section<'_, '_>) -> Option<Corner> {
-    let corner = Corner::take(section)?;
+pub(in crate::recipe) fn parse_corner(section: &Section<'_, '_>) -> Option<Corner> {
+    let corner = Corner::parse(section)?;
     if corner.panel_gray_min() >= corner.panel_gray_max() {
         section.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
         return None;

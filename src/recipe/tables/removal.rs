@@ -40,11 +40,11 @@ settings! {
 
 /// The table, if the recipe has one; the outer `None` if it has problems. What it must have beside a `[path]` with
 /// problems, which is no `path` here, is not known.
-pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
+pub(in crate::recipe) fn parse_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
     if !section.is_present() {
         return Some(None);
     }
-    let removal = Removal::take(section)?;
+    let removal = Removal::parse(section)?;
     if removal.target_um() >= removal.max_um() {
         let message =
             format!("found {}, it must be more than target_um, {}", removal.max_um(), removal.target_um());

@@ -15,7 +15,7 @@ const RADIUS_MM: std::ops::Range<f64> = 3.5..8.0;
 const APART_MM: f64 = 10.0;
 const FROM_EDGE_MM: f64 = 16.0;
 /// The most discs.
-const MOST: usize = 24;
+const MAX_DISCS: usize = 24;
 
 /// Discs on the sheet: centre and radius, mm.
 #[derive(Debug, Clone)]
@@ -29,14 +29,14 @@ impl Marks {
         let places = lattice(shape);
         let from_edge = |at: [f64; 2]| -shape.outline().distance(at.into()).0;
         let mut discs: Vec<([f64; 2], f64)> = Vec::new();
-        for _ in 0..40 * MOST {
+        for _ in 0..40 * MAX_DISCS {
             let [s, t] = places[random.random_range(0..places.len())];
             let at = [s + random.random_range(-4.0..4.0), t + random.random_range(-4.0..4.0)];
             let radius_mm = random.random_range(RADIUS_MM);
             let is_apart = |(other, other_mm): &([f64; 2], f64)| {
                 (at[0] - other[0]).hypot(at[1] - other[1]) > radius_mm + other_mm + APART_MM
             };
-            if discs.len() < MOST && from_edge(at) > FROM_EDGE_MM + radius_mm && discs.iter().all(is_apart) {
+            if discs.len() < MAX_DISCS && from_edge(at) > FROM_EDGE_MM + radius_mm && discs.iter().all(is_apart) {
                 discs.push((at, radius_mm));
             }
         }

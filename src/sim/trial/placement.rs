@@ -15,7 +15,7 @@ use rand_pcg::Pcg64;
 use std::ops::Range;
 
 /// The panel's points stay this far before the fixture, mm.
-const FARTHEST_X_MM: f64 = 628.0;
+const MAX_X_MM: f64 = 628.0;
 pub(super) const MAX_HIDDEN: f64 = 0.195;
 
 impl Trial {
@@ -92,7 +92,7 @@ impl Trial {
         let [low, high] = TRIAL_BOX_MM;
         let is_inside = |&at: &[f64; 2]| {
             let p = (*place * self.taught.point(at)).mm;
-            p.x < FARTHEST_X_MM && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
+            p.x < MAX_X_MM && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
         };
         lattice.iter().all(is_inside) && self.faces(place, lattice)
     }

@@ -13,7 +13,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 
 /// Places that are tried for a second panel.
-const MOST_DRAWS: usize = 2_000;
+const MAX_DRAWS: usize = 2_000;
 
 impl Trial {
     /// Makes a good scene wrong in this way; what must be hidden already is.
@@ -68,7 +68,7 @@ impl Trial {
             let about = Translation3::from(middle.coords + aside) * turn * Translation3::from(-middle.coords);
             Rigid::claim(about * self.place.isometry())
         };
-        (0..MOST_DRAWS)
+        (0..MAX_DRAWS)
             .map(draw)
             .find(|place| self.stands(place, &lattice, 0..3) && self.hidden_at(place, &lattice) < MAX_HIDDEN)
     }

@@ -55,7 +55,7 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
 pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Removal, AtBounds)) -> Vec<Check> {
     let of = |number: fn(&Figures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
-    let passes = of(|found| found.mean_um).map(|mean_um| (target_um / mean_um - TOLERATED).ceil().max(1.0));
+    let passes = of(|found| found.mean_um).map(|mean_um| (target_um / mean_um - MEAN_TOLERANCE).ceil().max(1.0));
     let (bound_um, within) = (of(|found| found.largest_bound_um), of(|found| found.within_percent));
     vec![
         Check::new(name::REMOVED_MEAN, "µm", of(|found| found.mean_um)),
@@ -132,11 +132,11 @@ fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
     let percent = |share: f64| fixed(100.0 * share, 0);
     match asked.method() {
         RemovalMethod::Constant => "method = \"scheduled\" makes it more even".to_owned(),
-        RemovalMethod::Scheduled if bounded.highest > MANY => format!(
+        RemovalMethod::Scheduled if bounded.highest > LIMITED_FEED_SHARE => format!(
             "{} % of the way in contact already has the highest feed: a higher feed_mm_s or a lower force_n makes it more even",
             percent(bounded.highest)
         ),
-        RemovalMethod::Scheduled if bounded.lowest > MANY => format!(
+        RemovalMethod::Scheduled if bounded.lowest > LIMITED_FEED_SHARE => format!(
             "{} % of the way in contact already has the lowest feed: a lower min_feed_mm_s or a higher force_n makes it more even",
             percent(bounded.lowest)
         ),
@@ -145,7 +145,7 @@ fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
 }
 
 /// From this share of the way on, its feed is what hinders an even removal.
-const MANY: f64 = 0.1;
+const LIMITED_FEED_SHARE: f64 = 0.1;
 
 /// A mean that is short of the target by this share needs no second pass.
-const TOLERATED: f64 = 0.1;
+const MEAN_TOLERANCE: f64 = 0.1;

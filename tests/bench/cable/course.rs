@@ -3,16 +3,16 @@
 
 use super::liar::Liar;
 use super::lie::{Kind, Moment, Scenario};
-use super::person::{LOOKS, Look, NO_BREAK, ONE_BREAK, Person};
+use super::person::{Look, NO_BREAK, ONE_BREAK, POLL_INTERVAL, Person};
 use super::proxy::Proxy;
 use super::truth::{Truth, WATER};
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// Time for which a person watches the result before requesting anything else.
-const LOOKS_ON: Duration = Duration::from_millis(1_700);
+const OBSERVATION_TIME: Duration = Duration::from_millis(1_700);
 /// To the moment of the scenario.
-const TO_MOMENT: Duration = Duration::from_secs(90);
+const MOMENT_TIMEOUT: Duration = Duration::from_secs(90);
 const CYCLES_TO_MOMENT: u32 = 3;
 
 pub struct Course<'c> {
@@ -40,7 +40,7 @@ impl Course<'_> {
         }
         self.liar.end();
         self.person.rest()?;
-        thread::sleep(LOOKS_ON);
+        thread::sleep(OBSERVATION_TIME);
         self.person.honest_cycle()
     }
 
@@ -48,7 +48,7 @@ impl Course<'_> {
     fn at_connect(&mut self) -> Result<(), String> {
         let since = Instant::now();
         while self.truth.last().is_none() && since.elapsed() < Duration::from_secs(3) {
-            thread::sleep(LOOKS);
+            thread::sleep(POLL_INTERVAL);
         }
         if self.begins_late() {
             return self.tell();
@@ -65,7 +65,7 @@ impl Course<'_> {
         self.person.reach_idle()?;
         self.person.start(NO_BREAK)?;
         let (truth, scenario) = (self.truth, self.scenario);
-        self.person.until(TO_MOMENT, |look| is_reached(Moment::Free, (truth, scenario), look))?;
+        self.person.until(MOMENT_TIMEOUT, |look| is_reached(Moment::Free, (truth, scenario), look))?;
         thread::sleep(Duration::from_millis(self.scenario.after_ms));
         self.person.say("abort")?;
         self.person.until_aborted()?;
@@ -76,7 +76,7 @@ impl Course<'_> {
             if look.word != "idle" || self.scenario.lie.of_orders {
                 self.person.go_on(&look.word, NO_BREAK)?;
             }
-            thread::sleep(LOOKS);
+            thread::sleep(POLL_INTERVAL);
         }
         Ok(())
     }
@@ -92,7 +92,7 @@ impl Course<'_> {
                 return self.tell();
             }
             let around = (self.truth, self.scenario);
-            self.person.until(TO_MOMENT, |look| is_reached(awaited, around, look) || look.rests())?;
+            self.person.until(MOMENT_TIMEOUT, |look| is_reached(awaited, around, look) || look.rests())?;
             if !self.person.look()?.rests() {
                 return self.tell();
             }

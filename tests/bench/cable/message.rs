@@ -4,7 +4,7 @@
 
 const ENDS: [&[u8]; 4] = [b"</Cmd>", b"</Ack>", b"</Req>", b"</St>"];
 /// More than any message; what is longer and has no end is thrown away.
-const MOST_BYTES: usize = 65_536;
+const MAX_BYTES: usize = 65_536;
 
 /// Cuts a stream into documents.
 #[derive(Debug, Default)]
@@ -21,7 +21,7 @@ impl Splitter {
             let rest = self.rest.split_off(end);
             documents.push(std::mem::replace(&mut self.rest, rest));
         }
-        if self.rest.len() > MOST_BYTES {
+        if self.rest.len() > MAX_BYTES {
             self.rest.clear();
         }
         documents

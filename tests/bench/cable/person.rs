@@ -11,13 +11,13 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// From one look at the cell to the next.
-pub const LOOKS: Duration = Duration::from_millis(60);
+pub const POLL_INTERVAL: Duration = Duration::from_millis(60);
 /// A cycle that continues after the lie has ended within this.
-const TO_REST: Duration = Duration::from_secs(110);
+const REST_TIMEOUT: Duration = Duration::from_secs(110);
 /// After the lie and the cycle in which it was sent, a person has started the next cycle within this.
-const BACK: Duration = Duration::from_secs(45);
+const RECOVERY_TIMEOUT: Duration = Duration::from_secs(45);
 /// An honest cycle.
-const CYCLE: Duration = Duration::from_secs(110);
+const CYCLE_TIMEOUT: Duration = Duration::from_secs(110);
 /// As the recipe is rendered: the film's length, and the size from which on a break is looked for.
 const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];
 /// A film in which the largest of the rendered panel's breaks is found and abraded, and one that passes.
@@ -125,7 +125,7 @@ impl<'c> Person<'c> {
             if holds(&look) {
                 return Ok(true);
             }
-            thread::sleep(LOOKS);
+            thread::sleep(POLL_INTERVAL);
         }
         Ok(false)
     }
@@ -147,25 +147,27 @@ impl<'c> Person<'c> {
             let look = self.look()?;
             match &*look.word {
                 "idle" => return Ok(()),
-                _ if since.elapsed() > BACK => return Err(format!("never idle: {} ({})", look.word, self.refusal)),
+                _ if since.elapsed() > RECOVERY_TIMEOUT => {
+                    return Err(format!("never idle: {} ({})", look.word, self.refusal));
+                }
                 word => self.go_on(word, NO_BREAK)?,
             }
-            thread::sleep(LOOKS);
+            thread::sleep(POLL_INTERVAL);
         }
     }
 
     /// Waits until the requested abort is at its end.
     pub fn until_aborted(&mut self) -> Result<(), String> {
-        self.until(TO_REST, |look| look.word == "aborted").map(drop)
+        self.until(REST_TIMEOUT, |look| look.word == "aborted").map(drop)
     }
 
     /// Waits until the cycle has continued to its end, or was ended.
     pub fn rest(&mut self) -> Result<(), String> {
-        if self.until(TO_REST, |look| look.rests())? {
+        if self.until(REST_TIMEOUT, |look| look.rests())? {
             return Ok(());
         }
         let look = self.look()?;
-        Err(format!("no rest after {} s: {} {} {}", TO_REST.as_secs(), look.word, look.phase, look.text))
+        Err(format!("no rest after {} s: {} {} {}", REST_TIMEOUT.as_secs(), look.word, look.phase, look.text))
     }
 
     pub fn honest_cycle(&mut self) -> Result<(), String> {
@@ -175,14 +177,14 @@ impl<'c> Person<'c> {
             if matches!(&*look.word, "starting" | "execute") {
                 break;
             }
-            if since.elapsed() > BACK {
-                let waited_s = BACK.as_secs();
+            if since.elapsed() > RECOVERY_TIMEOUT {
+                let waited_s = RECOVERY_TIMEOUT.as_secs();
                 return Err(format!("not back after {waited_s} s: {} {} ({})", look.word, look.text, self.refusal));
             }
             self.go_on(&look.word, NO_BREAK)?;
-            thread::sleep(LOOKS);
+            thread::sleep(POLL_INTERVAL);
         }
-        self.until(CYCLE, |look| look.rests())?;
+        self.until(CYCLE_TIMEOUT, |look| look.rests())?;
         let look = self.look()?;
         let is_whole = look.word == "complete";
         is_whole

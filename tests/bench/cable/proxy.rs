@@ -15,8 +15,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// From one look for a client to the next.
-const ROUND: Duration = Duration::from_millis(10);
-const CONNECT: Duration = Duration::from_millis(500);
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Both ends of a channel's connection.
 #[derive(Debug)]
@@ -94,12 +94,12 @@ impl Cable {
                 // A controller that has its client, or does not exist, accepts no other client.
                 let _ = self.carry(index, client, controller);
             }
-            thread::sleep(ROUND);
+            thread::sleep(POLL_INTERVAL);
         }
     }
 
     fn carry(self: &Arc<Self>, index: usize, client: TcpStream, controller: SocketAddr) -> std::io::Result<()> {
-        let robot = TcpStream::connect_timeout(&controller, CONNECT)?;
+        let robot = TcpStream::connect_timeout(&controller, CONNECT_TIMEOUT)?;
         client.set_nonblocking(false)?;
         for stream in [&client, &robot] {
             stream.set_nodelay(true)?;

@@ -185,7 +185,7 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let truth = Truth { broken: &broken, later: &film.broken(last_s), contrast: &contrast };
     let sanded = bench.taught.grids.iter().filter(|grid| conditions.passes_of(grid.id) > 0).count();
     let clip = Clip { renderer: "sim", seed, kind: name, frames_per_second: conditions.frames_per_second, sanded };
-    tally.take(&clip, &inspection, &truth, |id| conditions.passes_of(id) > 0);
+    tally.add(&clip, &inspection, &truth, |id| conditions.passes_of(id) > 0);
     let true_s = film.break_times_s();
     tally.times(&inspection, &broken, |index| f64::from(true_s[index]) - wet_from_s);
 }

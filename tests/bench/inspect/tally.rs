@@ -80,7 +80,7 @@ impl Tally {
     }
 
     /// Adds a clip. `sanded` states which grids were sanded before it.
-    pub fn take(
+    pub fn add(
         &mut self,
         clip: &Clip<'_>,
         inspection: &Inspection,

@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 pub const CLIENTS: usize = 200;
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_deg = 0, a5_deg = 0, a6_deg = 0 }\n\
      [limits]\nbox_min_mm = [-2000, -2000, -2000]\nbox_max_mm = [2000, 2000, 2000]\n\
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
@@ -47,7 +47,7 @@ fn ask(socket: &Path, word: &str) -> String {
     }
     let mut answer = String::new();
     if let Ok(mut stream) = UnixStream::connect(socket) {
-        stream.set_read_timeout(Some(PATIENCE)).expect("set");
+        stream.set_read_timeout(Some(TIMEOUT)).expect("set");
         let line = format!("{line}\n");
         let _ = stream.write_all(line.as_bytes()).and_then(|()| stream.read_to_string(&mut answer));
     }
@@ -57,7 +57,7 @@ fn ask(socket: &Path, word: &str) -> String {
 fn until(what: &str, mut done: impl FnMut() -> bool) {
     let since = Instant::now();
     while !done() {
-        assert!(since.elapsed() < PATIENCE, "{what} never came");
+        assert!(since.elapsed() < TIMEOUT, "{what} never came");
         std::thread::sleep(Duration::from_millis(1));
     }
 }
@@ -69,12 +69,12 @@ struct Hanging<'s> {
 }
 
 /// How long it hangs.
-pub const HANGS: Duration = Duration::from_secs(5);
+pub const HANG_TIME: Duration = Duration::from_secs(5);
 
 impl Port<RecordCommand> for Hanging<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
         if matches!(command, RecordCommand::Event(_)) && self.hangs.swap(false, Ordering::Relaxed) {
-            std::thread::sleep(HANGS);
+            std::thread::sleep(HANG_TIME);
         }
         self.record.perform(command)
     }
@@ -149,7 +149,7 @@ impl Served {
             let asked = Instant::now();
             let answer = ask("abort");
             until("the frame", || self.peer.stopped().is_some());
-            found.push(self.peer.stopped().map_or(PATIENCE, |stopped| stopped - asked));
+            found.push(self.peer.stopped().map_or(TIMEOUT, |stopped| stopped - asked));
             assert!(is_done(&answer), "{answer}");
         }
         found
@@ -245,7 +245,7 @@ impl RecordSource for Nothing {
 fn http(address: &str, method: &str, path: &str) -> String {
     let mut answer = String::new();
     if let Ok(mut stream) = TcpStream::connect(address) {
-        stream.set_read_timeout(Some(PATIENCE)).expect("set");
+        stream.set_read_timeout(Some(TIMEOUT)).expect("set");
         let request = format!(
             "{method} {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\nsec-fetch-site: same-origin\r\n\
              content-type: application/json\r\ncontent-length: 2\r\n\r\n{{}}"

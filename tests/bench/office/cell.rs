@@ -11,7 +11,7 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
 
 /// Between two cycles.
-const PAUSE: Duration = Duration::from_millis(500);
+const CYCLE_PAUSE: Duration = Duration::from_millis(500);
 /// Bytes of the one picture of a cycle, unless another size is requested.
 pub const PICTURE_BYTES: usize = 20_000;
 
@@ -38,7 +38,7 @@ pub fn run(arguments: &[String]) -> ExitCode {
         if store.ended_cycles().expect("read").len() < cycles {
             cycle(&mut store, PICTURE_BYTES);
         }
-        std::thread::sleep(PAUSE);
+        std::thread::sleep(CYCLE_PAUSE);
     }
 }
 

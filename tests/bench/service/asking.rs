@@ -7,12 +7,12 @@ use std::path::Path;
 use std::time::Duration;
 
 /// An answer that is slower than this counts as missing.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// One line to the socket, and its answer.
 pub fn ask(socket: &Path, line: &str) -> io::Result<Value> {
     let mut stream = UnixStream::connect(socket)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT))?;
     stream.write_all(line.as_bytes())?;
     let mut answer = String::new();
     stream.read_to_string(&mut answer)?;

@@ -1,7 +1,7 @@
 //! A taught cell in a folder of its own, and its service as systemd runs it.
 
 use super::taught::{LINE_INPUTS, LINE_OUTPUTS, TEACH, VERIFY};
-use super::watchdog::{ALLOWED, Watchdog};
+use super::watchdog::{WATCHDOG_TIMEOUT, Watchdog};
 use std::fs;
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
@@ -210,7 +210,7 @@ impl<'p> Running<'p> {
         let service = prepared
             .command(&format!("run --cell cell/cell.toml --seed 3 {more}"))
             .env("NOTIFY_SOCKET", notify)
-            .env("WATCHDOG_USEC", ALLOWED.as_micros().to_string())
+            .env("WATCHDOG_USEC", WATCHDOG_TIMEOUT.as_micros().to_string())
             .env("MALLOC_ARENA_MAX", "2")
             .stderr(log)
             .spawn()

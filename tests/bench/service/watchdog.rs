@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// As `WatchdogSec` of `config/panelprep.service`.
-pub const ALLOWED: Duration = Duration::from_secs(10);
+pub const WATCHDOG_TIMEOUT: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
 struct Heard {

@@ -1,6 +1,6 @@
 //! All clients that send requests to the service, or nothing, as long as it runs.
 
-use super::asking::{PATIENCE, ask};
+use super::asking::{RESPONSE_TIMEOUT, ask};
 use super::cell::{Prepared, VIEWER};
 use super::http;
 use std::collections::BTreeMap;
@@ -20,7 +20,7 @@ const READERS: usize = 2;
 /// Connections of each kind that send nothing, or half a request.
 const SILENT: usize = 6;
 /// The service reports the state of the cell at least once a second. Without an event for this time, it does not.
-const LONGEST_WITHOUT_EVENT: Duration = Duration::from_secs(20);
+const EVENT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// What everybody counts together.
 #[derive(Debug, Default)]
@@ -157,7 +157,7 @@ fn follow(cell: &Prepared, counts: &Counts) {
     let (since, stays) = (Instant::now(), Duration::from_secs(5 + counts.events.load(Ordering::Relaxed) % 60));
     let read = || {
         let mut stream = http::connect(cell.page)?;
-        stream.set_read_timeout(Some(LONGEST_WITHOUT_EVENT))?;
+        stream.set_read_timeout(Some(EVENT_TIMEOUT))?;
         stream.write_all(format!("{}\r\n", http::head(cell.page, "GET /events", None)).as_bytes())?;
         let mut lines = BufReader::new(stream).lines();
         while counts.goes_on() && since.elapsed() < stays {
@@ -235,7 +235,7 @@ fn come_and_go(cell: &Prepared, counts: &Counts) {
 fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
     let hears = || {
         let mut stream = UnixStream::connect(cell.socket())?;
-        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.set_read_timeout(Some(RESPONSE_TIMEOUT))?;
         stream.write_all(begins)?;
         stream.read_to_end(&mut Vec::new())
     };

@@ -1,6 +1,6 @@
 //! As much of a browser as the soak needs: one request for each connection, the answer read to its end.
 
-use super::asking::PATIENCE;
+use super::asking::RESPONSE_TIMEOUT;
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 
@@ -12,9 +12,9 @@ pub struct Answer {
 }
 
 pub fn connect(page: SocketAddr) -> io::Result<TcpStream> {
-    let stream = TcpStream::connect_timeout(&page, PATIENCE)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    let stream = TcpStream::connect_timeout(&page, RESPONSE_TIMEOUT)?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT))?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT))?;
     Ok(stream)
 }
 

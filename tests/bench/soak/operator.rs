@@ -9,11 +9,11 @@ use std::thread::Scope;
 use std::time::{Duration, Instant};
 
 /// From one look at the cell to the next.
-const LOOKS: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// A line resets the cell itself; a person resets it if it stays complete for longer.
-const LINE_RESETS: Duration = Duration::from_secs(10);
+const LINE_RESET_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time for which a held cell rests. It adds some time to the simulated line's cycles, which take none.
-const HOLDS: Duration = Duration::from_secs(3);
+const HOLD_TIME: Duration = Duration::from_secs(3);
 
 /// The disturbance of a cycle whose number has these remainders.
 const DISTURBS: [(i64, i64, &str); 3] = [(7, 3, "stop"), (11, 5, "abort"), (3, 1, "hold")];
@@ -25,7 +25,7 @@ pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Count
             if let Some(state) = operator.order(&json!({ "ask": "state" })) {
                 operator.act(&state);
             }
-            counts.rest(LOOKS);
+            counts.rest(POLL_INTERVAL);
         }
     });
 }
@@ -79,7 +79,7 @@ impl Operator<'_> {
         let is_line = self.cell.pace == Pace::Line;
         match word {
             "idle" if !is_line => self.start(),
-            "complete" if is_line && self.since.elapsed() < LINE_RESETS => {}
+            "complete" if is_line && self.since.elapsed() < LINE_RESET_TIMEOUT => {}
             "complete" | "stopped" => {
                 self.say("reset");
             }
@@ -123,7 +123,7 @@ impl Operator<'_> {
         let step = &state["step"];
         let accepted = self.order(&json!({ "ask": "accept", "step": step }));
         if accepted.is_none_or(|answer| answer["answer"] != "done") {
-            self.counts.rest(HOLDS);
+            self.counts.rest(HOLD_TIME);
             self.order(&json!({ "ask": "unhold", "dried": true, "step": step }));
         }
     }

@@ -23,7 +23,7 @@ impl Way {
         self.pieces.push_back((due_ms, piece));
     }
 
-    fn take(&mut self, now_ms: u64) -> Option<Piece> {
+    fn pop(&mut self, now_ms: u64) -> Option<Piece> {
         self.pieces.pop_front_if(|(due_ms, _)| *due_ms <= now_ms).map(|(_, piece)| piece)
     }
 
@@ -69,7 +69,7 @@ impl Cell {
             return;
         }
         for (index, (_, end)) in CHANNELS.into_iter().enumerate() {
-            while let Some(piece) = self.to_robot[index].take(self.now_ms) {
+            while let Some(piece) = self.to_robot[index].pop(self.now_ms) {
                 self.reached_ms = self.now_ms;
                 match (piece, end) {
                     (Piece::Bytes(bytes), mock::Channel::Command) => self.controller.command_bytes(&bytes),
@@ -121,7 +121,7 @@ impl Cell {
 
     pub(super) fn reach_client(&mut self) {
         for (index, (channel, _)) in CHANNELS.into_iter().enumerate() {
-            while let Some(piece) = self.to_client[index].take(self.now_ms) {
+            while let Some(piece) = self.to_client[index].pop(self.now_ms) {
                 if !self.session.is_connected() {
                     continue;
                 }

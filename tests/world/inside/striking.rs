@@ -11,7 +11,7 @@ use std::sync::PoisonError;
 /// Time after which the cell's own program is selected again when a person worked with another one.
 const HOME_MS: u64 = 3_000;
 /// An abort that was not obeyed is sent again so soon, ms.
-const AGAIN_MS: u64 = 300;
+const ABORT_RETRY_MS: u64 = 300;
 
 impl Inside {
     pub(super) fn strike_due(&mut self) {
@@ -60,7 +60,7 @@ impl Inside {
             // What it makes of the abort is no more than a heartbeat.
             Fault::Unheeded(count) => {
                 tampering.unheeded = count;
-                self.oracles.unheeded_ms = u64::from(count) * AGAIN_MS;
+                self.oracles.unheeded_ms = u64::from(count) * ABORT_RETRY_MS;
                 return;
             }
             _ => {

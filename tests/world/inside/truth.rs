@@ -14,7 +14,7 @@ const PROGRAMS_END_MS: u64 = 250;
 /// What lasts so long the programs see, ms.
 const SEEN_MS: u64 = 100;
 /// A state comes each 100 ms, and the programs may be late, ms.
-const TOLD_MS: u64 = 250;
+const STATE_DELAY_MS: u64 = 250;
 /// Time limit for the client to know that its epoch has ended, ms.
 const KNOWN_MS: u64 = 700;
 /// The client gives up a connection after a second of silence, ms.
@@ -148,7 +148,7 @@ impl Inside {
     fn judge_knowledge(&mut self) {
         let controller = &self.cell.controller;
         let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == controller.epoch());
-        let hears = self.cell.silence_ms().is_some_and(|silence_ms| silence_ms < TOLD_MS);
+        let hears = self.cell.silence_ms().is_some_and(|silence_ms| silence_ms < STATE_DELAY_MS);
         if !(is_open && controller.is_stopped() && hears) || self.is_strange() {
             self.truth.unnoticed_since_ms = None;
             return;

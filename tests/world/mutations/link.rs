@@ -36,8 +36,8 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "a silent connection is never given up",
         TIMING,
-        "const SILENCE: Duration = Duration::from_secs(1);",
-        "const SILENCE: Duration = Duration::from_secs(18_000);",
+        "const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);",
+        "const SILENCE_TIMEOUT: Duration = Duration::from_secs(18_000);",
     ),
     change(
         "silence of the states does not end the epoch",
@@ -91,8 +91,8 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "a connection that swallows commands is kept for ever",
         TIMING,
-        "const MOST_UNACKNOWLEDGED: u32 = 2;",
-        "const MOST_UNACKNOWLEDGED: u32 = 1_000_000;",
+        "const MAX_UNACKNOWLEDGED: u32 = 2;",
+        "const MAX_UNACKNOWLEDGED: u32 = 1_000_000;",
     ),
     change(
         "heartbeats come each second",

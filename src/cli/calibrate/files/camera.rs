@@ -27,16 +27,16 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
         [("p1_mm", "p1_corner"), ("p2_mm", "p2_corner"), ("p3_mm", "p3_corner"), ("p4_mm", "p4_corner")];
     config::check(file, text, |top| {
         let touched = |(place, corner): (&'static str, &'static str)| {
-            let place = top.take::<[f64; 3]>(place, PLACE_MM, None);
-            let corner = top.take::<[usize; 2]>(corner, CORNER, None);
+            let place = top.parse::<[f64; 3]>(place, PLACE_MM, None);
+            let corner = top.parse::<[usize; 2]>(corner, CORNER, None);
             let ([x, y, z], [column, row]) = (place?, corner?);
             Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
         };
         let three = [KEYS[0], KEYS[1], KEYS[2]].map(touched);
-        let check_place = top.take::<Option<[f64; 3]>>(KEYS[3].0, PLACE_MM, Some(None));
-        let check_corner = top.take::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
+        let check_place = top.parse::<Option<[f64; 3]>>(KEYS[3].0, PLACE_MM, Some(None));
+        let check_corner = top.parse::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
         const AXES: [&str; 4] = ["p1_axes_deg", "p2_axes_deg", "p3_axes_deg", "p4_axes_deg"];
-        let axes = |key| top.take::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
+        let axes = |key| top.parse::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
         let joints: Option<Vec<Option<[f64; 6]>>> = AXES.into_iter().map(axes).collect();
         let flange_joints = axes("axes_deg");
         let flange = top.has("base_from_flange").then(|| pose_of(top, "base_from_flange"));
@@ -96,9 +96,9 @@ pub fn picture_poses(
         let mut poses: Vec<PicturePose> = Vec::new();
         let mut whole = true;
         for section in top.sections("poses") {
-            let image = section.take::<String>("image", (), None);
+            let image = section.parse::<String>("image", (), None);
             let base_from_flange = pose_of(&section, "base_from_flange");
-            let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
+            let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
             section.done();
             let (Some(image), Some(base_from_flange), Some(axes_deg)) = (image, base_from_flange, axes_deg) else {
                 whole = false;

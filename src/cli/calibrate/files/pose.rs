@@ -95,15 +95,15 @@ impl Setting for WrittenPose {
 /// The pose under this key of a table: six keys, or as the controller or another program writes it.
 pub(super) fn pose_of(section: &Section<'_, '_>, key: &'static str) -> Option<KukaPose> {
     match section.has(key) && !section.is_table(key) {
-        true => section.take::<WrittenPose>(key, (), None).map(|pose| pose.0),
+        true => section.parse::<WrittenPose>(key, (), None).map(|pose| pose.0),
         false => pose(&section.section(key)),
     }
 }
 
 /// Six keys in mm and degrees, all of them.
 pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
-    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.take(key, PLACE_MM, None));
-    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.take(key, ANGLE_DEG, None));
+    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, PLACE_MM, None));
+    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));
     section.done();
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }

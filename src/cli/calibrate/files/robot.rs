@@ -24,7 +24,7 @@ pub struct NamedPose {
 fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
     let flange = section.section("base_from_flange");
     let base_from_flange = if flange.is_present() { Some(pose(&flange)?.to_rigid()) } else { None };
-    let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
+    let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
     section.done();
     match (base_from_flange, axes_deg.map(Joints::from)) {
         (Some(flange), None) => Some(StatedPose::Flange(flange)),
@@ -44,7 +44,7 @@ fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
 pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Result<Vec<NamedPose>, Problems> {
     config::check(file, text, |top| {
         let read = |section: Section<'_, '_>| {
-            let image = section.take::<String>("image", (), None)?;
+            let image = section.parse::<String>("image", (), None)?;
             if !is_there(&image) {
                 section.problem("image", format!("{image} is not in the folder of this file"));
                 return None;
@@ -89,9 +89,9 @@ pub fn arm_touches(
 ) -> Result<Vec<(StatedTouch, StatedPose)>, Problems> {
     config::check(file, text, |top| {
         let read = |section: Section<'_, '_>| {
-            let spot = section.take::<Option<usize>>("spot", 0..=99, Some(None))?;
-            let corner = section.take::<Option<[usize; 2]>>("corner", CORNER, Some(None))?;
-            let image = section.take::<Option<String>>("image", (), Some(None))?;
+            let spot = section.parse::<Option<usize>>("spot", 0..=99, Some(None))?;
+            let corner = section.parse::<Option<[usize; 2]>>("corner", CORNER, Some(None))?;
+            let image = section.parse::<Option<String>>("image", (), Some(None))?;
             if let Some(image) = image.as_ref().filter(|image| !is_there(image)) {
                 section.problem("image", format!("{image} is not in the folder of this file"));
                 return None;

@@ -15,7 +15,7 @@ pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>
     config::check(file, text, |top| {
         let read = |section: Section<'_, '_>| {
             let flange = pose(&section.section("base_from_flange"));
-            let force_n = section.take("force_n", FORCE_N, None);
+            let force_n = section.parse("force_n", FORCE_N, None);
             section.done();
             Some((flange?.to_rigid(), force_n?))
         };
@@ -46,9 +46,9 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
     config::check(file, text, |top| {
         let flange = |key: &'static str| -> Option<Vec<Rigid<Base, Flange>>> {
             let read = |section: Section<'_, '_>| {
-                let _ = section.take::<Option<String>>("image", (), Some(None));
+                let _ = section.parse::<Option<String>>("image", (), Some(None));
                 let read = pose(&section.section("base_from_flange"));
-                let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
+                let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
                 section.done();
                 match true_flange(read?.to_rigid(), axes_deg?.map(Joints::from).as_ref()) {
                     Ok(flange) => Some(flange),
@@ -63,7 +63,7 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
             all.into_iter().collect()
         };
         let place = |section: Section<'_, '_>| {
-            let place = section.take::<[f64; 3]>("place_mm", PLACE_MM, None);
+            let place = section.parse::<[f64; 3]>("place_mm", PLACE_MM, None);
             section.done();
             place.map(|[x, y, z]| Point::at(x, y, z))
         };

@@ -37,7 +37,7 @@ use std::path::PathBuf;
 use view::View;
 
 /// This number of pictures is enough for any lens.
-const MOST: usize = 60;
+const MAX_PICTURES: usize = 60;
 
 /// Calibrates the lens with pictures that are taken now.
 ///
@@ -62,8 +62,8 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
     let mut session = Session::new((folder, &args.live), &board, boards::window(&named))?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
-    while session.taken() < MOST && session.ask()? == Choice::Take {
-        let (picture, _) = view.take()?;
+    while session.taken() < MAX_PICTURES && session.ask()? == Choice::Take {
+        let (picture, _) = view.capture()?;
         if session.keep(&picture, None)? && session.found() >= crate::calib::intrinsics::MIN_VIEWS {
             let so_far = on_files(session.pictures(), folder.join("so_far.toml"));
             say_lens(&intrinsics::run(&so_far, &|_| ())?);
@@ -101,9 +101,9 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
     } else {
         let mut view = View::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
         let poses = FlangePoses::new(&cell);
-        while session.taken() < MOST && session.ask()? == Choice::Take {
+        while session.taken() < MAX_PICTURES && session.ask()? == Choice::Take {
             let before = poses.now();
-            let (picture, from_camera) = view.take()?;
+            let (picture, from_camera) = view.capture()?;
             let Some(flange) = poses.known_or_asked(before, from_camera)? else { continue };
             if session.keep(&picture, Some(&flange))? && session.found() >= MIN_STATIONS {
                 say_mount(&so_far()?);

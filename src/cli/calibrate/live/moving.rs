@@ -28,7 +28,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 /// The arm's axes move at this share of their speed, %.
 const AXIS_PERCENT: u8 = 10;
 /// Pictures of one session.
-const MOST: usize = 30;
+const MAX_PICTURES: usize = 30;
 /// Pictures that show the board, before a mount is computed.
 const FIRST: usize = 8;
 /// The poses about the first one: turns about X, Y and Z of the flange, degrees, and shifts, mm.
@@ -77,7 +77,7 @@ pub fn run(
     tell(&format!(
         "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \
          pose. Make sure that the way is free, and keep a hand on the enabling switch or the emergency stop.",
-        session.most(MOST)
+        session.most(MAX_PICTURES)
     ));
     if session.ask()? == Choice::Done {
         return Ok(());
@@ -87,7 +87,7 @@ pub fn run(
     look(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
     let mut variations = ABOUT.iter().map(|change| varied(&first, about_mm, change));
-    while session.taken() < session.most(MOST) {
+    while session.taken() < session.most(MAX_PICTURES) {
         let known = if session.found() >= FIRST { Some(so_far()?) } else { None };
         if known.as_ref().is_some_and(|known| !super::say_mount(known)) {
             return Ok(());
@@ -131,7 +131,7 @@ impl Tour<'_, '_> {
         let far_deg = |joints: &Joints| joints.farthest_deg(&now);
         let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
         ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
-        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MOST_TURN_DEG) else {
+        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MAX_TURN_DEG) else {
             tell("that pose is left out: the arm does not come there, or only in another posture");
             return Ok(false);
         };
@@ -148,10 +148,10 @@ impl Tour<'_, '_> {
 }
 
 /// A pose that needs a larger turn of an axis is another posture of the arm, and its way there goes far through the cell.
-const MOST_TURN_DEG: f64 = 90.0;
+const MAX_TURN_DEG: f64 = 90.0;
 
 fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
-    let (picture, _) = view.take()?;
+    let (picture, _) = view.capture()?;
     session.keep(&picture, Some(&tour.stands()?))
 }
 
@@ -188,7 +188,7 @@ fn varied(
 }
 
 /// Number of drawn poses that see the board; the first within the simulated arm's reach is used.
-const DRAWN: usize = 20;
+const MAX_DRAWS: usize = 20;
 
 /// The simulated arm's first pose, as if a person had moved it there: it sees the board.
 fn first_pose(
@@ -198,8 +198,8 @@ fn first_pose(
 ) -> Result<Option<Joints>, Fault> {
     let boards = view::board_cell((kind, board), (&args.live, Some(camera)))?;
     let flanges: Vec<Rigid<Base, Flange>> = match kind.is_fixed() {
-        true => boards.fixed_shots(DRAWN).iter().map(|shot| shot.base_from_flange).collect(),
-        false => boards.flange_shots(DRAWN).iter().map(|shot| shot.base_from_flange).collect(),
+        true => boards.fixed_shots(MAX_DRAWS).iter().map(|shot| shot.base_from_flange).collect(),
+        false => boards.flange_shots(MAX_DRAWS).iter().map(|shot| shot.base_from_flange).collect(),
     };
     let arm = Kinematics::new(cell.cell.arm());
     let within =

@@ -42,7 +42,7 @@ pub(super) fn say_mount(outcome: &Outcome) -> bool {
         tell("enough: no further pose makes the mount's error smaller");
         return verdict != Verdict::Accept.word();
     };
-    let is_worth = next_mm < WORTH * uncertainty_mm && uncertainty_mm > WELL_KNOWN_MM;
+    let is_worth = next_mm < MAX_REMAINING_SHARE * uncertainty_mm && uncertainty_mm > WELL_KNOWN_MM;
     let worth = if is_worth { "next" } else { "enough; the pose that would help most" };
     tell(&format!("{worth}: flange {pose}, for ± {next_mm:.3} mm"));
     is_worth || verdict != Verdict::Accept.word()
@@ -54,7 +54,7 @@ pub(super) fn next_pose(outcome: &Outcome) -> Option<KukaPose> {
 }
 
 /// A pose that leaves more of the error is not worth taking.
-const WORTH: f64 = 0.95;
+const MAX_REMAINING_SHARE: f64 = 0.95;
 
 /// Nor is one worth taking below this: the arm comes back to a pose only to about 0.03 mm (data sheet of the KR 6 R700).
 const WELL_KNOWN_MM: f64 = 0.02;

@@ -49,7 +49,7 @@ impl View {
     ///
     /// # Errors
     /// If the camera does not deliver.
-    pub fn take(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
+    pub fn capture(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
         Ok(match self {
             View::Scanner(camera) => (camera.capture_2d().map_err(Fault::stage)?.picture, None),
             View::Flange(camera) => {

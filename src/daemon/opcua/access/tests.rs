@@ -73,7 +73,7 @@ async fn a_session_counts_as_long_as_its_account_is_as_it_was() {
 #[tokio::test]
 async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
     let (_folder, access) = access(Anonymous::Nothing);
-    for _ in 0..accounts::TRIES {
+    for _ in 0..accounts::MAX_ATTEMPTS {
         assert!(log_in(&access, "ada", "wrong horse").await.is_err());
     }
     let paused = log_in(&access, "ada", "correct horse").await.expect_err("it pauses");
@@ -82,7 +82,7 @@ async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
     assert!(log_in(&access, "Ada' --", "correct horse").await.is_err());
     let audit = access.people.read(|store| store.audit(None, 100)).expect("read");
     let wrong = audit.iter().filter(|line| line.entry.what == "log in" && line.entry.refused.is_some()).count();
-    assert_eq!(wrong, accounts::TRIES as usize + 1, "{audit:#?}");
+    assert_eq!(wrong, accounts::MAX_ATTEMPTS as usize + 1, "{audit:#?}");
 }
 
 #[tokio::test]

@@ -242,7 +242,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     for _ in 0..500 {
         assert_eq!(status(&cell.call("Abort", &[], Some(Role::Viewer)).await), StatusCode::Good);
     }
-    let most = 2 + since.elapsed().as_millis() / TOGETHER.as_millis();
+    let most = 2 + since.elapsed().as_millis() / MERGE_WINDOW.as_millis();
     let aborts = cell.asked().len() - before;
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
 }

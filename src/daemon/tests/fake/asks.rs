@@ -7,7 +7,7 @@ use crate::supervision::ThreadFault;
 use std::collections::VecDeque;
 
 /// A cycle needs fewer iterations.
-const MOST_ASKED: usize = 200_000;
+const MAX_ITERATIONS: usize = 200_000;
 
 type When = Box<dyn Fn(&State) -> bool>;
 
@@ -61,7 +61,7 @@ impl Requester for Asks {
                 At::Held(_) | At::Stopped if self.script.is_empty() => Some(What::Leave),
                 At::Execute(_) if self.flood.is_some() => {
                     self.asked += 1;
-                    assert!(self.asked < MOST_ASKED, "nothing else has its turn");
+                    assert!(self.asked < MAX_ITERATIONS, "nothing else has its turn");
                     self.flood.map(What::Table)
                 }
                 _ => None,

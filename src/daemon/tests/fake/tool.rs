@@ -108,7 +108,7 @@ impl AtContact {
         let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
         let mut running = Running::new((setup.cell(), Some(setup.clone())), computing, ports, (State::NEW, true));
         while let Some(event) = running.next_event().expect("no fault") {
-            running.take(event).expect("no fault");
+            running.on_event(event).expect("no fault");
             let switches = running.state.due.is_some_and(|due| due.act == Act::Switch(Switch::ToolOn));
             if running.state.at == At::Execute(Phase::Abrade) && switches {
                 break;
@@ -160,7 +160,7 @@ impl AtContact {
         {
             let is_done = matches!(event, Event::Told(crate::cycle::Report::Boot));
             assert!(!is_done, "it goes on");
-            running.take(event).expect("no fault");
+            running.on_event(event).expect("no fault");
         }
         let state = running.state;
         drop(running);

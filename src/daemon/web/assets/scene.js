@@ -4,7 +4,7 @@
 import { word } from "./PAGE_JS";
 import { identity, multiplied, perspective, rotated, shifted } from "./MATRIX_JS";
 
-const AGAIN_MS = 2000; // interval of the requests for progress while a cycle runs
+const POLL_INTERVAL_MS = 2000; // interval of the requests for progress while a cycle runs
 // Without colour they differ by their dashes in the legend and by the text beside them.
 const COLOURS = [[0.34, 0.71, 0.91], [0.90, 0.62, 0], [0, 0.62, 0.45], [0.80, 0.47, 0.65], [0.94, 0.89, 0.26]];
 const AIR = [0.55, 0.55, 0.55];
@@ -227,7 +227,7 @@ function begin(place, newest) {
     await scene.read(cycle);
   };
   place.addEventListener("toggle", again);
-  if (!place.dataset.cycle) setInterval(again, AGAIN_MS);
+  if (!place.dataset.cycle) setInterval(again, POLL_INTERVAL_MS);
 }
 
 for (const place of document.querySelectorAll("details.scene")) {

@@ -1,7 +1,7 @@
 //! What OWASP lists for such a page, each as a test.
 
 use super::{Browser, PASSWORD, PageFixture};
-use crate::daemon::web::routes::{MOST_BODY_BYTES, ROUTES};
+use crate::daemon::web::routes::{MAX_BODY_BYTES, ROUTES};
 use axum::http::StatusCode;
 
 const JSON: (&str, &str) = ("content-type", "application/json");
@@ -106,7 +106,7 @@ async fn nothing_goes_into_a_header() {
 async fn bodies_have_an_end_and_a_form() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
-    let long = format!("{{\"text\":\"{}\"}}", "x".repeat(MOST_BODY_BYTES));
+    let long = format!("{{\"text\":\"{}\"}}", "x".repeat(MAX_BODY_BYTES));
     assert_eq!(site.post(&engineer, "/setup/check", &long).await.status, StatusCode::PAYLOAD_TOO_LARGE);
     for body in [
         "",

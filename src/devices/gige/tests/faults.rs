@@ -32,7 +32,8 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
                 whole += 1;
             }
             Err(
-                GigeError::Refused { tries: TRIES, last: Refused::Incomplete { .. } } | GigeError::Timeout { .. },
+                GigeError::Refused { tries: MAX_ATTEMPTS, last: Refused::Incomplete { .. } }
+                | GigeError::Timeout { .. },
             ) => {
                 refused += 1;
             }

@@ -85,8 +85,8 @@ const FAULTS: [&str; 20] = [
     "deselect",
     "reboot",
 ];
-const LONGEST_MS: f64 = 86_400_000.0;
-const MOST_RANDOM: usize = 1_000;
+const MAX_TIME_MS: f64 = 86_400_000.0;
+const MAX_RANDOM_FAULTS: usize = 1_000;
 
 fn known() -> String {
     SETTINGS.iter().chain(&FAULTS).copied().collect::<Vec<_>>().join(", ")
@@ -219,7 +219,7 @@ impl<'a> Item<'a> {
         }
         let within_ms = self.duration.map_or(Ok(60_000), |text| self.time(text, false))?;
         let count = self.value("a count of 1 to 1000, as random=5/60s", |text| {
-            text.parse().ok().filter(|count| (1..=MOST_RANDOM).contains(count))
+            text.parse().ok().filter(|count| (1..=MAX_RANDOM_FAULTS).contains(count))
         })?;
         Ok((count, within_ms.max(1)))
     }
@@ -312,7 +312,7 @@ fn milliseconds(text: &str) -> Option<u64> {
     let plain = number.starts_with(|first: char| first.is_ascii_digit())
         && number.chars().all(|character| character.is_ascii_digit() || character == '.');
     let ms = number.parse::<f64>().ok().filter(|_| plain)? * unit_ms;
-    (ms <= LONGEST_MS).then_some(ms.round() as u64)
+    (ms <= MAX_TIME_MS).then_some(ms.round() as u64)
 }
 
 /// A fault that passes, at some time within these ms.

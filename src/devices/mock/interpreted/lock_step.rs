@@ -16,7 +16,7 @@ const GRANT_MS: u64 = 100;
 /// From the controller's start until its programs run.
 const BOOT_MS: u64 = 600;
 /// So long an answer, or a channel that is to be opened, is waited for.
-const PATIENCE_MS: u64 = 10_000;
+const RESPONSE_TIMEOUT_MS: u64 = 10_000;
 
 impl Controller {
     /// What arrives is held back.
@@ -95,7 +95,7 @@ impl Controller {
 
     /// Ticks until this holds, one at least.
     fn let_pass(&mut self, holds: impl Fn(&Controller) -> bool) {
-        for _ in 0..PATIENCE_MS / TICK_MS {
+        for _ in 0..RESPONSE_TIMEOUT_MS / TICK_MS {
             self.advance_ms(TICK_MS);
             if holds(self) {
                 return;

@@ -9,7 +9,7 @@ use crate::krl::{Cell, SYSTEM_VARIABLES};
 use std::sync::LazyLock;
 
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s²; a larger value stops the program.
-const MOST: [f32; 2] = [2.0, 10.0];
+const MAX_VEL_ACC: [f32; 2] = [2.0, 10.0];
 
 /// A system variable that is modelled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -241,8 +241,10 @@ pub(super) fn write(
                 }
             }
         }
-        (Known::Velocity, Cell::Real(speed)) if at == 0 => values.velocity = in_range(name, speed, MOST[0])?,
-        (Known::Acceleration, Cell::Real(rate)) if at == 0 => values.acceleration = in_range(name, rate, MOST[1])?,
+        (Known::Velocity, Cell::Real(speed)) if at == 0 => values.velocity = in_range(name, speed, MAX_VEL_ACC[0])?,
+        (Known::Acceleration, Cell::Real(rate)) if at == 0 => {
+            values.acceleration = in_range(name, rate, MAX_VEL_ACC[1])?
+        }
         (Known::Approximation, Cell::Real(distance)) if at == 0 => values.distance = distance,
         (Known::AxisVelocity | Known::AxisAcceleration, Cell::Int(percent)) => {
             if !(1..=100).contains(&percent) {

@@ -1,6 +1,6 @@
 //! One request to a camera that is ready, and the checks of its answer.
 
-use super::outcome::{Failed, Loss, TRIES, name};
+use super::outcome::{Failed, Loss, MAX_ATTEMPTS, name};
 use super::{CameraAnswer, CameraRequest, Host};
 use crate::devices::zivid::accept::{self, ExpectedShot};
 use crate::devices::zivid::clock::now_ns;
@@ -58,7 +58,7 @@ impl Host {
                     refusal.message
                 }
             };
-            if tries >= TRIES {
+            if tries >= MAX_ATTEMPTS {
                 let fault = ZividFault::NoShot { during, tries, message };
                 self.shared.note(&fault);
                 return Err(fault);

@@ -1,7 +1,7 @@
 //! Lost workers: each is ended, its fault is recorded, and it is restarted if the budget allows.
 
 use super::outcome::Loss;
-use super::{FAREWELL, Host, Stage, Worker};
+use super::{EXIT_TIMEOUT, Host, Stage, Worker};
 use crate::devices::zivid::budget::{Restarts, Verdict};
 use crate::devices::zivid::fault::{Next, ZividFault};
 use std::sync::atomic::Ordering;
@@ -62,7 +62,7 @@ impl Host {
         (self.last_number, self.scan.last_sum, self.picture.last_sum) = (0, None, None);
         let Worker { link, mut peer } = self.worker.take()?;
         drop(link);
-        let how = peer.ended(FAREWELL);
+        let how = peer.ended(EXIT_TIMEOUT);
         peer.kill();
         self.shared.status().worker = None;
         how

@@ -33,20 +33,20 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-pub(super) use outcome::TRIES;
+pub(super) use outcome::MAX_ATTEMPTS;
 pub use shared::{CameraAnswer, CameraRequest, Patience, QueuedRequest, Setup, Shared, Stage, Status};
 
 /// How often an idle worker is looked after.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Time limit for a worker that hung up to end by itself.
-const FAREWELL: Duration = Duration::from_millis(500);
+const EXIT_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Time limit for a worker that is released: it closes its camera, so that the next client finds it free.
-const GOODBYE: Duration = Duration::from_secs(3);
+const RELEASE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Longest interval between two searches, if a person has to correct something first.
-const LONGEST_SEARCH: Duration = Duration::from_secs(60);
+const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(60);
 
 struct Worker {
     link: Link,
@@ -107,7 +107,7 @@ impl Host {
     pub fn run(mut self, orders: &Receiver<QueuedRequest>) {
         loop {
             self.look_after();
-            match orders.recv_timeout(LOOK) {
+            match orders.recv_timeout(POLL_INTERVAL) {
                 Ok(order) if order.is_given_up.load(Ordering::Relaxed) => {}
                 // The caller may have gone meanwhile.
                 Ok(order) => drop(order.answer.send(self.perform(order.ask))),
@@ -123,7 +123,7 @@ impl Host {
     fn farewell(&mut self) {
         if let Some(Worker { link, mut peer }) = self.worker.take() {
             drop(link); // hangs up
-            let _ = peer.ended(GOODBYE);
+            let _ = peer.ended(RELEASE_TIMEOUT);
         }
     }
 

@@ -1,7 +1,7 @@
 //! From no worker to a camera that is open and warm.
 
 use super::outcome::{Failed, Loss, name};
-use super::{Host, LONGEST_SEARCH, Stage, Worker};
+use super::{Host, MAX_SEARCH_INTERVAL, Stage, Worker};
 use crate::devices::zivid::fault::ZividFault;
 use crate::devices::zivid::link::{Answer, Link};
 use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Trouble, Use};
@@ -156,7 +156,7 @@ fn foreign(during: &'static str, answer: &Answer) -> Opening {
 fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
     match fault {
         ZividFault::NotFound(_) | ZividFault::InUse(_) | ZividFault::OutOfReach(_) => shortest,
-        _ => (2 * last).clamp(shortest, LONGEST_SEARCH.max(shortest)),
+        _ => (2 * last).clamp(shortest, MAX_SEARCH_INTERVAL.max(shortest)),
     }
 }
 

@@ -7,7 +7,7 @@ use std::io::ErrorKind;
 use std::time::Duration;
 
 /// Number of attempts for a shot that the camera did not deliver: once and two more.
-pub(in crate::devices::zivid) const TRIES: u32 = 3;
+pub(in crate::devices::zivid) const MAX_ATTEMPTS: u32 = 3;
 
 /// Why the worker did not fulfil a request.
 pub(super) enum Failed {

@@ -116,10 +116,10 @@ pub struct Status {
 }
 
 /// Interval between temperature readings of a camera without requests.
-const TEMPERATURE_EVERY: Duration = Duration::from_secs(30);
+const TEMPERATURE_INTERVAL: Duration = Duration::from_secs(30);
 
 /// Faults that are kept.
-const MOST_FAULTS: usize = 1_000;
+const MAX_FAULTS: usize = 1_000;
 
 /// What the thread and its users share.
 #[derive(Debug)]
@@ -163,7 +163,7 @@ impl Shared {
         let Some(lens_c) = lens_c else { return };
         let (mut status, at_s) = (self.status(), at_ns as f64 * 1e-9);
         status.temperatures.push_back(Reading { at_s, lens_c });
-        while status.temperatures.front().is_some_and(|oldest| at_s - oldest.at_s > warmth::KEPT_S) {
+        while status.temperatures.front().is_some_and(|oldest| at_s - oldest.at_s > warmth::MAX_TEMPERATURE_AGE_S) {
             status.temperatures.pop_front();
         }
     }
@@ -171,13 +171,13 @@ impl Shared {
     /// Whether the last temperature is long ago.
     pub(super) fn is_temperature_due(&self, now_ns: u64) -> bool {
         let last_s = self.status().temperatures.back().map_or(f64::NEG_INFINITY, |last| last.at_s);
-        now_ns as f64 * 1e-9 - last_s > TEMPERATURE_EVERY.as_secs_f64()
+        now_ns as f64 * 1e-9 - last_s > TEMPERATURE_INTERVAL.as_secs_f64()
     }
 
     pub(super) fn note(&self, fault: &ZividFault) {
         let mut status = self.status();
         status.faults.push_back(fault.clone());
-        if status.faults.len() > MOST_FAULTS {
+        if status.faults.len() > MAX_FAULTS {
             status.faults.pop_front();
         }
         match fault.tells_what_was_unknown() {

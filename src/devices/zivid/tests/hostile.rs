@@ -1,7 +1,7 @@
 //! What may happen to bytes under way, between a good worker and the daemon.
 
 use super::super::*;
-use super::PATIENCE;
+use super::TIMEOUT;
 use super::played::{Plan, in_thread, setup};
 use crate::devices::zivid::process::Launcher;
 use std::io::{Read, Write};
@@ -64,9 +64,9 @@ fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> 
     setup.patience.scan = Duration::from_millis(400);
     let launch = tampered(move |number, bytes| if number == SHOT { tamper(bytes) } else { Rest::GoesOn });
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(TIMEOUT).expect("ready");
     let fault = scanner.shot().expect_err("tampered with");
-    scanner.ready(PATIENCE).expect("started again");
+    scanner.ready(TIMEOUT).expect("started again");
     scanner.shot().expect("the next one is good");
     assert_eq!((scanner.history().0, scanner.history().1), (vec![fault.clone()], 1));
     fault
@@ -149,7 +149,7 @@ fn an_answer_to_another_request_is_thrown_away() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(TIMEOUT).expect("ready");
     let fault = scanner.shot().expect_err("the warm-up's").to_string();
     assert!(fault.contains("found an answer to request 4, the last request was 5"), "{fault}");
 }
@@ -164,7 +164,7 @@ fn a_worker_of_another_version_stays_down() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
-    let fault = scanner.ready(PATIENCE).expect_err("refused").to_string();
+    let fault = scanner.ready(TIMEOUT).expect_err("refused").to_string();
     let words = "C5 the worker's version is protocol 9, this program's is 2; restart the service after an upgrade";
     assert_eq!(fault, words);
     assert_eq!(scanner.shot().expect_err("down").to_string(), words);
@@ -180,7 +180,7 @@ fn a_worker_of_another_program_stays_down() {
         let _ = daemon.read(&mut [0]);
     });
     let scanner = ZividScanner::start(setup(), other).expect("a thread");
-    let fault = scanner.ready(PATIENCE).expect_err("refused").to_string();
+    let fault = scanner.ready(TIMEOUT).expect_err("refused").to_string();
     assert!(fault.starts_with("C5 the worker's version is 0.0.7, this program's is "), "{fault}");
 }
 
@@ -190,7 +190,7 @@ fn a_worker_without_its_library_says_so() {
         worker::greet(&mut daemon, Err("libpanelprep_zivid.so: not found".to_owned())).expect("told");
     });
     let scanner = ZividScanner::start(setup(), bare).expect("a thread");
-    let fault = scanner.ready(PATIENCE).expect_err("none").to_string();
+    let fault = scanner.ready(TIMEOUT).expect_err("none").to_string();
     assert_eq!(fault, "C1 the 3D camera's worker cannot work: libpanelprep_zivid.so: not found");
 }
 
@@ -206,7 +206,7 @@ fn the_fourth_end_stays_down_and_says_so() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
-    let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
+    let fault = scanner.ready(TIMEOUT).expect_err("down").to_string();
     let words =
         "C11 the 3D camera's worker stays down: it ended 4 times within 10 min (limit 3 restarts). Last: C11";
     assert!(fault.starts_with(words) && fault.contains("not before"), "{fault}");
@@ -232,7 +232,7 @@ fn a_person_has_it_started_again_when_the_time_is_over() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(Setup { restarts, ..setup() }, launch).expect("a thread");
-    let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
+    let fault = scanner.ready(TIMEOUT).expect_err("down").to_string();
     assert!(fault.contains("it ended 2 times within 0 min (limit 1 restarts)"), "{fault}");
     std::thread::sleep(restarts.within);
     assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })), "time alone does not start it");

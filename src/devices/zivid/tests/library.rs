@@ -3,7 +3,7 @@
 use super::super::library::{LibraryError, Sdk};
 use super::super::message::Source;
 use super::super::*;
-use super::PATIENCE;
+use super::TIMEOUT;
 use super::built::{PICTURE, SCAN, library};
 use super::played::in_thread;
 use crate::devices::cameras::{Scanner, conform};
@@ -65,7 +65,7 @@ fn numbers_come_through_the_interface_as_they_were() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(TIMEOUT).expect("ready");
     let shot = scanner.shot().expect("a shot");
     let point = shot.cloud.point(81, 50).expect("there").mm;
     assert!((708.157..708.209).contains(&point.z), "{point}");
@@ -86,7 +86,7 @@ fn settings_that_the_sdk_refuses_are_told_in_its_words() {
     let told = |change: &dyn Fn(&mut Setup)| {
         let (mut setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
         change(&mut setup);
-        ZividScanner::start(setup, launch).expect("a thread").ready(PATIENCE).expect_err("refused").to_string()
+        ZividScanner::start(setup, launch).expect("a thread").ready(TIMEOUT).expect_err("refused").to_string()
     };
     let swapped = told(&|setup| setup.scan_yaml = PICTURE.to_owned());
     assert_eq!(swapped, "C5 the settings for 3D shots are refused: this is no Settings file");

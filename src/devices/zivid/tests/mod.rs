@@ -11,12 +11,12 @@ use self::played::{Plan, SIZE, played, setup};
 use super::*;
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A camera that does by this plan, ready.
 fn ready(plan: Plan) -> ZividScanner {
     let scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
-    scanner.ready(PATIENCE).expect("ready");
+    scanner.ready(TIMEOUT).expect("ready");
     scanner
 }
 
@@ -24,7 +24,7 @@ fn ready(plan: Plan) -> ZividScanner {
 fn delivers_again(scanner: &mut ZividScanner) {
     let since = Instant::now();
     while scanner.shot().is_err() {
-        assert!(since.elapsed() < PATIENCE, "{:?}", scanner.history());
+        assert!(since.elapsed() < TIMEOUT, "{:?}", scanner.history());
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -135,10 +135,10 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
 fn settings_whose_text_is_not_what_was_announced_are_refused() {
     let (stream, _peer) = played(Plan::default())().expect("a worker");
     let mut link = link::Link::new(stream, std::sync::Arc::default());
-    link.hello(PATIENCE).expect("its first words");
+    link.hello(TIMEOUT).expect("its first words");
     let hash = worker::settings_hash("scan, before");
     let (usage, yaml) = (message::Use::Scan, "scan".to_owned());
-    let answer = link.ask(&message::Request::Settings { usage, yaml, hash }, PATIENCE).expect("an answer");
+    let answer = link.ask(&message::Request::Settings { usage, yaml, hash }, TIMEOUT).expect("an answer");
     let link::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
     assert!(refusal.message.contains("announced was"), "{refusal:?}");
 }
@@ -160,7 +160,7 @@ fn a_check_looks_for_a_camera_that_is_absent() {
     setup.patience.search = Duration::from_secs(3_600);
     let mut scanner =
         ZividScanner::start(setup, played(Plan { absent_for: 1, ..Plan::default() })).expect("a thread");
-    assert!(scanner.ready(PATIENCE).is_err(), "absent");
+    assert!(scanner.ready(TIMEOUT).is_err(), "absent");
     scanner.temperatures().expect("it is there by now");
     scanner.shot().expect("and delivers");
 }
@@ -169,7 +169,7 @@ fn a_check_looks_for_a_camera_that_is_absent() {
 fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
     let plan = Plan { absent_for: 3, ..Plan::default() };
     let mut scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
-    let fault = scanner.ready(PATIENCE).expect_err("absent");
+    let fault = scanner.ready(TIMEOUT).expect_err("absent");
     assert!(fault.to_string().starts_with("C1 the 3D camera is not found: no such camera; is it on"), "{fault}");
     delivers_again(&mut scanner);
     assert_eq!((scanner.history().0, scanner.history().1), (vec![fault], 0), "and no worker was lost");
@@ -179,7 +179,7 @@ fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
 fn another_camera_or_other_settings_are_refused_before_a_shot() {
     let told = |setup: Setup| {
         let scanner = ZividScanner::start(setup, played(Plan::default())).expect("a thread");
-        scanner.ready(PATIENCE).expect_err("refused").to_string()
+        scanner.ready(TIMEOUT).expect_err("refused").to_string()
     };
     let other = told(Setup { serial: Some("77".to_owned()), ..setup() });
     assert_eq!(other, "C5 the camera found is STUB1, expected is 77: its calibration is for that one");

@@ -87,7 +87,7 @@ impl Controller {
     }
 
     /// The values between quotes of one document.
-    fn take(&mut self, bytes: &[u8]) {
+    fn receive(&mut self, bytes: &[u8]) {
         let text = std::str::from_utf8(bytes).expect("ASCII");
         let values: Vec<String> = text.split('"').skip(1).step_by(2).map(str::to_owned).collect();
         let number = |index: usize| values[index].parse::<u32>().expect("a number");
@@ -253,7 +253,7 @@ impl Cell {
             self.session.time_passed(now);
         }
         while let Some((_, bytes)) = self.session.poll_transmit(now) {
-            self.controller.take(&bytes);
+            self.controller.receive(&bytes);
         }
         let (command, state) =
             (std::mem::take(&mut self.controller.command_bytes), std::mem::take(&mut self.controller.state_bytes));

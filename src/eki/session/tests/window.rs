@@ -97,7 +97,7 @@ fn bytes_not_yet_received_are_bounded() {
     assert!((8 * 1024 - 250..=8 * 1024).contains(&bytes) && first.len() < 50, "{bytes} bytes");
     cell.session.heartbeat(now);
     let (_, request) = cell.session.poll_transmit(now).expect("a heartbeat");
-    cell.controller.take(&request);
+    cell.controller.receive(&request);
     cell.session.push_state_bytes(&std::mem::take(&mut cell.controller.state_bytes), now);
     assert_eq!(first.len() + send(&mut cell.session).len(), 50);
 }

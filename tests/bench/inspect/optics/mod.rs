@@ -84,7 +84,7 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
         frames_per_second: scene.spec.frames_per_second,
         sanded,
     };
-    tally.take(&clip, &inspection, &truth, |id| scene.conditions.passes_of(id) > 0);
+    tally.add(&clip, &inspection, &truth, |id| scene.conditions.passes_of(id) > 0);
     let opens_s = scene.opens_s();
     tally.times(&inspection, &broken, |index| opens_s[index] - wet_from_s);
 }
