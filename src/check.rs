@@ -187,7 +187,7 @@ fn is_yaml(name: &str) -> bool {
 
 fn check_zivid(name: &str, text: &str) -> FileReport {
     let (problems, says) = match ZividSettings::read(name, text) {
-        Ok(settings) => (vec![], settings.says()),
+        Ok(settings) => (vec![], settings.summary()),
         Err(problems) => (problems.list, vec![]),
     };
     FileReport { kind: Some("zivid_settings"), problems, warnings: vec![], says }
@@ -280,7 +280,7 @@ mod tests {
     use super::*;
     use crate::recipe::Recipe;
 
-    fn says(name: &str, text: &str) -> Vec<String> {
+    fn problem_messages(name: &str, text: &str) -> Vec<String> {
         check_file(name, text).problems.into_iter().map(|problem| problem.message).collect()
     }
 
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn what_is_not_clear_is_said() {
         assert_eq!(
-            says("a.toml", "x = 3"),
+            problem_messages("a.toml", "x = 3"),
             ["the kind of this file is not recognized; its top-level keys would show it: \
               cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); \
               recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \

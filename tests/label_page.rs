@@ -66,7 +66,7 @@ fn shape([u, v]: [f64; 2], from_s: f64) -> Value {
     value!({"from_s": from_s, "corners_px": [[left, top], [right, top], [right, bottom], [left, bottom]]})
 }
 
-fn said(breaks: &[Value]) -> Value {
+fn statement(breaks: &[Value]) -> Value {
     value!({"author": "A. Meier", "clean": breaks.is_empty(), "breaks": breaks})
 }
 
@@ -102,7 +102,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     late["shapes"][0]["from_s"] = value!(ends_s + 0.2);
     let two_corners =
         value!({"closes_s": null, "shapes": [{"from_s": wet_from_s, "corners_px": [[1.0, 1.0], [9.0, 9.0]]}]});
-    let refused = ask(&page.2, "POST", "save", &said(&[late, two_corners]).to_string());
+    let refused = ask(&page.2, "POST", "save", &statement(&[late, two_corners]).to_string());
     let problems = body(&refused)["problems"].to_string();
     assert!(refused.starts_with("HTTP/1.1 422"), "{refused}");
     assert!(
@@ -113,7 +113,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     assert!(!clip_folder.join("labels.json").exists());
 
     // A drawing that is not saved is shown again after a reload.
-    let both = said(&[on_break, elsewhere]);
+    let both = statement(&[on_break, elsewhere]);
     assert!(ask(&page.2, "POST", "draft", &both.to_string()).starts_with("HTTP/1.1 200"));
     match browsed(&format!("{}#{}", page.2, shots.len() / 2), "class=\"area open") {
         Some(dom) => {
@@ -126,7 +126,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     }
 
     // Saved twice: the first labels are kept.
-    assert!(ask(&page.2, "POST", "save", &said(&[]).to_string()).starts_with("HTTP/1.1 200"));
+    assert!(ask(&page.2, "POST", "save", &statement(&[]).to_string()).starts_with("HTTP/1.1 200"));
     assert_eq!(mask(&clip_folder.join("mask.png")).count(), 0);
     let clean = std::fs::read(clip_folder.join("labels.json")).expect("labels");
     let saved = body(&ask(&page.2, "POST", "save", &both.to_string()));
@@ -193,7 +193,7 @@ fn changed(folder: &Path) {
     let clip = body(&ask(&page.2, "GET", "clip.json", ""));
     assert_eq!(clip["now"]["said"]["breaks"].as_array().map(Vec::len), Some(2));
     assert!(clip["now"]["note"].as_str().is_some_and(|note| note.contains("has changed")), "{clip}");
-    assert!(ask(&page.2, "POST", "draft", &said(&[]).to_string()).starts_with("HTTP/1.1 200"));
+    assert!(ask(&page.2, "POST", "draft", &statement(&[]).to_string()).starts_with("HTTP/1.1 200"));
     let (told, _) = ended(page);
     assert_eq!(
         (&told["saved"], &told["unsaved"], told["labels"].is_string()),

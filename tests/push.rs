@@ -35,7 +35,7 @@ enum Does {
 }
 
 #[derive(Default)]
-struct Taken {
+struct ReceivedRequests {
     files: BTreeMap<String, Vec<u8>>,
     /// The names in the order of the requests.
     asked: Vec<String>,
@@ -45,14 +45,14 @@ struct Taken {
 /// A server that treats its Nth request as `does` states.
 struct Server {
     port: u16,
-    taken: Arc<Mutex<Taken>>,
+    taken: Arc<Mutex<ReceivedRequests>>,
 }
 
 impl Server {
     fn start(tls: Option<Arc<rustls::ServerConfig>>, does: impl Fn(usize) -> Does + Send + Sync + 'static) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let port = listener.local_addr().expect("its number").port();
-        let taken = Arc::new(Mutex::new(Taken::default()));
+        let taken = Arc::new(Mutex::new(ReceivedRequests::default()));
         let (shared, does) = (taken.clone(), Arc::new(does));
         thread::spawn(move || {
             for stream in listener.incoming().map_while(Result::ok) {
@@ -69,7 +69,7 @@ impl Server {
         Server { port, taken }
     }
 
-    fn taken(&self) -> std::sync::MutexGuard<'_, Taken> {
+    fn taken(&self) -> std::sync::MutexGuard<'_, ReceivedRequests> {
         self.taken.lock().expect("whole")
     }
 
@@ -92,7 +92,7 @@ impl Server {
 }
 
 /// Serves requests until the connection ends.
-fn serve(stream: impl Read + Write, taken: &Mutex<Taken>, does: &dyn Fn(usize) -> Does) {
+fn serve(stream: impl Read + Write, taken: &Mutex<ReceivedRequests>, does: &dyn Fn(usize) -> Does) {
     let mut stream = BufReader::new(stream);
     loop {
         let mut head = Vec::new();

@@ -144,7 +144,7 @@ struct Served(Child);
 
 impl Served {
     /// Waits for a line that contains these words.
-    fn says(&mut self, words: &str) -> String {
+    fn wait_for_line(&mut self, words: &str) -> String {
         let mut lines = BufReader::new(self.0.stderr.take().expect("piped")).lines().map_while(Result::ok);
         let found = lines.by_ref().find(|line| line.contains(words));
         let line = found.unwrap_or_else(|| panic!("nothing says {words}"));
@@ -240,7 +240,7 @@ fn every_command_of_readme_and_help_does_what_it_says() {
                 needs_servers if needs_servers == "fleet" || needs_servers.starts_with("archive ") => {}
                 "mock-robot" => {
                     let mut mock = walk.serves(&line);
-                    mock.says("mock controller");
+                    mock.wait_for_line("mock controller");
                     mock.end();
                 }
                 _ => {
@@ -263,7 +263,7 @@ fn every_command_of_readme_and_help_does_what_it_says() {
 /// A page in the browser: it is opened, and closed by its button.
 fn page_ended(walk: &Walk, line: &str) {
     let mut served = walk.serves(line);
-    let told = served.says("http://");
+    let told = served.wait_for_line("http://");
     let url = told.split_whitespace().find(|word| word.starts_with("http://")).expect("an address");
     assert!(ask(url, "GET", "", "").contains("<!doctype html>"), "{line}");
     assert!(ask(url, "POST", "done", "").starts_with("HTTP/1.1 200"), "{line}");
@@ -273,7 +273,7 @@ fn page_ended(walk: &Walk, line: &str) {
 /// The service and the questions to it, one after the other.
 fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
     let mut service = walk.serves(line);
-    service.says("listens on");
+    service.wait_for_line("listens on");
     for question in asked {
         // A reset is taken once the controller has answered and no cycle runs, a start once the reset is through.
         let since = Instant::now();

@@ -44,7 +44,7 @@ impl Mock {
     }
 
     /// How many lines have this word.
-    pub fn told(&self, word: &str) -> usize {
+    pub fn count_lines(&self, word: &str) -> usize {
         self.told.lock().expect("whole").iter().filter(|line| line.contains(word)).count()
     }
 }
@@ -93,12 +93,12 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     let service = Service::start(folder);
     service.reset();
     service.done(START);
-    service.wait("the arm parks", |_| mock.told("executed") >= 2);
+    service.wait("the arm parks", |_| mock.count_lines("executed") >= 2);
     service.done("stop");
     service.reach("stopped");
-    let executed = mock.told("executed");
+    let executed = mock.count_lines("executed");
     std::thread::sleep(std::time::Duration::from_millis(1_500));
-    assert_eq!(mock.told("executed"), executed, "it stands: {:?}", mock.told.lock());
+    assert_eq!(mock.count_lines("executed"), executed, "it stands: {:?}", mock.told.lock());
 
     service.reset();
     service.done(&format!("{START} --record wall.mcap"));
@@ -113,7 +113,7 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     let mock = Mock::start(folder, PORTS);
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
     service.reach("stopped");
-    assert_eq!(mock.told("executed"), 0, "nothing moves because the link is back");
+    assert_eq!(mock.count_lines("executed"), 0, "nothing moves because the link is back");
     service.signal(rustix::process::Signal::TERM);
     assert_eq!(service.ended().code(), Some(0));
 }

@@ -12,7 +12,7 @@ use tokio_postgres::{Client, Transaction};
 
 /// What came of a batch.
 #[derive(Debug, Default)]
-pub(super) struct Kept {
+pub(super) struct BatchResult {
     /// Messages that are new.
     pub new: u64,
     /// Messages that were there, with the same content.
@@ -24,10 +24,10 @@ pub(super) struct Kept {
 }
 
 /// Keeps these messages, in the order in which they came.
-pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<Kept, ArchiveError> {
+pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<BatchResult, ArchiveError> {
     let failed = ArchiveError::database("keep records");
     let transaction = client.transaction().await.map_err(&failed)?;
-    let mut kept = Kept::default();
+    let mut kept = BatchResult::default();
     let all: Vec<(&Message, String)> =
         messages.iter().map(|message| (message, content_hash(message.envelope.body.content()))).collect();
     let is_new = try_join_all(all.iter().map(|(message, hash)| insert(&transaction, (message, hash)))).await?;

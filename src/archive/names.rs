@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 
 /// The cells' last reports, by the cells' names.
 #[derive(Debug, Default)]
-pub(super) struct Names(BTreeMap<String, Heard>);
+pub(super) struct Names(BTreeMap<String, ReportedEpochs>);
 
 #[derive(Debug, Default)]
-struct Heard {
+struct ReportedEpochs {
     /// The epochs that were reported last, and the different ones before them.
     last: Vec<String>,
     before: Vec<String>,

@@ -3,7 +3,7 @@
 use super::database;
 use super::error::ArchiveError;
 use super::files::Files;
-use super::keeping::{self, Kept};
+use super::keeping::{self, BatchResult};
 use super::names::Names;
 use super::offering;
 use crate::broker::{Delivery, OfficeLink, Receipt, States};
@@ -155,7 +155,7 @@ impl Receiver {
         let whole = self.waiting.extract_if(.., |(message, _)| files.has_all_of(message));
         let (messages, receipts): (Vec<Message>, Vec<Vec<Receipt>>) = whole.unzip();
         if !messages.is_empty() {
-            let Kept { new, known, contradictions, archived } =
+            let BatchResult { new, known, contradictions, archived } =
                 database::within(WRITE_TIMEOUT, keeping::keep(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
             tracing::debug!("{new} new records, {known} that were there");

@@ -2,7 +2,7 @@
 
 use crate::history::{Known, PastCycle, Quantity};
 use crate::office::{Body, CycleEnd, Message, VerificationSeen};
-use crate::signing::{Said, SignedCycle, Statement};
+use crate::signing::{SignedCycle, Statement, StatementContent};
 use strum::IntoEnumIterator;
 
 /// The rows of a message.
@@ -52,8 +52,8 @@ impl Rows {
 
 fn signature(statement: &Statement) -> SignatureRows {
     let (person, quantities) = match &statement.says {
-        Said::Person(person) => (Some((person.name.clone(), person.meaning.words())), None),
-        Said::Cycle(cycle) => (None, quantities(cycle)),
+        StatementContent::Person(person) => (Some((person.name.clone(), person.meaning.words())), None),
+        StatementContent::Cycle(cycle) => (None, quantities(cycle)),
     };
     SignatureRows {
         cycle: statement.cycle().0,

@@ -76,7 +76,7 @@ impl Receipt {
     /// # Errors
     /// If that cannot be reported; the message is delivered again.
     pub async fn acknowledge(&self) -> Result<(), BrokerError> {
-        self.tell(AckKind::Ack).await
+        self.send_ack(AckKind::Ack).await
     }
 
     /// Reports that the message can never be kept.
@@ -84,10 +84,10 @@ impl Receipt {
     /// # Errors
     /// If that cannot be reported; the message is delivered again.
     pub async fn refuse(&self) -> Result<(), BrokerError> {
-        self.tell(AckKind::Term).await
+        self.send_ack(AckKind::Term).await
     }
 
-    async fn tell(&self, kind: AckKind) -> Result<(), BrokerError> {
+    async fn send_ack(&self, kind: AckKind) -> Result<(), BrokerError> {
         let failed = |error: async_nats::Error| BrokerError::Failed {
             address: self.address.clone(),
             doing: "acknowledge a message",

@@ -80,7 +80,7 @@ pub enum CalibError {
         expected: String,
     },
     /// Not enough pictures with a board.
-    #[error("{found} of {given} pictures can be used, {needed} are needed{}", told(first_reason))]
+    #[error("{found} of {given} pictures can be used, {needed} are needed{}", reason_suffix(first_reason))]
     TooFewPictures {
         /// Usable ones.
         found: usize,
@@ -139,7 +139,7 @@ pub enum CalibError {
     Tool(String),
 }
 
-fn told(reason: &Option<String>) -> String {
+fn reason_suffix(reason: &Option<String>) -> String {
     reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"))
 }
 

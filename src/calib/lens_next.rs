@@ -56,7 +56,11 @@ pub(super) fn next_picture(
                 let error_share = (after / before).sqrt();
                 if best.as_ref().is_none_or(|best| error_share < best.error_share) {
                     let middle = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
-                    best = Some(NextPicture { words: told(column, row, tilt, width), middle, error_share });
+                    best = Some(NextPicture {
+                        words: describe_picture(column, row, tilt, width),
+                        middle,
+                        error_share,
+                    });
                 }
             }
         }
@@ -64,7 +68,7 @@ pub(super) fn next_picture(
     best.filter(|best| best.error_share < MAX_REMAINING_SHARE)
 }
 
-fn told(column: &str, row: &str, tilt: &str, width: f64) -> String {
+fn describe_picture(column: &str, row: &str, tilt: &str, width: f64) -> String {
     let place = match (row, column) {
         ("", "") => "middle".to_owned(),
         (row, "") => format!("{row} part"),

@@ -271,7 +271,7 @@ fn parse_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
 mod tests {
     use super::super::Cell;
 
-    fn says(text: &str) -> Vec<String> {
+    fn problems(text: &str) -> Vec<String> {
         let problems = Cell::check("f", text).err().map_or(String::new(), |problems| problems.to_string());
         problems.lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
     }
@@ -289,19 +289,19 @@ mod tests {
             Cell::check("f", "[arm]\nmodel = 'kr10-r1100-2'\n").unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((cell.arm().geometry().c2_mm, cell.arm().axes().max_speed_deg_s[1]), (560.0, 225.0));
         assert_eq!(cell.arm().nearest_named(), None);
-        let wrong = says("[arm]\nmodel = 'kr10-r1100'\n");
+        let wrong = problems("[arm]\nmodel = 'kr10-r1100'\n");
         assert!(wrong[0].contains("kr10-r1100-2") && wrong[0].contains("custom"), "{wrong:?}");
     }
 
     #[test]
     fn another_arm_is_stated_whole() {
-        let wrong = says("[arm]\nmodel = 'custom'\na1_mm = 150\n");
+        let wrong = problems("[arm]\nmodel = 'custom'\na1_mm = 150\n");
         assert!(wrong.len() == 11 && wrong.iter().all(|line| line.contains("needs every number")), "{wrong:?}");
         let other = "[arm]\nmodel = 'custom'\na1_mm = 150\na2_mm = -20\nb_mm = 0\nc1_mm = 450\nc2_mm = 610\n\
                      c3_mm = 660\nc4_mm = 80\noffsets_deg = [0, -90, 0, 0, 0, 0]\nsigns = [-1, 1, 1, -1, 1, -1]\n\
                      min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\
                      max_speed_deg_s = [200, 200, 200, 300, 300, 400]\n";
-        assert_eq!(says(other), [""; 0]);
+        assert_eq!(problems(other), [""; 0]);
         // By hand: these are the lengths of a KR 10 R1420; with an upper arm of 615 mm they differ by 5 mm.
         let nearest = |text: &str| {
             let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -309,16 +309,16 @@ mod tests {
         };
         assert_eq!(nearest(other), Some(("kr10-r1420", 0.0)));
         assert_eq!(nearest(&other.replace("c2_mm = 610", "c2_mm = 615")), Some(("kr10-r1420", 5.0)));
-        assert_eq!(says(&other.replace("[-1, 1, 1,", "[-1, 0.5, 1,")).len(), 1);
+        assert_eq!(problems(&other.replace("[-1, 1, 1,", "[-1, 0.5, 1,")).len(), 1);
     }
 
     #[test]
     fn a_cell_may_be_stricter_never_laxer() {
-        assert_eq!(says("[arm]\nmax_deg = [90, 45, 156, 185, 120, 350]\n"), [""; 0]);
-        let wrong = says("[arm]\nmax_deg = [171, 45, 156, 185, 120, 350]\nc2_mm = 400\n");
+        assert_eq!(problems("[arm]\nmax_deg = [90, 45, 156, 185, 120, 350]\n"), [""; 0]);
+        let wrong = problems("[arm]\nmax_deg = [171, 45, 156, 185, 120, 350]\nc2_mm = 400\n");
         assert_eq!(wrong.len(), 2, "{wrong:?}");
         assert!(wrong[0].contains("axis 1") && wrong[1].contains("custom"), "{wrong:?}");
-        assert!(says("[arm]\nmin_deg = [0, 40, 0, 0, 0, 0]\n")[0].contains("axis 2"));
+        assert!(problems("[arm]\nmin_deg = [0, 40, 0, 0, 0, 0]\n")[0].contains("axis 2"));
     }
 
     #[test]
@@ -326,6 +326,6 @@ mod tests {
         let text = "[[keep_out]]\nname = 'post'\nmin_mm = [600, -120, 0]\nmax_mm = [650, -80, 700]\n";
         let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!(cell.arm().keep_out()[0].name, "post");
-        assert_eq!(says(&text.replace("650", "550")).len(), 1);
+        assert_eq!(problems(&text.replace("650", "550")).len(), 1);
     }
 }

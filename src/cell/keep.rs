@@ -13,17 +13,17 @@ pub struct KeepFor {
 
 /// `[store.keep]`: how long clips and scans are kept. Pages, records and what was taught are kept for ever.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Keep {
+pub struct Retention {
     /// Of cycles that passed.
     pub passed: KeepFor,
     /// Of cycles that ended otherwise.
     pub failed: KeepFor,
 }
 
-impl Keep {
+impl Retention {
     /// Whether nothing is ever removed.
     pub fn is_for_ever(&self) -> bool {
-        *self == Keep::default()
+        *self == Retention::default()
     }
 }
 
@@ -35,7 +35,7 @@ pub(super) struct StoreTable {
     /// Its folder.
     pub folder: String,
     /// How long clips and scans are kept.
-    pub keep: Keep,
+    pub keep: Retention,
     /// The file of the key that signs records; `None` if the key is in the folder.
     pub record_key: Option<String>,
 }
@@ -45,7 +45,7 @@ pub(super) fn parse_store(top: &Section<'_, '_>) -> Option<StoreTable> {
     let default = || Some("store".to_owned());
     if !top.is_table("store") {
         let folder = top.parse::<String>("store", (), default())?;
-        return Some(StoreTable { folder, keep: Keep::default(), record_key: None });
+        return Some(StoreTable { folder, keep: Retention::default(), record_key: None });
     }
     let section = top.section("store");
     let folder = section.parse::<String>("folder", (), default());
@@ -55,7 +55,7 @@ pub(super) fn parse_store(top: &Section<'_, '_>) -> Option<StoreTable> {
     Some(StoreTable { folder: folder?, keep: keep?, record_key: record_key? })
 }
 
-fn parse_keep(section: &Section<'_, '_>) -> Option<Keep> {
+fn parse_keep(section: &Section<'_, '_>) -> Option<Retention> {
     let [days, failed_days] =
         ["days", "failed_days"].map(|key| section.parse::<Option<usize>>(key, DAYS, Some(None)));
     let [cycles, failed_cycles] =
@@ -80,5 +80,5 @@ fn parse_keep(section: &Section<'_, '_>) -> Option<Keep> {
             right = false;
         }
     }
-    right.then_some(Keep { passed, failed })
+    right.then_some(Retention { passed, failed })
 }

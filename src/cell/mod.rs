@@ -50,7 +50,7 @@ pub use calibration::{
 pub use date::Date;
 pub use devices::{Camera, MockController, Robot, RobotKind};
 pub use gige::{Gige, PIXEL_FORMATS};
-pub use keep::{Keep, KeepFor};
+pub use keep::{KeepFor, Retention};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use line::{LINE_INPUTS, Line};
@@ -134,7 +134,7 @@ impl CalibrationFiles {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
     store: PathBuf,
-    keep: Keep,
+    keep: Retention,
     record_key: Option<PathBuf>,
     socket: Option<PathBuf>,
     socket_role: Option<Role>,
@@ -244,7 +244,7 @@ impl Cell {
     }
 
     /// How long clips and scans are kept in it.
-    pub fn keep(&self) -> &Keep {
+    pub fn keep(&self) -> &Retention {
         &self.keep
     }
 

@@ -108,7 +108,7 @@ impl ZividSettings {
     }
 
     /// What they are, a sentence each.
-    pub fn says(&self) -> Vec<String> {
+    pub fn summary(&self) -> Vec<String> {
         let usage = match self.usage {
             ZividUse::Scan => "Zivid settings for 3D shots with colour",
             ZividUse::Film => "Zivid settings for pictures of the film, by the cell's own light",
@@ -268,7 +268,7 @@ mod tests {
     const SCAN_FILE: &str = include_str!("../../config/zivid/scan.yml");
     const FILM_FILE: &str = include_str!("../../config/zivid/film.yml");
 
-    fn says(text: &str, usage: ZividUse) -> String {
+    fn problem_text(text: &str, usage: ZividUse) -> String {
         ZividSettings::check("film.yml", text, usage).expect_err("refused").to_string()
     }
 
@@ -280,7 +280,7 @@ mod tests {
         for settings in [&scan, &film] {
             assert_eq!(settings.fitting(), [Mains::Hz50]);
         }
-        assert!(film.says()[2].contains("mains of 50 Hz"), "{:?}", film.says());
+        assert!(film.summary()[2].contains("mains of 50 Hz"), "{:?}", film.summary());
         // The sample's comment states this for the other mains.
         let film_60 = FILM_FILE.replace("20000", "16667");
         let film_60 = ZividSettings::read("film.yml", &film_60).unwrap_or_else(|p| panic!("{p}"));
@@ -301,13 +301,13 @@ mod tests {
     #[test]
     fn a_film_by_the_projectors_light_is_refused_at_its_line() {
         let line = FILM_FILE.lines().position(|line| line.contains("Brightness: 0")).expect("it has one") + 1;
-        let lit = says(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
+        let lit = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
         let words =
             format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, it must be 0");
         assert!(lit.starts_with(&words), "{lit}");
-        let unsaid = says(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
+        let unsaid = problem_text(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
         assert!(unsaid.contains("Acquisition.Brightness: is missing; it must be 0"), "{unsaid}");
-        let word = says(&FILM_FILE.replace("Brightness: 0", "Brightness: off"), ZividUse::Film);
+        let word = problem_text(&FILM_FILE.replace("Brightness: 0", "Brightness: off"), ZividUse::Film);
         assert!(word.contains("Brightness: it must be the number 0"), "{word}");
         // A 3D shot needs the projector.
         assert!(SCAN_FILE.contains("Brightness: 1.8"));
@@ -334,10 +334,10 @@ mod tests {
             ),
         ];
         for (text, usage, words) in cases {
-            let told = says(text, usage);
+            let told = problem_text(text, usage);
             assert!(told.contains(words), "{words}: {told}");
         }
-        let unversioned = says(&FILM_FILE.replace("__version__", "version"), ZividUse::Film);
+        let unversioned = problem_text(&FILM_FILE.replace("__version__", "version"), ZividUse::Film);
         assert!(unversioned.contains("__version__: is missing"), "{unversioned}");
     }
 }

@@ -131,11 +131,11 @@ fn check(args: &CheckArchive) -> Result<Outcome, Fault> {
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     if checked.is_empty() {
-        outcome.say("the archive has no records yet");
+        outcome.add_line("the archive has no records yet");
     }
     for one in &checked {
-        outcome.say(words(one));
-        outcome.say(format!(
+        outcome.add_line(words(one));
+        outcome.add_line(format!(
             "  signed by {}",
             if one.keys.is_empty() { "nobody".to_owned() } else { one.keys.join(" and ") }
         ));

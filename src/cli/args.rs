@@ -30,7 +30,7 @@ pub use service::{Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, ZividWorker}
 pub use shooting::{Shoot, Shot};
 pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};
-pub use values::said;
+pub use values::parse_non_empty;
 
 use crate::devices::mock::FaultSpec;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};

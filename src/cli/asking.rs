@@ -72,21 +72,21 @@ pub(super) fn outcome(reply: &Reply) -> Outcome {
     outcome.words.extend(done.clone());
     if state.is_some() {
         let step = reply.step.map_or(String::new(), |step| format!("; step {step}"));
-        outcome.say(format!("state: {}{step}", place(reply)));
+        outcome.add_line(format!("state: {}{step}", place(reply)));
     }
     if let Some(cycle) = cycle_id {
         let panel = panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
         let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
-        outcome.say(format!("cycle {cycle}{panel}{verdict}"));
+        outcome.add_line(format!("cycle {cycle}{panel}{verdict}"));
     }
     if let Some(page) = page {
-        outcome.say(format!("page: {}", page.display()));
+        outcome.add_line(format!("page: {}", page.display()));
     }
     if let Some(recorded) = recording {
-        outcome.say(&recorded.message);
+        outcome.add_line(&recorded.message);
     }
     for reason in reasons {
-        outcome.say(format!("  {} ({})", reason.message, reason.code));
+        outcome.add_line(format!("  {} ({})", reason.message, reason.code));
     }
     outcome
 }

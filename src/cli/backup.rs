@@ -34,31 +34,31 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("bytes", json!(written.bytes));
     outcome.put("links", json!(written.manifest.links));
     if !ok {
-        outcome.say(
+        outcome.add_line(
             "no backup was made: the store differs from what was written; `panelprep store verify` checks all of it",
         );
         return Ok(outcome);
     }
-    outcome.say(format!(
+    outcome.add_line(format!(
         "{}: {} MB, read back and whole",
         args.archive.display(),
         written.bytes.div_ceil(1_000_000)
     ));
     if let Some(links) = written.manifest.links {
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the store: {links} links of its chain verified; pages are made again from it, recordings are not in it"
         ));
     }
     if let Some(configuration) = &configuration {
         let (named, recipes) = (configuration.named.len(), configuration.recipes.len());
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the configuration: the cell's file, {} that it names, {}",
             counted(named, "file"),
             counted(recipes, "recipe")
         ));
     }
     for (key, file) in named_files(&files.cell).into_iter().filter(|(_, file)| !file.exists()) {
-        outcome.say(format!("not in it: {key} names {}, which is not there", file.display()));
+        outcome.add_line(format!("not in it: {key} names {}, which is not there", file.display()));
     }
     Ok(outcome)
 }
@@ -136,7 +136,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
         Ok(restored) => restored,
         Err(error @ BackupError::Damaged { .. }) => {
             let mut outcome = judged(&[error.to_string()], "backup_damaged");
-            outcome.say("nothing was changed; restore another backup");
+            outcome.add_line("nothing was changed; restore another backup");
             return Ok(outcome);
         }
         Err(error) => return Err(Fault::stage(error)),
@@ -147,19 +147,22 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("kept", json!(restored.kept));
     outcome.put("links", json!(restored.links));
     if !restored.found.is_empty() {
-        outcome.say("nothing was changed; restore another backup");
+        outcome.add_line("nothing was changed; restore another backup");
         return Ok(outcome);
     }
     if let Some(store) = &restored.store {
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the store {}: {} links of its chain and {} verified",
             store.display(),
             restored.links,
             counted(restored.files as usize, "file")
         ));
     }
-    restored.configuration.iter().for_each(|file| outcome.say(format!("written: {}", file.display())));
-    restored.kept.iter().for_each(|file| outcome.say(format!("the earlier content is kept: {}", file.display())));
-    outcome.say("verify the cameras (`panelprep calibrate verify`) before the next cycle: calibrations are those of the backup");
+    restored.configuration.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
+    restored
+        .kept
+        .iter()
+        .for_each(|file| outcome.add_line(format!("the earlier content is kept: {}", file.display())));
+    outcome.add_line("verify the cameras (`panelprep calibrate verify`) before the next cycle: calibrations are those of the backup");
     Ok(outcome)
 }

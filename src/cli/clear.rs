@@ -36,7 +36,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let recovered = store.recover().map_err(Fault::stage)?;
     if !matches!(recovered.at, At::Aborted { .. }) {
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-        outcome.say("nothing was aborted in this store; there is nothing to clear");
+        outcome.add_line("nothing was aborted in this store; there is nothing to clear");
         outcome.put("state", recovered.at.word().into());
         return Ok(outcome);
     }
@@ -106,7 +106,7 @@ impl Requester for Clears {
         Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn hear(&mut self, news: News) {
+    fn on_news(&mut self, news: News) {
         self.refused = news.why_refused(&self.state).or(self.refused.take());
     }
 }

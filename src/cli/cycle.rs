@@ -10,7 +10,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::record as signed;
 use super::recording;
-use super::report::{self, Kept};
+use super::report::{self, StoredCycle};
 use super::work_done;
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
@@ -34,7 +34,7 @@ pub struct Ran {
     /// How it ended.
     pub ended: LoopOutcome,
     /// The part of the cycle that the store keeps.
-    pub kept: Kept,
+    pub kept: StoredCycle,
     /// Why the request was refused.
     pub refused: Option<Reason>,
     /// What is around a mock robot, as the cycle left it.
@@ -120,7 +120,7 @@ fn once(
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
-    outcome.say(format!("page: {}", page.display()));
+    outcome.add_line(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
     Ok(outcome)
 }
@@ -137,7 +137,7 @@ fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
 /// The outcome of a cycle that did not start.
 pub fn unhealthy(health: &Judgement) -> Outcome {
     let mut outcome = Outcome::from_judgement(health);
-    outcome.say("the cycle did not start; nothing moved");
+    outcome.add_line("the cycle did not start; nothing moved");
     outcome.put("cycle_id", json!(null));
     outcome.put("report", json!(null));
     outcome
@@ -211,7 +211,7 @@ pub fn one(
     sign(files, progress);
     Ok(Ran {
         ended,
-        kept: Kept::read(&files.store()?, cycle)?,
+        kept: StoredCycle::read(&files.store()?, cycle)?,
         refused,
         simulated: live.simulated,
         flange_link: live.flange_link,
@@ -231,19 +231,21 @@ impl Ran {
     pub fn outcome(&self, judgement: Judgement) -> Outcome {
         let (ended, cycle) = (&self.ended, self.kept.record.id);
         let mut outcome = Outcome::from_judgement(&judgement);
-        outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
+        outcome.add_line(format!("cycle {cycle}: {}", ended.state.at.word()));
         if let Some(why) = &self.refused {
-            outcome.say(format!("refused: {}", why.message));
+            outcome.add_line(format!("refused: {}", why.message));
         }
         let passes = work_done::abraded(&self.kept.record);
         if self.kept.record.is_air_run() {
-            outcome.say("air-run: the panel was neither tested nor abraded");
+            outcome.add_line("air-run: the panel was neither tested nor abraded");
         }
-        outcome
-            .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
-        work_done::removed(&self.kept.record).iter().for_each(|line| outcome.say(line));
+        outcome.add_line(format!(
+            "abraded: {}",
+            if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }
+        ));
+        work_done::removed(&self.kept.record).iter().for_each(|line| outcome.add_line(line));
         if let Some(recorded) = &self.recorded {
-            outcome.say(&recorded.message);
+            outcome.add_line(&recorded.message);
             outcome.put("recording", json!(recorded));
         }
         let budget = self.kept.record.budget.unwrap_or_default();
@@ -350,7 +352,7 @@ impl Requester for Once<'_> {
         Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn hear(&mut self, news: News) {
+    fn on_news(&mut self, news: News) {
         self.refused = news.why_refused(&self.state).or(self.refused.take());
     }
 }
@@ -436,7 +438,7 @@ mod tests {
         let mut asks = |state: &State, refused: Option<&'static str>| {
             let what = next(&mut once, state);
             if let Some(code) = refused {
-                once.hear(News::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
+                once.on_news(News::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
             }
             (what, once.why_not_begun(state).map(|why| why.code.to_string()))
         };

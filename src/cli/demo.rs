@@ -126,9 +126,9 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     }
     if let Some(link) = &ran.flange_link {
         outcome.put("flange_camera", link.json());
-        outcome.say(link.words());
+        outcome.add_line(link.words());
     }
-    outcome.say(format!("{wall_s:.1} s of wall time; page: {}", page.display()));
+    outcome.add_line(format!("{wall_s:.1} s of wall time; page: {}", page.display()));
     Ok(outcome)
 }
 

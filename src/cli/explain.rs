@@ -15,7 +15,7 @@ pub fn run(args: &Explain) -> Result<Outcome, Fault> {
     let mut outcome = Outcome { exit: 0, json: serde_json::Map::new(), words: vec![] };
     let Some(word) = &args.code else {
         let words: Vec<&str> = codes().iter().map(|code| &*code.code).collect();
-        outcome.say(words.join("\n"));
+        outcome.add_line(words.join("\n"));
         outcome.put("codes", json!(words));
         return Ok(outcome);
     };
@@ -27,8 +27,8 @@ pub fn run(args: &Explain) -> Result<Outcome, Fault> {
     };
     let (cause, remedy) =
         row(word, &args.language).map_or((&*known.cause, &*known.remedy), |row| (row.cause, row.remedy));
-    outcome.say(cause);
-    outcome.say(if args.language == "en" { format!("What to do: {remedy}") } else { remedy.to_owned() });
+    outcome.add_line(cause);
+    outcome.add_line(if args.language == "en" { format!("What to do: {remedy}") } else { remedy.to_owned() });
     outcome.put("code", json!(known.code));
     outcome.put("priority", json!(known.priority));
     outcome.put("meaning", json!(cause));

@@ -82,7 +82,10 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
         let mut outcome = Outcome { exit: exit.code(), ..asking::outcome(&reply) };
         if is_at("resetting") {
             let words = "the reset has not ended after";
-            outcome.say(format!("{words} {} s: `panelprep ctl state` shows its progress", RESET_TIMEOUT.as_secs()));
+            outcome.add_line(format!(
+                "{words} {} s: `panelprep ctl state` shows its progress",
+                RESET_TIMEOUT.as_secs()
+            ));
         }
         return Ok(outcome);
     }

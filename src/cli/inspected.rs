@@ -176,7 +176,7 @@ impl Inspected {
             })
             .collect();
         let observation = &inspection.observation;
-        outcome.say(format!(
+        outcome.add_line(format!(
             "watched {:.1} s, {} wet pictures, {} breaks; {:.1} ms a picture",
             observation.observed_s,
             observation.frames,
@@ -189,7 +189,7 @@ impl Inspected {
         outcome.put("grids", json!(grids));
         let quality = &observation.quality;
         let limit_mm2 = observation.detection_limit_mm2;
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{} of them can be judged by; light {:.2} to {:.2} of the dry picture's; wet in no picture {:.1} %; smallest \
              break that is surely found {limit_mm2:.1} mm²",
             quality.usable, quality.light[0], quality.light[1], observation.never_wet_percent
@@ -204,7 +204,7 @@ impl Inspected {
         outcome.put("mask", json!(mask));
         outcome.put("ms_per_frame", json!(self.ms_per_frame));
         if let Some((score, confusion)) = &self.score {
-            outcome.say(format!(
+            outcome.add_line(format!(
                 "against the truth: intersection over union {:.3}, precision {:.3}, recall {:.3}; grids: {} rightly \
                  failed, {} wrongly failed, {} wrongly passed",
                 score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass

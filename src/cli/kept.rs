@@ -1,13 +1,13 @@
 //! The section of a cycle's page about how long its clips and scans are kept.
 
-use crate::cell::{Date, Keep, KeepFor};
+use crate::cell::{Date, KeepFor, Retention};
 use crate::record::CycleRecord;
 use crate::report::page::{Row, Section};
 use crate::store::Pruned;
 use crate::verdict::Verdict;
 
 /// The section; `None` if everything is kept for ever.
-pub fn section(keep: &Keep, record: &CycleRecord, pruned: Option<Pruned>) -> Option<Section> {
+pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -> Option<Section> {
     if keep.is_for_ever() && pruned.is_none() {
         return None;
     }

@@ -17,7 +17,7 @@ use crate::page::Local;
 use crate::page::label::{self, GridOutline, Sheet};
 use crate::phase::Phase;
 use crate::verdict::{Judgement, Verdict};
-use keeping::Keeping;
+use keeping::LabelFolder;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     let size_px = size_px(&args.clip, clip.shots(), camera.as_ref())?;
     let wet = clip.shots().iter().filter(|shot| shot.phase == Phase::Wet);
     let frame = ClipFrame { size_px, wet_times_s: wet.map(|shot| shot.time_s).collect() };
-    let keeping = Arc::new(Keeping::new(&args.clip, clip_hash(&args.clip, &clip)?, frame));
+    let keeping = Arc::new(LabelFolder::new(&args.clip, clip_hash(&args.clip, &clip)?, frame));
     let found = keeping.now()?;
     if let Some(note) = &found.note {
         tell_line(note);
@@ -52,7 +52,7 @@ pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     let local = Local::listen(args.listen).map_err(Fault::stage)?;
     tell_line(&format!("Mark where the film broke: open {} in a browser on this computer.", local.url()));
     let saved = label::serve(local, sheet).map_err(Fault::stage)?;
-    told(&keeping, &args.clip, saved)
+    build_outcome(&keeping, &args.clip, saved)
 }
 
 /// The size of the clip's pictures, read from the first one. With a recipe, it must be the size of the calibrated
@@ -82,7 +82,7 @@ fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridO
 }
 
 /// What is kept now.
-fn told(keeping: &Keeping, folder: &Path, saved: u32) -> Result<Outcome, Fault> {
+fn build_outcome(keeping: &LabelFolder, folder: &Path, saved: u32) -> Result<Outcome, Fault> {
     let (labels, is_draft) = (keeping.labels()?, keeping.now()?.is_draft);
     let file = folder.join(LABELS);
     let words = match &labels {
@@ -93,7 +93,7 @@ fn told(keeping: &Keeping, folder: &Path, saved: u32) -> Result<Outcome, Fault> 
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{}: {words}", file.display())];
     if is_draft {
-        outcome.say("unsaved marks are kept, and the same command shows them again");
+        outcome.add_line("unsaved marks are kept, and the same command shows them again");
     }
     outcome.put("labels", json!(labels.is_some().then_some(file)));
     outcome.put("saved", json!(saved));

@@ -57,8 +57,8 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     outcome.put("scanner_errors", json!(located.range().words()));
     outcome.put("elapsed_ms", json!(elapsed_ms));
     if let (Some(fit), Some(pose)) = (fit, pose) {
-        outcome.say(format!("base from panel: {pose}"));
-        outcome.say(format!(
+        outcome.add_line(format!("base from panel: {pose}"));
+        outcome.add_line(format!(
             "rms {:.3} mm about a bend of {}, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
             fit.rms_mm,
             fit.deviation_mm.map_or_else(|| "unknown size".to_owned(), |mm| format!("{mm:.2} mm at most")),
@@ -68,7 +68,7 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
             fit.weakest.words(),
             fit.weakest_mm
         ));
-        outcome.say(format!(
+        outcome.add_line(format!(
             "independent starts end {:.3} mm apart; {}; {}",
             fit.agreement_mm,
             fit.rival.map_or_else(
@@ -87,7 +87,7 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
                 )
             )
         ));
-        outcome.say(format!(
+        outcome.add_line(format!(
             "shift {:.1} mm, turn {:.2}°, tilt {:.2}° at the panel's centre; {:.0} ms",
             fit.shift_mm, fit.turn.0, fit.tilt.0, elapsed_ms
         ));

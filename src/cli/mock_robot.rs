@@ -56,7 +56,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         server.command_address(),
         server.state_address()
     ));
-    let mut told = Told::default();
+    let mut told = ReportedState::default();
     loop {
         server.handle().with(|controller| told.news(controller)).iter().for_each(|line| tell(line));
         std::thread::sleep(POLL_INTERVAL);
@@ -101,7 +101,7 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
 
 /// What was already reported.
 #[derive(Default)]
-struct Told {
+struct ReportedState {
     epoch: i32,
     executed: usize,
     stops: usize,
@@ -110,7 +110,7 @@ struct Told {
     outputs: Vec<u16>,
 }
 
-impl Told {
+impl ReportedState {
     fn news(&mut self, controller: &Controller) -> Vec<String> {
         let at = |time_ms: u64| format!("{:9.3} s", time_ms as f64 / 1_000.0);
         let now = at(controller.time_ms());

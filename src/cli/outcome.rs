@@ -41,7 +41,7 @@ impl Outcome {
     }
 
     /// Adds a line for a person.
-    pub fn say(&mut self, line: impl Into<String>) {
+    pub fn add_line(&mut self, line: impl Into<String>) {
         self.words.push(line.into());
     }
 

@@ -4,7 +4,7 @@ use super::args::{Common, PageOf};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use super::report::{self, Kept};
+use super::report::{self, StoredCycle};
 use crate::record::CycleId;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
@@ -15,7 +15,7 @@ use serde_json::json;
 /// If there is no such cycle, it cannot be read back, or writing to the disk fails.
 pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let kept = Kept::read(&files.store()?, CycleId(args.cycle))?;
+    let kept = StoredCycle::read(&files.store()?, CycleId(args.cycle))?;
     let page = args.out.clone().unwrap_or_else(|| report::page_file(files.store_folder(), CycleId(args.cycle)));
     kept.write(files.cell.keep(), &page, report::recorded(files.store_folder(), &kept.record).as_ref())?;
     let found: Vec<Reason> = kept.missing().map(|words| Reason::new("picture_missing", words)).collect();
@@ -32,10 +32,10 @@ pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("cycle_id", json!(args.cycle));
     outcome.put("cycle_verdict", json!(kept.record.judgement.as_ref().map(|judgement| judgement.verdict)));
     outcome.put("report", json!(page));
-    outcome.say(match &kept.record.judgement {
+    outcome.add_line(match &kept.record.judgement {
         Some(judgement) => format!("the cycle's verdict: {}", judgement.verdict.word()),
         None => "the cycle is not over: this page is not its result".to_owned(),
     });
-    outcome.say(format!("page: {}", page.display()));
+    outcome.add_line(format!("page: {}", page.display()));
     Ok(outcome)
 }

@@ -12,7 +12,7 @@ use crate::panel::GridId;
 use crate::path::approach::{Approach, CornerTour};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
-use crate::path::panel_reach::Stand;
+use crate::path::panel_reach::ReachSetup;
 use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map};
@@ -84,7 +84,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     outcome.words.extend(planned.table(&dwell, disc, &recipe));
     outcome.words.extend(planned.stage.removed.as_ref().map_or_else(Vec::new, Removed::words));
     outcome.put("removal", json!(planned.removal()));
-    outcome.say(reach_words);
+    outcome.add_line(reach_words);
     outcome.put("reach", json!(reached.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
     outcome.put("disc_worn_before_mm2", json!(worn_mm2));
     outcome.put("dwell", planned.numbers(&dwell));
@@ -94,7 +94,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         let start = reached.and_then(|reached| reached.travel.joints.first()).copied();
         let (is_written, words) =
             planned.program((file, name), (start, files.flange_from_tool()?.value), &recipe)?;
-        outcome.say(words);
+        outcome.add_line(words);
         outcome.put("krl", json!(is_written.then_some(file)));
     }
     if let Some(file) = &args.out {
@@ -140,7 +140,7 @@ fn reach<'a>(
     let sees = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
     let Some(park) = files.cell.park().filter(|_| sees && !taught.corners.is_empty()) else {
         let flange_from_tool = files.flange_from_tool()?.value;
-        let stand = Stand { arm: kinematics, flange_from_tool, base_from_panel, from: None };
+        let stand = ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, from: None };
         return Ok((Reach::From(stand), "in the best configuration; the cell states no way there"));
     };
     let calibrations = Calibrated::read(files, common)?.values;
@@ -155,7 +155,7 @@ fn reach<'a>(
     };
     let most = corners::most(recipe.corner(), taught.corners.len());
     let stand = tour.corners_in_reach(kinematics, base_from_panel, most).and_then(|corners| {
-        tour.stand(kinematics, &Approach { base_from_panel, corners: &corners, obstacles: None })
+        tour.reach_setup(kinematics, &Approach { base_from_panel, corners: &corners, obstacles: None })
     });
     Ok((stand.map_or_else(Reach::Refused, Reach::From), "as it comes from the park pose by the corner"))
 }
@@ -302,7 +302,7 @@ impl Planned {
         let mut outcome = Outcome::from_judgement(&self.stage.judgement);
         outcome.put_checks(&self.stage.checks);
         outcome.words.extend(self.words());
-        outcome.say(format!("set base: {}", self.base));
+        outcome.add_line(format!("set base: {}", self.base));
         let paths: Vec<_> = self
             .stage
             .plan

@@ -85,7 +85,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     outcome.put("mock", json!(is_mock));
     outcome.put("page", json!(args.out.display().to_string()));
     let page = args.out.display();
-    outcome.say(match controller {
+    outcome.add_line(match controller {
         ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, nothing to sign"),
         ControllerKind::Unknown => {
             format!(

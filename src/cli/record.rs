@@ -7,13 +7,15 @@ use super::disk;
 use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use super::report::{self, Kept};
+use super::report::{self, StoredCycle};
 use super::sheet;
 use crate::daemon::{RecordPdf, whoever_runs_this};
 use crate::files::content_hash;
 use crate::record::CycleId;
 use crate::report::page::Figure;
-use crate::signing::{self, CellKey, Claim, Export, Meaning, PublicKey, Said, Signed, SignedPage, Statement};
+use crate::signing::{
+    self, CellKey, Claim, Export, Meaning, PublicKey, Signed, SignedPage, Statement, StatementContent,
+};
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
@@ -79,7 +81,7 @@ pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) ->
 pub fn sign_as(files: &CellFiles, signs: &PersonSigns) -> Result<SignatureRow, Fault> {
     let row = Store::sign_as(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
     let page = report::page_file(files.store_folder(), signs.cycle);
-    let kept = Kept::read(&files.store()?, signs.cycle)?;
+    let kept = StoredCycle::read(&files.store()?, signs.cycle)?;
     kept.write(files.cell.keep(), &page, report::recorded(files.store_folder(), &kept.record).as_ref())?;
     Ok(row)
 }
@@ -139,7 +141,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         for row in rows {
             written.extend(export_row(&store, &row, &args.out)?);
         }
-        outcome.say(format!(
+        outcome.add_line(format!(
             "cycle {cycle}: {}",
             args.out.join(format!("{}.json", signing::cycle_stem(cycle))).display()
         ));
@@ -149,7 +151,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     let pem = keys.iter().map(PublicKey::pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
     disk::write(&args.out.join(PUBLIC_KEY), pem)?;
     written.extend(write_head(&store, &key, &args.out.join(HEAD))?.1);
-    outcome.say(format!("public key {}: {}", key.public().hex(), args.out.join(PUBLIC_KEY).display()));
+    outcome.add_line(format!("public key {}: {}", key.public().hex(), args.out.join(PUBLIC_KEY).display()));
     outcome.put("files", json!(written));
     outcome.put("public_key", json!(key.public().hex()));
     Ok(outcome)
@@ -162,7 +164,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
 /// If the store no longer has the signed record complete, or the PDF cannot be written.
 pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, Fault> {
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
-    let kept = Kept::read(store, row.cycle)?;
+    let kept = StoredCycle::read(store, row.cycle)?;
     let figures: Vec<Figure> = kept.figures().collect();
     let pdf = sheet::document(store, (&kept.record, &figures), row)?;
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
@@ -194,7 +196,7 @@ fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathB
     disk::write(&json, &bytes)?;
     disk::write(&signature, &row.signature)?;
     let mut written = vec![json, signature];
-    if let Said::Cycle(cycle) = Statement::read(&bytes).map_err(Fault::stage)?.says {
+    if let StatementContent::Cycle(cycle) = Statement::read(&bytes).map_err(Fault::stage)?.says {
         for (_, hash) in signing::exported_files(&cycle) {
             // What the store no longer has whole, `record verify` names.
             if let Ok(bytes) = store.blob(&hash) {
@@ -227,8 +229,8 @@ fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
         0 => "no record was signed in this store".to_owned(),
         number => format!("record number {number}, {}, at {}", head.hash, utc(head.unix_ms.div_euclid(1_000))),
     }];
-    outcome.say(format!("public key {}", head.public_key));
-    written.iter().for_each(|file| outcome.say(format!("written: {}", file.display())));
+    outcome.add_line(format!("public key {}", head.public_key));
+    written.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
     outcome.put("number", json!(head.number));
     outcome.put("hash", json!(head.hash));
     outcome.put("public_key", json!(head.public_key));
@@ -260,10 +262,10 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome =
         Outcome::from_judgement(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
     for (statement, hash) in verified.statements.values() {
-        outcome.say(words(statement, hash));
+        outcome.add_line(words(statement, hash));
     }
-    remarks.iter().for_each(|words| outcome.say(words));
-    outcome.say(match &export.files {
+    remarks.iter().for_each(|words| outcome.add_line(words));
+    outcome.add_line(match &export.files {
         Some(files) => format!("{} files beside the records were read", files.len()),
         None => "there is no folder files/ beside the records: pictures and inputs were not checked".to_owned(),
     });
@@ -290,10 +292,10 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
 fn words(statement: &Statement, hash: &str) -> String {
     let at = utc(statement.unix_ms.div_euclid(1_000));
     match &statement.says {
-        Said::Cycle(cycle) => {
+        StatementContent::Cycle(cycle) => {
             format!("number {}: cycle {}, signed by the cell {at}, {hash}", statement.number, cycle.id)
         }
-        Said::Person(person) => format!(
+        StatementContent::Person(person) => format!(
             "number {}: cycle {}, {} by {} ({}) {at}, {hash}",
             statement.number,
             person.cycle,

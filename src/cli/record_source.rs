@@ -2,7 +2,7 @@
 
 use super::fault::Fault;
 use super::load::CellFiles;
-use super::report::{self, Kept};
+use super::report::{self, StoredCycle};
 use super::{disk, record};
 use crate::daemon::{RecordPdf, RecordSource};
 use crate::record::CycleId;
@@ -20,7 +20,7 @@ impl RecordSource for StoreRecords {
         if let Ok(text) = disk::read_text(&page) {
             return Ok(text);
         }
-        let made = files.store().and_then(|store| Kept::read(&store, cycle));
+        let made = files.store().and_then(|store| StoredCycle::read(&store, cycle));
         made.map(|kept| kept.html(None, vec![])).map_err(|fault| fault.to_string())
     }
 

@@ -7,7 +7,9 @@ use crate::cell::{
     Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     ScannerMount, ToolMount,
 };
-use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, Stands, free_mb, too_full};
+use crate::daemon::{
+    Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, RecordingStatus, free_mb, too_full,
+};
 use crate::files::{read_flange, write_pose};
 use crate::geometry::Rigid;
 use crate::locate::ScanErrors;
@@ -151,7 +153,7 @@ fn taken(file: &Path) -> Fault {
 
 /// The section about the recording on a cycle's page.
 pub fn section(recorded: &Recorded) -> Section {
-    let whole = recorded.is == Stands::Whole;
+    let whole = recorded.is == RecordingStatus::Whole;
     let rows = vec![
         Row::new("file", &recorded.file, ""),
         Row::new("entries", if whole { recorded.entries.to_string() } else { "not known".to_owned() }, ""),

@@ -86,20 +86,20 @@ fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
     outcome.put_checks(&correction.checks);
     let pose = KukaPose::from_rigid(&correction.refined.base_from_panel);
     let [x_mm, y_mm] = correction.refined.shift_mm;
-    outcome.say(format!("base from panel: {pose}"));
-    outcome.say(format!(
+    outcome.add_line(format!("base from panel: {pose}"));
+    outcome.add_line(format!(
         "the corner was {:.2} px from where it was expected: corrected by {x_mm:.3} mm in camera x, {y_mm:.3} mm in y",
         correction.refined.error_px
     ));
     if !is_held_against_claims {
-        outcome.say(
+        outcome.add_line(
             "not checked against the uncertainty of the 3D scan: this needs the output of `locate --json`, and \
              uncertainty_mm of both cameras' mounts",
         );
     }
     if correction.refined.corners.len() > 1 {
         let left_mm = correction.refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
-        outcome.say(format!(
+        outcome.add_line(format!(
             "turned by {:.3}°; the corners are left {left_mm:.3} mm off, at most",
             correction.refined.turned.0
         ));

@@ -76,19 +76,21 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     outcome.put("recorded_s", json!(length_s));
     outcome.put("recorded_by", json!(by));
     outcome.put("cycle_verdict", json!(verdict));
-    outcome
-        .say(format!("{entries} of {} entries over {length_s:.1} s, recorded by panelprep {by}", checked.entries));
+    outcome.add_line(format!(
+        "{entries} of {} entries over {length_s:.1} s, recorded by panelprep {by}",
+        checked.entries
+    ));
     if let Some(verdict) = verdict {
-        outcome.say(format!("the cycle's verdict: {}", verdict.word()));
+        outcome.add_line(format!("the cycle's verdict: {}", verdict.word()));
     }
     for difference in played.differences.iter().take(MAX_SHOWN) {
-        outcome.say(format!("  {difference}"));
+        outcome.add_line(format!("  {difference}"));
     }
     if let Some(more @ 1..) = played.differences.len().checked_sub(MAX_SHOWN) {
-        outcome.say(format!("  and {more} more; --json lists all of them"));
+        outcome.add_line(format!("  and {more} more; --json lists all of them"));
     }
     if !played.to_the_end {
-        outcome.say("the replay ended where it differed from the recording");
+        outcome.add_line("the replay ended where it differed from the recording");
     }
     outcome
 }

@@ -7,7 +7,7 @@ use super::load::CellFiles;
 use super::part;
 use super::recording;
 use super::sheet;
-use crate::cell::Keep;
+use crate::cell::Retention;
 use crate::daemon::{self, Recorded};
 use crate::record::{CycleId, CycleRecord, RecordingFile};
 use crate::report::cycle_page;
@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// What the store keeps of a cycle, with its pictures by their hash.
-pub struct Kept {
+pub struct StoredCycle {
     /// The record.
     pub record: CycleRecord,
     /// What was removed from the cycle's data.
@@ -34,7 +34,7 @@ pub struct Kept {
     sheet: Sheet,
 }
 
-impl Kept {
+impl StoredCycle {
     /// Reads a cycle back. A missing or damaged picture is left out; the page reports this.
     ///
     /// # Errors
@@ -48,14 +48,14 @@ impl Kept {
         let pruned = store.pruned_of(cycle).unwrap_or_default();
         let part = part::section(store, &record);
         let sheet = sheet::read(store, &record)?;
-        Ok(Kept { record, pruned, pictures, part, sheet })
+        Ok(StoredCycle { record, pruned, pictures, part, sheet })
     }
 
     /// Writes the page into its store, with the result of the recording and how long clips and scans are kept.
     ///
     /// # Errors
     /// If writing to the disk fails.
-    pub fn write(&self, keep: &Keep, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
+    pub fn write(&self, keep: &Retention, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
         self.write_with(file, recorded, kept::section(keep, &self.record, self.pruned).into_iter().collect())
     }
 
@@ -114,7 +114,7 @@ impl Kept {
     }
 }
 
-/// Removes the pictures that [`Kept::write_pictures`] wrote, `01_….jpg`, and nothing else.
+/// Removes the pictures that [`StoredCycle::write_pictures`] wrote, `01_….jpg`, and nothing else.
 fn remove_numbered(folder: &Path) -> Result<(), std::io::Error> {
     if !folder.is_dir() {
         return Ok(());
@@ -163,8 +163,8 @@ pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fa
     for cycle in store.ended_cycles().map_err(Fault::stage)? {
         let page = page_file(files.store_folder(), cycle);
         if !is_whole(&page) {
-            let kept = Kept::read(&store, cycle);
-            let recorded = |kept: &Kept| recorded(files.store_folder(), &kept.record);
+            let kept = StoredCycle::read(&store, cycle);
+            let recorded = |kept: &StoredCycle| recorded(files.store_folder(), &kept.record);
             let written = kept.and_then(|kept| kept.write(files.cell.keep(), &page, recorded(&kept).as_ref()));
             made(cycle, written.map(|()| page));
         }

@@ -46,10 +46,10 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     };
     let mut outcome = Outcome::from_judgement(&judgement);
     let state = single.state();
-    words(state, files.cell.io()).into_iter().for_each(|line| outcome.say(line));
+    words(state, files.cell.io()).into_iter().for_each(|line| outcome.add_line(line));
     if let Some(reported) = single.reported_tcp() {
         outcome.put("reported_base_from_tcp", json!(reported));
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the arm's correction is applied: by the controller, and on the pendant, the tip is at {reported}"
         ));
     }

@@ -13,7 +13,7 @@ use super::part;
 use super::person::Person;
 use super::record;
 use super::recording;
-use super::report::{self, Kept};
+use super::report::{self, StoredCycle};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
@@ -101,7 +101,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
-        handler.hear(News::Noted(found));
+        handler.on_news(News::Noted(found));
     }
     let mut person = Person { requester: handler, world };
     let (again, whole) = (files.clone(), common.clone());
@@ -178,7 +178,7 @@ fn write_pages(
     let again = files.clone();
     let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
-        Kept::read(&files.store()?, cycle)?.write(files.cell.keep(), &page, recorded)?;
+        StoredCycle::read(&files.store()?, cycle)?.write(files.cell.keep(), &page, recorded)?;
         Ok(page)
     };
     let each = move || {

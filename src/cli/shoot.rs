@@ -85,7 +85,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
         let depth = scan.depth_mm.map_or("no depth".to_owned(), |[near, middle, far]| {
             format!("90 % of the points within {near:.0} to {far:.0} mm along the camera's axis, the middle at {middle:.0} mm")
         });
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{}, .ply, .png: {}×{} px, {} points, {:.1} % of the pixels have none; {depth}",
             names[0].display(),
             size_px[0],
@@ -93,7 +93,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
             scan.points,
             100.0 * scan.missing_share
         ));
-        outcome.say(format!("  {}", words(&of_picture)));
+        outcome.add_line(format!("  {}", words(&of_picture)));
         let mut told = quality_json(&names, size_px, shot.time_s, &of_picture);
         conditions(outcome, &mut told, opened.camera.conditions());
         told["points"] = json!(scan.points);
@@ -137,9 +137,9 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
         match poses.known(before, shot.base_from_flange) {
             Known::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
             Known::Moved => {
-                outcome.say("  the arm moved meanwhile: the pose at which this picture was taken is not known")
+                outcome.add_line("  the arm moved meanwhile: the pose at which this picture was taken is not known")
             }
-            Known::Nothing => outcome.say("  the flange's pose is not known: write it down from the pendant"),
+            Known::Nothing => outcome.add_line("  the flange's pose is not known: write it down from the pendant"),
         }
     }
     listed(outcome, all);
@@ -161,8 +161,8 @@ fn listed(outcome: &mut Outcome, all: Vec<Value>) {
 fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s: f64) -> Result<Value, Fault> {
     let quality = PictureQuality::compute(picture);
     disk::write(&names[0], files::write_color_png(picture).map_err(Fault::stage)?)?;
-    outcome.say(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
-    outcome.say(format!("  {}", words(&quality)));
+    outcome.add_line(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
+    outcome.add_line(format!("  {}", words(&quality)));
     Ok(quality_json(names, [picture.width, picture.height], time_s, &quality))
 }
 

@@ -37,7 +37,7 @@ fn renew(args: &RenewStore, common: &Common) -> Result<Outcome, Fault> {
     drop(Store::open(&folder).map_err(Fault::stage)?);
     Store::renew_outbox(&folder, &args.why).map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
-    outcome.say("records from now on belong to a new epoch");
+    outcome.add_line("records from now on belong to a new epoch");
     Ok(outcome)
 }
 
@@ -46,9 +46,9 @@ fn list(common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
     outcome.words.clear();
     for Listed { position, kind, hash } in &listed {
-        outcome.say(format!("{} {:>7} {:<12} {hash}", position.epoch, position.number, kind.word()));
+        outcome.add_line(format!("{} {:>7} {:<12} {hash}", position.epoch, position.number, kind.word()));
     }
-    outcome.say(format!("{} in all", listed.len()));
+    outcome.add_line(format!("{} in all", listed.len()));
     outcome.put("records", json!(listed));
     Ok(outcome)
 }
@@ -60,15 +60,15 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     let reason = |words: &String| Reason::new("store_changed", words.clone());
     let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.iter().map(reason).collect() });
-    outcome.say(format!("{}: {links} links of the chain", folder.display()));
+    outcome.add_line(format!("{}: {links} links of the chain", folder.display()));
     if args.rows_only {
-        outcome.say("files were not read");
+        outcome.add_line("files were not read");
     } else {
-        outcome.say(format!("{files} files are whole, {pruned} were removed as [store] keep states"));
+        outcome.add_line(format!("{files} files are whole, {pruned} were removed as [store] keep states"));
         let by = if keys.is_empty() { String::new() } else { format!(", by {}", keys.join(" and ")) };
-        outcome.say(format!("{signatures} signatures of records{by}"));
+        outcome.add_line(format!("{signatures} signatures of records{by}"));
     }
-    known.iter().for_each(|words| outcome.say(format!("known, and cleared by a person: {words}")));
+    known.iter().for_each(|words| outcome.add_line(format!("known, and cleared by a person: {words}")));
     outcome.put("ok", json!(found.is_empty()));
     outcome.put("found", json!(found));
     outcome.put("known", json!(known));

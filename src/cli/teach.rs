@@ -66,7 +66,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let review: Vec<Reason> =
         off.chain(too_coarse(limit_mm2, min_break_mm2)).chain(cut).chain(held.reasons(&recipe)).collect();
     let mut outcome = outcome(&taught, recipe.panel(), &Judgement::new(vec![], review));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
     ));
     outcome.put("detection_limit_mm2", json!(limit_mm2));
@@ -82,7 +82,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("region_off_panel", json!(off_panel));
     let warnings = say_how_it_is_held(&taught, &held, &recipe, &mut outcome);
     for warning in &warnings {
-        outcome.say(format!("warning: {warning}"));
+        outcome.add_line(format!("warning: {warning}"));
     }
     outcome.put("warnings", json!(warnings));
     Ok(outcome)
@@ -188,7 +188,7 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
         say_what_shows_the_outline(outline, outcome);
     }
     if *marks_mm > 0.0 {
-        outcome.say(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
+        outcome.add_line(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
     }
     outcome.put("marks_mm", json!(marks_mm));
     let at_teaching =
@@ -196,7 +196,7 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
     let warnings: Vec<String> = at_teaching.into_iter().filter_map(|check| check.message).collect();
     if let Ok(fit) = found {
         let weakest = fit.weakest.words();
-        outcome.say(format!(
+        outcome.add_line(format!(
             "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
             fit.uncertainty_mm, fit.weakest_mm
         ));
@@ -210,7 +210,7 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
         let seen = corner.normal_seen();
         // At an angle below a hundredth the lens's own errors are as large.
         let least = if seen > 0.01 { format!("{:.1} mm", verify_mm / seen) } else { "no".to_owned() };
-        outcome.say(format!(
+        outcome.add_line(format!(
             "corner {}: its view shows {:.0} % of a move along the normal; {least} move along it is found before contact",
             index + 1,
             100.0 * seen
@@ -224,7 +224,7 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
 fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome) {
     let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
     let percent = |share: f64| words::fixed(100.0 * share, 0);
-    outcome.say(format!(
+    outcome.add_line(format!(
         "its outline: {} % is seen by colour, {} % by depth, {} % is left out because something holds the panel \
          there, {} % is not seen",
         percent(by_colour),
@@ -239,7 +239,7 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
     if let Some(mm) = noticed_mm {
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the fixture shows that a camera has moved if this shifts the panel by {mm:.2} mm or more"
         ));
     }
@@ -267,8 +267,8 @@ fn outcome(taught: &Taught, panel: &str, judgement: &Judgement) -> Outcome {
         .iter()
         .map(|grid| json!({"id": grid.id.to_string(), "corners_mm": grid.corners.map(|p| <[f64; 3]>::from(p.mm.coords))}))
         .collect();
-    outcome.say(format!("panel {panel}, version {}", taught.version));
-    outcome.say(format!("{points} points, {} grids, {} corners", grids.len(), taught.corners.len()));
+    outcome.add_line(format!("panel {panel}, version {}", taught.version));
+    outcome.add_line(format!("{points} points, {} grids, {} corners", grids.len(), taught.corners.len()));
     outcome.put("panel", json!(panel));
     outcome.put("version", json!(taught.version));
     outcome.put("points", json!(points));

@@ -92,7 +92,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let last = picture(last)?;
         let (threshold, score) =
             best_threshold(settings, [&reference, &last], truth, &region).map_err(Fault::stage)?;
-        outcome.say(format!(
+        outcome.add_line(format!(
             "on the labels, the thesis's pipeline is best with threshold = {threshold}: intersection over union {:.3}, \
              precision {:.3}, recall {:.3}",
             score.iou, score.precision, score.recall
@@ -106,7 +106,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
 fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
     let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
     for grid in grids.iter().filter(brighter) {
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{}: the film is brighter than the dry panel, most in {}; it mirrors the lamp or the diffuser there",
             grid.id, CHANNELS[grid.channel]
         ));
@@ -120,9 +120,9 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let mut outcome = Outcome::from_judgement(&Judgement::of_checks(&checks));
     outcome.put_checks(&checks);
     say_channels(advice, &mut outcome);
-    outcome.say("grid      dry    wet  contrast/noise  light");
+    outcome.add_line("grid      dry    wet  contrast/noise  light");
     for grid in &found.grids {
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{:6} {:6.1} {:6.1} {:>15} {:6.2}",
             grid.id.to_string(),
             grid.dry,
@@ -133,17 +133,17 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     }
     say_brighter(&found.grids, &mut outcome);
     say_light(advice, &mut outcome);
-    outcome.say(format!(
+    outcome.add_line(format!(
         "smallest break that is surely found: {:.1} mm²; a grid fails from {:.1} mm²",
         found.detection_limit_mm2, demands.min_break_mm2
     ));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "places that look dry and then wet again: for up to {:.1} s; a break must be seen for {persist_s} s",
         found.flash_s
     ));
     let unseen: Vec<String> = found.unseen_if_sanded.iter().map(ToString::to_string).collect();
     let reference = if unseen.is_empty() { "wet" } else { "dry" };
-    outcome.say(if unseen.is_empty() {
+    outcome.add_line(if unseen.is_empty() {
         "once sanded, every grid would be seen by the water that moves on it".to_owned()
     } else {
         format!(
@@ -154,14 +154,14 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let weights = advice.channels.map(|channel| channel.weight);
     let min_break_mm2 = demands.min_break_mm2.max(found.detection_limit_mm2.ceil());
     let persist_s = persist_s.max(longer_s);
-    outcome.say("for the recipe:");
-    outcome.say("  [inspect]");
-    outcome.say(format!("  reference = \"{reference}\""));
-    outcome.say(format!("  channel_weights = {weights:?}"));
-    outcome.say(format!("  persist_s = {persist_s:?}"));
-    outcome.say(format!("  min_break_mm2 = {min_break_mm2:?}"));
-    outcome.say("  [process]");
-    outcome.say(match recipe.process().lamp() {
+    outcome.add_line("for the recipe:");
+    outcome.add_line("  [inspect]");
+    outcome.add_line(format!("  reference = \"{reference}\""));
+    outcome.add_line(format!("  channel_weights = {weights:?}"));
+    outcome.add_line(format!("  persist_s = {persist_s:?}"));
+    outcome.add_line(format!("  min_break_mm2 = {min_break_mm2:?}"));
+    outcome.add_line("  [process]");
+    outcome.add_line(match recipe.process().lamp() {
         Some(lamp) => format!("  lamp = {lamp:?}        # as it is now"),
         None => {
             "  lamp = \"kind, brightness at the panel\"        # not stated yet; the inspector signs it".to_owned()
@@ -191,11 +191,11 @@ fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
     say_channels(advice, &mut outcome);
     say_light(advice, &mut outcome);
     let weights = advice.channels.map(|channel| channel.weight);
-    outcome.say("for the recipe, [inspect]:");
-    outcome.say(format!("  channel_weights = {weights:?}"));
-    outcome.say(format!("  threshold = {}", advice.threshold));
-    outcome.say(format!("  hsv_min = {:?}", advice.hsv[0]));
-    outcome.say(format!("  hsv_max = {:?}", advice.hsv[1]));
+    outcome.add_line("for the recipe, [inspect]:");
+    outcome.add_line(format!("  channel_weights = {weights:?}"));
+    outcome.add_line(format!("  threshold = {}", advice.threshold));
+    outcome.add_line(format!("  hsv_min = {:?}", advice.hsv[0]));
+    outcome.add_line(format!("  hsv_max = {:?}", advice.hsv[1]));
     outcome.put("channel_weights", json!(weights));
     outcome.put("threshold", json!(advice.threshold));
     outcome.put("hsv_min", json!(advice.hsv[0]));
@@ -204,11 +204,11 @@ fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
 }
 
 fn say_channels(advice: &Advice, outcome: &mut Outcome) {
-    outcome.say("channel     dry    wet  noise  contrast/noise  weight");
+    outcome.add_line("channel     dry    wet  noise  contrast/noise  weight");
     let mut rows = Vec::new();
     for (name, channel) in CHANNELS.iter().zip(&advice.channels) {
         let ratio = channel.contrast_to_noise();
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{name:7} {:7.1} {:6.1} {:6.2} {:>15} {:7.2}",
             channel.dry,
             channel.wet,
@@ -223,7 +223,7 @@ fn say_channels(advice: &Advice, outcome: &mut Outcome) {
 }
 
 fn say_light(advice: &Advice, outcome: &mut Outcome) {
-    outcome.say(format!(
+    outcome.add_line(format!(
         "light over the dry region: {:.2} to {:.2} of its mean; overexposed {:.2} %",
         advice.evenness[0],
         advice.evenness[1],

@@ -104,7 +104,7 @@ impl People {
         };
         self.store.keep_account(&account, &entry).map_err(Fault::stage)?;
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-        outcome.say(format!("account {}: {done} ({})", account.name, account.summary()));
+        outcome.add_line(format!("account {}: {done} ({})", account.name, account.summary()));
         Ok(outcome)
     }
 
@@ -113,7 +113,7 @@ impl People {
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         for Account { name, printed_name, role, is_enabled, .. } in all.values() {
             let disabled = if *is_enabled { "" } else { ", may not log in" };
-            outcome.say(format!("{name}: {printed_name}, {}{disabled}", role.word()));
+            outcome.add_line(format!("{name}: {printed_name}, {}{disabled}", role.word()));
         }
         let listed = |account: &Account| json!({"name": account.name, "printed_name": account.printed_name, "role": account.role, "is_enabled": account.is_enabled});
         outcome.put("accounts", json!(all.values().map(listed).collect::<Vec<_>>()));

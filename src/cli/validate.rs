@@ -63,7 +63,7 @@ pub fn run(
         let inspected = inspect(&placed.setup(taught, recipe, demands), clip, placed.is_assumed, Some(&truth))?;
         rows.push(row(clip, &inspected, &Labels::read(&truth, clip)?)?);
     }
-    let mut outcome = told(&rows);
+    let mut outcome = build_outcome(&rows);
     if let Some(pictures) = pictures {
         for (name, picture) in plots(&rows)? {
             super::pictures::save(pictures, name, &picture)?;
@@ -150,7 +150,7 @@ fn between(ends: &[f64], unit: &str) -> String {
     }
 }
 
-fn told(rows: &[Row]) -> Outcome {
+fn build_outcome(rows: &[Row]) -> Outcome {
     let broken = || rows.iter().filter(|row| row.grids.true_fail + row.grids.false_pass > 0);
     let sum = |of: fn(&Confusion) -> usize| rows.iter().map(|row| of(&row.grids)).sum::<usize>();
     let confusion = Confusion {
@@ -171,7 +171,7 @@ fn told(rows: &[Row]) -> Outcome {
     for row in rows {
         let Score { iou, precision, recall } = row.whole;
         let missed = row.breaks.iter().filter(|one| !one.found).count();
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{:16} {:8}  {iou:.3}  {:.3}   {precision:.3}  {recall:.3}  {:6} {missed:6}",
             row.name,
             row.verdict.word(),
@@ -180,7 +180,7 @@ fn told(rows: &[Row]) -> Outcome {
         ));
     }
     let shown = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "mean of clips with breaks: intersection over union {} ({} without ±1 px of rim), precision {}, recall {}",
         shown(iou),
         shown(within),
@@ -188,14 +188,14 @@ fn told(rows: &[Row]) -> Outcome {
         shown(recall)
     ));
     let Confusion { true_fail, false_fail, false_pass, true_pass } = confusion;
-    outcome.say(format!(
+    outcome.add_line(format!(
         "grids: {true_fail} rightly failed, {false_fail} wrongly failed, {false_pass} wrongly passed, {true_pass} rightly passed"
     ));
     let sizes = by_size(rows);
     for (class, places, missed) in &sizes {
-        outcome.say(format!("  places of {class:16} {places:4}, missed {missed:4}"));
+        outcome.add_line(format!("  places of {class:16} {places:4}, missed {missed:4}"));
     }
-    outcome.say(format!("time to break, from {TIMED_MM2} mm² on: {near} of {} within 0.5 s", late.len()));
+    outcome.add_line(format!("time to break, from {TIMED_MM2} mm² on: {near} of {} within 0.5 s", late.len()));
     let clips: Vec<Value> = rows
         .iter()
         .map(|row| {

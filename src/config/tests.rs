@@ -41,7 +41,7 @@ fn parse(top: &Section<'_, '_>) -> Option<Checked> {
 }
 
 /// The problems of a text as a person sees them, without the file's name.
-fn says(text: &str) -> Vec<String> {
+fn problems(text: &str) -> Vec<String> {
     match check("f", text, parse) {
         Ok(_) => vec![],
         Err(problems) => {
@@ -52,7 +52,7 @@ fn says(text: &str) -> Vec<String> {
 
 /// A correct start of four lines; the added text is in line 5 and below, inside `[region]` or after it.
 fn after_good(text: &str) -> Vec<String> {
-    says(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
+    problems(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
 }
 
 #[test]
@@ -134,14 +134,14 @@ fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
 #[test]
 fn what_is_missing_is_named_once() {
     assert_eq!(
-        says(""),
+        problems(""),
         [
             "1: panel: is missing; this key has no default",
             "1: region: this table is missing; it needs rows, columns"
         ]
     );
     assert_eq!(
-        says("panel = ' '\n[region]\nrows = 4"),
+        problems("panel = ' '\n[region]\nrows = 4"),
         [
             "1: panel: found the text \" \", valid: a text that is not empty",
             "2: region.columns: is missing; this key has no default"
@@ -154,7 +154,7 @@ fn what_is_missing_is_named_once() {
 #[test]
 fn a_misspelt_name_is_not_called_missing_as_well() {
     assert_eq!(
-        says("panel = 'door'\n[regoin]\nrows = 4\ncolumms = 6\n[locate]\nmax_shift_mm = 900"),
+        problems("panel = 'door'\n[regoin]\nrows = 4\ncolumms = 6\n[locate]\nmax_shift_mm = 900"),
         [
             "2: regoin: unknown key; did you mean region?",
             "4: region.columms: unknown key; did you mean columns?",
@@ -162,7 +162,7 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
         ]
     );
     assert_eq!(
-        says("panel = 'door'\ncolumns = 6\n[region]\nrows = 4"),
+        problems("panel = 'door'\ncolumns = 6\n[region]\nrows = 4"),
         ["2: columns: unknown key here; did you mean region.columns?"]
     );
     assert_eq!(
@@ -174,7 +174,7 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
         "the right table is there: it is the one that is read"
     );
     assert_eq!(
-        says("panel = 'door'\nregoin = {rows = 1, columns = 1}\nlocate.rows = 3"),
+        problems("panel = 'door'\nregoin = {rows = 1, columns = 1}\nlocate.rows = 3"),
         [
             "2: regoin: unknown key; did you mean region?",
             "3: locate.rows: unknown key here; did you mean region.rows?"
@@ -184,7 +184,7 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
 
 #[test]
 fn a_table_and_a_value_are_not_taken_for_each_other() {
-    assert_eq!(says("panel = 'door'\nregion = 3"), ["2: region: found 3, valid: a table; write [region]"]);
+    assert_eq!(problems("panel = 'door'\nregion = 3"), ["2: region: found 3, valid: a table; write [region]"]);
     assert_eq!(
         after_good("[extra]\nrows = 1"),
         ["5: extra: found a table, valid: a list of tables; write [[extra]]"]
@@ -201,7 +201,7 @@ fn lines_are_right_in_lists_and_inline_tables() {
         ]
     );
     assert_eq!(
-        says(
+        problems(
             "panel = 'door'\nextra = [\n  {rows = 1, columns = 1},\n  {rows = 1,\n   colums = 1},\n  7,\n]\nregion = {rows = 0, columns = 6}"
         ),
         [
@@ -217,7 +217,7 @@ fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
     let text =
         "panl = 'door'\r\n[locate]\r\nmax_shift_mm = nan\r\nturn_limit_rad = 0.1\r\n\r\n[region]\r\nrows = 51\r\n";
     assert_eq!(
-        says(text),
+        problems(text),
         [
             "1: panl: unknown key; did you mean panel?",
             "3: locate.max_shift_mm: found nan, valid: a number from 0 to 500",
@@ -232,7 +232,7 @@ fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
 #[test]
 fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
     assert_eq!(
-        says("[region\nrows = 99\ncolumns = 6\n[locate]\nmax_shift_mm = 900"),
+        problems("[region\nrows = 99\ncolumns = 6\n[locate]\nmax_shift_mm = 900"),
         [
             "1: region: not TOML: unclosed table, expected `]`",
             "5: locate.max_shift_mm: found 900, valid: a number from 0 to 500"

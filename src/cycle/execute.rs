@@ -80,7 +80,7 @@ impl Turn {
             }
             (Act::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
             (Act::Switch(switch), R::Done) => self.switched(switch),
-            (Act::Move(motion), R::Stands { done }) => self.stands(motion, done),
+            (Act::Move(motion), R::Stands { done }) => self.on_standstill(motion, done),
             (Act::Locate, R::Graded(grade)) => self.graded(grade, Phase::Refine { moves: 0 }),
             (Act::Refine { .. }, R::Graded(grade)) => self.refined(grade),
             (Act::Refine { view }, R::LookOn) => {
@@ -146,7 +146,7 @@ impl Turn {
     }
 
     /// The robot is at standstill at the end of a move, or before it.
-    fn stands(&mut self, motion: Motion, done: u32) {
+    fn on_standstill(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.keep(Rule::WholePath) {
             return self.trouble(Trouble::Short);
         }

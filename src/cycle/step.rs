@@ -17,7 +17,7 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
     let mut turn = Turn { rules, state, effects: Vec::new() };
     match event {
         Event::Asked(request) => turn.asked(request),
-        Event::Told(report) => turn.told(report),
+        Event::Told(report) => turn.on_report(report),
     }
     turn.proceed();
     if turn.state.at != state.at {
@@ -74,7 +74,7 @@ impl Turn {
         }
     }
 
-    fn told(&mut self, report: Report) {
+    fn on_report(&mut self, report: Report) {
         let due = self.state.due;
         let is_due = |id: Id| due.filter(|due| due.id == id);
         match report {

@@ -148,7 +148,7 @@ impl Abrasion {
         }
         let fit = self.fit.insert(Arc::new(today.fit)).clone();
         let kinematics = Kinematics::new(&cycle.cell.arm);
-        let stand = cycle.tour().stand(&kinematics, panel);
+        let stand = cycle.tour().reach_setup(&kinematics, panel);
         let surveyed = survey::survey((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
         let surveyed = surveyed.with_today(today.checks);
         let found_reach = surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe));
@@ -307,7 +307,7 @@ impl Abrasion {
         let plan = plan::lay(on, grids, (&cycle.recipe, self.tool(cycle)))
             .map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
-        let reach = Reach::From(cycle.tour().stand(&kinematics, panel).map_err(refused)?);
+        let reach = Reach::From(cycle.tour().reach_setup(&kinematics, panel).map_err(refused)?);
         Ok(plan::judge(
             plan,
             on,

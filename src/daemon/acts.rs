@@ -94,7 +94,7 @@ impl Running<'_> {
         self.keep(notes)?;
         match (found?, artifacts) {
             (Found::Watching { seen_s }, _) => {
-                self.ports.requests.tell(News::Filmed(seen_s));
+                self.ports.requests.publish(News::Filmed(seen_s));
                 self.wait(id, act, if self.lock_step { Waits::Film } else { Waits::Computing });
             }
             (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
@@ -186,7 +186,7 @@ impl Running<'_> {
         } else {
             tracing::info!(stage, pass, verdict, "{words}");
         }
-        self.ports.requests.tell(News::Noted(judgement.reasons.clone()));
+        self.ports.requests.publish(News::Noted(judgement.reasons.clone()));
         self.ports.record.keep(RecordCommand::Note(Note::Finding(finding)))
     }
 

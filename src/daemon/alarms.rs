@@ -4,7 +4,7 @@ use super::clock::now_unix_ms;
 use super::lending::SharedCameras;
 use super::people::People;
 use super::setup_source::SetupSource;
-use super::standing::{Found, Standing};
+use super::standing::{Found, StandingAlarms};
 use crate::accounts::AuditEntry;
 use crate::history::{Acknowledgement, Alarm, Query};
 use crate::record::CycleId;
@@ -35,7 +35,7 @@ pub struct AlarmId {
 #[derive(Debug)]
 pub struct Alarms {
     people: Arc<People>,
-    standing: Standing,
+    standing: StandingAlarms,
     looked: Mutex<Option<Instant>>,
     /// What is wrong with a connection to the plant, by its name.
     troubles: Mutex<BTreeMap<&'static str, String>>,
@@ -44,7 +44,7 @@ pub struct Alarms {
 impl Alarms {
     /// Alarms of the store that these people have.
     pub fn new(people: Arc<People>) -> Self {
-        Alarms { people, standing: Standing::default(), looked: Mutex::default(), troubles: Mutex::default() }
+        Alarms { people, standing: StandingAlarms::default(), looked: Mutex::default(), troubles: Mutex::default() }
     }
 
     /// All alarms: active ones first, then by priority and time. This runs on the calling thread, which may wait

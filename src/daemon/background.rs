@@ -122,7 +122,7 @@ pub(super) trait Rounds {
     fn forget(&mut self);
 
     /// Reports the result of a round; returns true if the error changed.
-    fn told(&self, problem: Option<&str>) -> bool;
+    fn report_result(&self, problem: Option<&str>) -> bool;
 }
 
 async fn in_rounds(mut work: impl Rounds, what: &str) {
@@ -131,13 +131,13 @@ async fn in_rounds(mut work: impl Rounds, what: &str) {
         match work.round().await {
             Ok(is_more) => {
                 pause = POLL_INTERVAL;
-                work.told(None);
+                work.report_result(None);
                 if !is_more {
                     sleep(POLL_INTERVAL).await;
                 }
             }
             Err(problem) => {
-                if work.told(Some(&problem)) {
+                if work.report_result(Some(&problem)) {
                     tracing::warn!("{what} does not work: {problem}");
                 }
                 work.forget();

@@ -30,7 +30,7 @@ impl Deadlines {
     }
 
     /// The armed deadlines, for a recording.
-    pub fn told(&self) -> Vec<tape::Armed> {
+    pub fn to_recording(&self) -> Vec<tape::Armed> {
         let told = |armed: &Armed| {
             let at_ns = u64::try_from(armed.at.since_start().as_nanos()).unwrap_or(u64::MAX);
             tape::Armed { id: armed.id, which: armed.which, at_ns }
@@ -88,7 +88,7 @@ mod tests {
         let mut deadlines = Deadlines::default();
         deadlines.arm(Id(1), Deadline::Drain, Time::at_ms(300));
         deadlines.arm(Id(2), Deadline::Settle, Time::at_ms(200));
-        let mut again = Deadlines::from_recording(&deadlines.told());
+        let mut again = Deadlines::from_recording(&deadlines.to_recording());
         assert_eq!(again.over(Time::at_ms(199)), None);
         let report = |id, which| Some(Report::Deadline { id: Id(id), which });
         assert_eq!(again.over(Time::at_ms(300)), report(2, Deadline::Settle));

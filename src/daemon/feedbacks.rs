@@ -7,7 +7,7 @@
 //! the sensors: a flow switch flutters, and a sander slows down when it touches. An output that is being switched
 //! is monitored by its own act.
 
-use super::wiring::{Told, Wiring};
+use super::wiring::{SwitchFeedback, Wiring};
 use crate::cell::{Feedback, Output};
 use crate::cycle::{Facts, Switch};
 use crate::eki::State;
@@ -50,26 +50,27 @@ fn words(switch: Switch) -> (&'static str, Output) {
     }
 }
 
-fn told(on: bool) -> &'static str {
+fn on_or_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
 /// What the state reports about a switch's output and feedback.
-fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
+fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = words(switch);
-    let Told { outputs, feedback, opposite } = wiring.proof(switch).told_by(state);
+    let SwitchFeedback { outputs, feedback, opposite } = wiring.proof(switch).told_by(state);
     let agrees = if outputs { "as commanded" } else { "not as commanded" };
     let output_words = format!("the output {} is reported {agrees}", output.name());
     let name = output.feedback().name();
     let feedbacks = [(name, feedback), (Feedback::ToolStands.name(), opposite)];
-    let words =
-        feedbacks.into_iter().filter_map(|(name, on)| Some(format!("; the feedback {name} reads {}", told(on?))));
+    let words = feedbacks
+        .into_iter()
+        .filter_map(|(name, on)| Some(format!("; the feedback {name} reads {}", on_or_off(on?))));
     std::iter::once(output_words).chain(words).collect()
 }
 
 /// Returns the reason: what was proven and does not hold any more, and where to look.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
-    let ((was_proven, _), tells) = (words(switch), tells(switch, wiring, state));
+    let ((was_proven, _), tells) = (words(switch), describe_state(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
     let message =
         format!("expected: {was_proven}; for {contrary_s:.1} s the controller reports something else: {tells}");
@@ -82,7 +83,7 @@ pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) ->
     if wiring.proof(switch).is_told(state) {
         return None;
     }
-    let ((is_asked, _), tells) = (words(switch), tells(switch, wiring, state));
+    let ((is_asked, _), tells) = (words(switch), describe_state(switch, wiring, state));
     let message = format!("commanded: {is_asked}; the controller did not confirm it in time: {tells}");
     Some(Reason::new("feedback", message))
 }

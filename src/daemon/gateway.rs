@@ -4,7 +4,7 @@ use super::caller;
 use super::lending::SharedCameras;
 use super::reply::{Exit, Reply};
 use super::request::{PreparedCycle, Request, StartRequest, What};
-use super::request_queue::{NotTaken, RequestSender};
+use super::request_queue::{RequestQueueError, RequestSender};
 use super::words;
 use crate::record::Who;
 use crate::verdict::Reason;
@@ -68,7 +68,7 @@ impl Gateway {
         let (reply, answer) = oneshot::channel();
         let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
         if let Err(error) = self.queue.send(Request { what, who, reply: Some(reply) }) {
-            let code = if error == NotTaken::Ended { "ended" } else { "busy" };
+            let code = if error == RequestQueueError::Ended { "ended" } else { "busy" };
             return failed(code, &error.to_string());
         }
         if let Some((what, who)) = in_log {

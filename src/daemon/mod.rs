@@ -115,10 +115,10 @@ pub use office::{OfficeParts, OfficeSender, OfficeStatus};
 pub use opcua::{OpcUaParts, OpcUaServer};
 pub use people::{LogIn, People};
 pub use ports::{
-    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
+    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, LinkedRobot,
     LinkedTool, News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,
     RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
-    ToolAnswer, ToolCommand, ToolPort,
+    StoredPicture, ToolAnswer, ToolCommand, ToolPort,
 };
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
@@ -126,12 +126,12 @@ pub use record_source::{RecordPdf, RecordSource};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,
-    RecordingSwitch, Stands, free_mb, recording_file, recordings, too_full,
+    RecordingStatus, RecordingSwitch, free_mb, recording_file, recordings, too_full,
 };
 pub use reply::{Exit, Reply};
 pub use request::{OwnText, PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
 pub use request_handler::{EndedCycle, RequestHandler, ServiceParts};
-pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
+pub use request_queue::{RequestQueue, RequestQueueError, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use setup_source::{Equipment, Examined, RecipeText, SetupSource};

@@ -13,7 +13,7 @@ use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Si
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
-use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, Standing};
+use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, StartState};
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::{Finding, Kind};
@@ -248,7 +248,7 @@ impl Running<'_> {
         let (cycle, state) = (self.setup()?, self.robot_state?);
         let place = self.perception.place();
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
-        let standing = &Standing {
+        let standing = &StartState {
             limits: &cycle.cell.limits,
             arm: &cycle.cell.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),

@@ -16,7 +16,9 @@ mod tool;
 pub use crate::record::Finding;
 pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, NoCameras, Picture2d};
 pub use port::{Command, Port};
-pub use record::{Figure, Keeper, Kept, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort};
+pub use record::{
+    Figure, Keeper, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort, StoredPicture,
+};
 pub use requests::{News, RequestAnswer, RequestCommand, RequestPort, Requester};
 pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};
 pub use tool::{LinkedTool, ToolAnswer, ToolCommand, ToolPort};

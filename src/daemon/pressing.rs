@@ -81,7 +81,7 @@ impl Pressing {
     }
 
     /// Processes the news; returns a lost link as a reason.
-    pub fn hear(&mut self, news: Option<ToolNews>, now: Time) -> Option<Reason> {
+    pub fn on_news(&mut self, news: Option<ToolNews>, now: Time) -> Option<Reason> {
         match news? {
             ToolNews::Reading { reading, age_ms } => {
                 let age = Duration::from_millis(u64::from(age_ms));

@@ -1,6 +1,6 @@
 //! The store as the loop's record.
 
-use super::ports::{Figure, Finding, Keeper, Kept, Note, Port, RecordAnswer, RecordCommand, RecordError};
+use super::ports::{Figure, Finding, Keeper, Note, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture};
 use crate::cycle::Event;
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
@@ -22,14 +22,14 @@ pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
     /// The last line of the journal with a request, until the answer is recorded.
-    line: Option<AskedLine>,
+    line: Option<RequestPosition>,
     pages: Pages,
     is_full_told: bool,
 }
 
 /// The position of a request in the journal.
 #[derive(Debug, Clone, Copy)]
-struct AskedLine {
+struct RequestPosition {
     line: u64,
     cycle: Option<CycleId>,
     /// Findings of the cycle when the request was made: its effects may add some before its answer is recorded.
@@ -207,18 +207,18 @@ impl StoreRecord<'_> {
         self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
     }
 
-    fn name(&mut self, kept: Kept) {
+    fn name(&mut self, kept: StoredPicture) {
         match kept {
-            Kept::Shot(shot) => self.pages.shots.push(shot),
-            Kept::Frame(frame) => self.pages.clip.push(frame),
-            Kept::Figure(figure) => self.pages.pictures.push(figure),
+            StoredPicture::Shot(shot) => self.pages.shots.push(shot),
+            StoredPicture::Frame(frame) => self.pages.clip.push(frame),
+            StoredPicture::Figure(figure) => self.pages.pictures.push(figure),
         }
     }
 
     fn event(&mut self, event: Event) -> Result<(), RecordError> {
         let line = self.store.append(&event, self.cycle).map_err(failed)?;
         if matches!(event, Event::Asked(_)) {
-            self.line = Some(AskedLine { line, cycle: self.cycle, findings: self.pages.findings });
+            self.line = Some(RequestPosition { line, cycle: self.cycle, findings: self.pages.findings });
         }
         Ok(())
     }

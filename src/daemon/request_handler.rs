@@ -165,12 +165,17 @@ impl RequestHandler {
             waypoint: path.map(|intent| intent.done),
             of: path.map(|intent| intent.motion.waypoints),
             page: self.cycle.and_then(|cycle| self.parts.written.get(cycle)),
-            axes_deg: self.parts.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
+            axes_deg: self
+                .parts
+                .cameras
+                .as_ref()
+                .and_then(SharedCameras::resting_joints)
+                .map(|axes| axes.degrees()),
             epoch: Some(state.epoch),
             step: Some(state.step),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
-            recording: self.parts.recording.told(),
+            recording: self.parts.recording.status(),
             done: None,
             reasons,
             extras: self.extras(state),
@@ -219,7 +224,7 @@ impl RequestHandler {
         }
     }
 
-    fn tell(&mut self, state: &State) {
+    fn publish_status(&mut self, state: &State) {
         if self.told != Some(state.at) {
             let status = match self.cycle {
                 Some(cycle) => format!("{}; cycle {cycle}, epoch {}", words::place(state.at), state.epoch),
@@ -325,7 +330,7 @@ impl RequestHandler {
         self.parts.supervisor.check()?;
         // What was requested when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
-        self.tell(state);
+        self.publish_status(state);
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             #[expect(
                 clippy::let_underscore_must_use,
@@ -375,7 +380,7 @@ impl Requester for RequestHandler {
         Ok(request)
     }
 
-    fn hear(&mut self, news: News) {
+    fn on_news(&mut self, news: News) {
         match news {
             News::Refused(request, refusal) => self.refused(request, refusal),
             News::Unable(reasons) => {

@@ -53,12 +53,12 @@ impl Running<'_> {
     pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
         if self.state.at.rests() {
             self.ports.record.keep(RecordCommand::MountDisc)?;
-            self.ports.requests.tell(News::DiscMounted);
+            self.ports.requests.publish(News::DiscMounted);
             return self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
         let message = "a disc can be changed only while the cell is at rest: held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
-        self.ports.requests.tell(News::Unable(reasons.clone()));
+        self.ports.requests.publish(News::Unable(reasons.clone()));
         self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 

@@ -84,7 +84,7 @@ impl Inside {
 
 /// Why a request was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum NotTaken {
+pub enum RequestQueueError {
     /// The loop has ended.
     #[error("the service has ended")]
     Ended,
@@ -117,10 +117,10 @@ impl RequestSender {
     ///
     /// # Errors
     /// If the loop has ended or too many requests wait.
-    pub fn send(&self, request: Request) -> Result<(), NotTaken> {
+    pub fn send(&self, request: Request) -> Result<(), RequestQueueError> {
         let mut inside = self.0.lock();
         if inside.is_closed {
-            return Err(NotTaken::Ended);
+            return Err(RequestQueueError::Ended);
         }
         let is_urgent = request.what.is_urgent();
         if is_urgent {
@@ -129,7 +129,7 @@ impl RequestSender {
             let of_user = inside.others.iter().filter(|other| other.who == request.who).count();
             let waiting = if of_user < MAX_QUEUED_PER_USER { inside.others.len() } else { of_user };
             if of_user >= MAX_QUEUED_PER_USER || waiting >= MAX_QUEUED {
-                return Err(NotTaken::Full { waiting });
+                return Err(RequestQueueError::Full { waiting });
             }
             inside.others.push_back(request);
         }
@@ -207,7 +207,7 @@ mod tests {
         (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
     }
 
-    fn heard(link: &mut BlockingLink, is_it: impl Fn(&Report) -> bool) -> bool {
+    fn receives(link: &mut BlockingLink, is_it: impl Fn(&Report) -> bool) -> bool {
         (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
     }
 
@@ -218,10 +218,10 @@ mod tests {
         let (_server, mut link) = linked();
         let (sender, queue) = request_queue();
         sender.stops_by(link.stop_line());
-        assert!(heard(&mut link, |report| matches!(report, Report::Connected { .. })));
+        assert!(receives(&mut link, |report| matches!(report, Report::Connected { .. })));
         for (request, stops) in [(Hold, false), (Stop, true), (Abort, true)] {
             let epoch = link.open_epoch_above(Epoch(0)).expect("it rests");
-            assert!(heard(&mut link, |report| *report == Report::EpochOpened { epoch }));
+            assert!(receives(&mut link, |report| *report == Report::EpochOpened { epoch }));
             sender.send(Request::new(What::Table(request), Who::by(Front::Socket))).expect("a place");
             let stands = |report: &Report| matches!(report, Report::Standstill { .. });
             assert_eq!(
@@ -230,7 +230,7 @@ mod tests {
             );
             if !stops {
                 link.abort().expect("connected");
-                assert!(heard(&mut link, stands));
+                assert!(receives(&mut link, stands));
             }
         }
         assert!(queue.next(Duration::ZERO).is_some(), "the loop finds them later");
@@ -289,7 +289,7 @@ mod tests {
         for _ in 0..MAX_QUEUED_PER_USER {
             assert_eq!(send(7, Hold), Ok(()));
         }
-        assert_eq!(send(7, Hold), Err(NotTaken::Full { waiting: MAX_QUEUED_PER_USER }));
+        assert_eq!(send(7, Hold), Err(RequestQueueError::Full { waiting: MAX_QUEUED_PER_USER }));
         assert_eq!(send(8, Hold), Ok(()), "another user is not kept out");
         let taken = (9..100).filter(|uid| send(*uid, Hold).is_ok()).count();
         assert_eq!(taken, MAX_QUEUED - MAX_QUEUED_PER_USER - 1);
@@ -303,6 +303,6 @@ mod tests {
         assert_eq!(next(), Some(Hold));
         assert_eq!(send(7, Hold), Ok(()), "a place is free again");
         drop(queue);
-        assert_eq!(send(7, Hold), Err(NotTaken::Ended));
+        assert_eq!(send(7, Hold), Err(RequestQueueError::Ended));
     }
 }

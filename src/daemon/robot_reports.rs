@@ -22,7 +22,7 @@ const FAR_OFF_LIMITS: f64 = 4.0;
 
 impl Running<'_> {
     /// Turns a report into events of the table and into the answer of the pending act.
-    pub(super) fn hear(&mut self, report: eki::Report) -> Result<(), DaemonError> {
+    pub(super) fn on_report(&mut self, report: eki::Report) -> Result<(), DaemonError> {
         use eki::Report as R;
         match report {
             R::Connected { state } | R::State(state) => self.hear_state(&state)?,
@@ -70,7 +70,7 @@ impl Running<'_> {
                     self.epoch_over(Trouble::Slow, Reason::new("slow", words))?;
                 } else {
                     tracing::warn!("{words}");
-                    self.ports.requests.tell(News::Noted(vec![Reason::new("slow", words)]));
+                    self.ports.requests.publish(News::Noted(vec![Reason::new("slow", words)]));
                     self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
                 }
             }

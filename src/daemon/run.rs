@@ -126,7 +126,7 @@ impl Running<'_> {
     /// One event: journal, step, effects.
     pub(super) fn on_event(&mut self, event: Event) -> Result<(), DaemonError> {
         if let Some((request, refusal)) = self.refused_just_now(event) {
-            self.ports.requests.tell(News::Refused(request, refusal));
+            self.ports.requests.publish(News::Refused(request, refusal));
             return Ok(());
         }
         self.ports.record.keep(RecordCommand::Event(event))?;
@@ -160,7 +160,7 @@ impl Running<'_> {
         if ends && event == Event::Asked(cycle::Request::Stop) {
             let stopped = words::stopped();
             tracing::info!("{}", stopped.message);
-            self.ports.requests.tell(News::Noted(vec![stopped]));
+            self.ports.requests.publish(News::Noted(vec![stopped]));
         }
         if self.state.at.rests() && !self.state.job.running && !self.is_single {
             self.perception.forget_pictures();
@@ -204,7 +204,7 @@ impl Running<'_> {
                 if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
                     // Nothing follows from it for a cycle that has its result.
                     tracing::warn!("{}", why.message);
-                    self.ports.requests.tell(News::Noted(vec![why]));
+                    self.ports.requests.publish(News::Noted(vec![why]));
                 } else {
                     self.note(Kind::SelfTest, vec![why])?;
                 }
@@ -216,10 +216,10 @@ impl Running<'_> {
             if let Some(request) = request {
                 self.has_taken_up = true;
                 match self.take_up(request)? {
-                    TakenUp::Happens(event) => return Ok(Some(event)),
-                    TakenUp::Done => continue,
-                    TakenUp::Leave if self.state.at.rests() => return Ok(None),
-                    TakenUp::Leave => {}
+                    RequestOutcome::Happens(event) => return Ok(Some(event)),
+                    RequestOutcome::Done => continue,
+                    RequestOutcome::Leave if self.state.at.rests() => return Ok(None),
+                    RequestOutcome::Leave => {}
                 }
             }
             let now = self.ports.robot.now();
@@ -237,30 +237,30 @@ impl Running<'_> {
                 continue;
             }
             if let Some(report) = self.ports.robot.next()? {
-                self.hear(report)?;
+                self.on_report(report)?;
             }
         }
     }
 
     /// A request: what happens by it, or what is done with it here.
-    fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<TakenUp, DaemonError> {
+    fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<RequestOutcome, DaemonError> {
         self.requester = who;
         if let Some(request) = what.of_table()
             && let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref())
         {
-            self.ports.requests.tell(News::NotPermitted(vec![why.clone()]));
+            self.ports.requests.publish(News::NotPermitted(vec![why.clone()]));
             self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
-            return Ok(TakenUp::Done);
+            return Ok(RequestOutcome::Done);
         }
         match what {
-            What::Leave => return Ok(TakenUp::Leave),
+            What::Leave => return Ok(RequestOutcome::Leave),
             What::Table(request @ (cycle::Request::Unhold { .. } | cycle::Request::Accept))
                 if self.lacks_room() =>
             {
                 let reasons = self.ports.record.check();
                 self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Failed, reasons))?;
             }
-            What::Table(request) => return Ok(TakenUp::Happens(Event::Asked(request))),
+            What::Table(request) => return Ok(RequestOutcome::Happens(Event::Asked(request))),
             What::Begin(prepared) => {
                 let event = self.begin_cycle(*prepared);
                 self.events.extend(event);
@@ -276,7 +276,7 @@ impl Running<'_> {
             // The gateway and the request handler answer these.
             What::Decided { .. } | What::State | What::Start(_) | What::Shoot(_) => {}
         }
-        Ok(TakenUp::Done)
+        Ok(RequestOutcome::Done)
     }
 
     /// Returns whether the disk was found full and still is; if so, informs the client.
@@ -284,7 +284,7 @@ impl Running<'_> {
         let wrong = if self.is_disk_full { self.ports.record.check() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
         if self.is_disk_full {
-            self.ports.requests.tell(News::Unable(wrong));
+            self.ports.requests.publish(News::Unable(wrong));
         }
         self.is_disk_full
     }
@@ -311,13 +311,13 @@ impl Running<'_> {
         }
         match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
-                let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.told());
+                let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.to_recording());
                 let place = self.perception.place().map(|place| KukaPose::from_rigid(&place)).or(self.last_place);
                 self.last_place = place;
-                self.ports.requests.tell(News::Begun(cycle, Begin::Cycle { robot, armed, place }));
+                self.ports.requests.publish(News::Begun(cycle, Begin::Cycle { robot, armed, place }));
             }
             Err(error) => {
-                self.ports.requests.tell(News::Unable(vec![reason("store", &error)]));
+                self.ports.requests.publish(News::Unable(vec![reason("store", &error)]));
                 return None;
             }
         }
@@ -357,9 +357,9 @@ impl Running<'_> {
                 let verdict = kept;
                 self.verdict = Some(verdict);
                 tracing::info!(verdict = verdict.word(), "the cycle is concluded");
-                self.ports.requests.tell(News::Concluded(verdict));
+                self.ports.requests.publish(News::Concluded(verdict));
             }
-            Effect::Refuse { request, refusal } => self.ports.requests.tell(News::Refused(request, refusal)),
+            Effect::Refuse { request, refusal } => self.ports.requests.publish(News::Refused(request, refusal)),
         }
         Ok(())
     }
@@ -401,7 +401,7 @@ impl Running<'_> {
 }
 
 /// What comes of a request.
-enum TakenUp {
+enum RequestOutcome {
     /// An event for the table.
     Happens(Event),
     /// It was dealt with.

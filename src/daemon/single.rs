@@ -17,7 +17,7 @@ use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
 use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid, Tool};
-use crate::path::routes::{self, Standing};
+use crate::path::routes::{self, StartState};
 use crate::path::{Kinematics, judge_joints, reach};
 use crate::supervision::ThreadFault;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -213,7 +213,7 @@ impl<'r> Single<'r> {
         self.executed(id, COMMAND_TIMEOUT)?;
         // From the position of the tip that the controller, with these frames, reports.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
-        let standing = Standing {
+        let standing = StartState {
             limits,
             arm: cell.arm(),
             flange_from_tool: line.tool.flange_from_tool.to_rigid(),
@@ -254,7 +254,7 @@ impl<'r> Single<'r> {
         self.executed(id, COMMAND_TIMEOUT)?;
         let until = self.robot.now() + keep;
         while self.robot.now() < until {
-            self.hear()?;
+            self.receive()?;
         }
         Ok(())
     }
@@ -264,7 +264,7 @@ impl<'r> Single<'r> {
     fn held_to_interlocks(&mut self, name: &str, act: Act, cell: &Cell) -> Result<(), SingleError> {
         let told = self.state.sequence;
         while self.state.sequence == told {
-            self.hear()?;
+            self.receive()?;
         }
         accepted(single_interlocks::judge(name, act, &self.state, cell))
     }
@@ -307,12 +307,12 @@ impl<'r> Single<'r> {
         // After its last client has just left, a controller is still coming to rest.
         let rests_until = self.robot.now() + STANDSTILL_TIMEOUT;
         while self.state.moving && self.robot.now() < rests_until {
-            self.hear()?;
+            self.receive()?;
         }
         let asked = self.robot.open_epoch(Epoch(0)).map_err(|error| self.not_sent(error))?;
         let until = self.robot.now() + COMMAND_TIMEOUT;
         while self.state.epoch != asked {
-            if let Some(Report::EpochNotOpened { asked, found }) = self.hear()? {
+            if let Some(Report::EpochNotOpened { asked, found }) = self.receive()? {
                 return Err(SingleError::Robot(format!("it is in epoch {found}, not in {asked}")));
             }
             self.in_time(until, COMMAND_TIMEOUT)?;
@@ -324,7 +324,7 @@ impl<'r> Single<'r> {
     fn executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
         let until = self.robot.now() + allowed;
         while self.state.done < id || self.state.moving {
-            match self.hear()? {
+            match self.receive()? {
                 Some(Report::Refused { refusal, .. }) => return Err(self.stopped(refusal.to_string())),
                 Some(Report::EchoMismatch(mismatch)) => return Err(self.stopped(mismatch.to_string())),
                 Some(Report::Interrupted { cause }) => return Err(self.stopped(cause.to_string())),
@@ -349,7 +349,7 @@ impl<'r> Single<'r> {
     fn not_sent(&mut self, error: QueueError) -> SingleError {
         if error == QueueError::NotConnected {
             for _ in 0..MAX_REPORTS {
-                if let Err(lost @ SingleError::LinkLost(_)) = self.hear() {
+                if let Err(lost @ SingleError::LinkLost(_)) = self.receive() {
                     return lost;
                 }
             }
@@ -361,14 +361,14 @@ impl<'r> Single<'r> {
     fn stopped(&mut self, why: String) -> SingleError {
         let (before, until) = (self.state.sequence, self.robot.now() + STATE_TIMEOUT);
         while self.state.sequence == before && self.robot.now() < until {
-            if self.hear().is_err() {
+            if self.receive().is_err() {
                 break;
             }
         }
         SingleError::Robot(why)
     }
 
-    fn hear(&mut self) -> Result<Option<Report>, SingleError> {
+    fn receive(&mut self) -> Result<Option<Report>, SingleError> {
         let report = self.robot.next().map_err(broken)?;
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,

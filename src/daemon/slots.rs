@@ -26,11 +26,11 @@ struct Inside<Of> {
     most: Most,
     last: u64,
     /// The one that has been silent for longest first.
-    taken: Vec<Taken<Of>>,
+    taken: Vec<OccupiedSlot<Of>>,
 }
 
 #[derive(Debug)]
-struct Taken<Of> {
+struct OccupiedSlot<Of> {
     number: u64,
     of: Of,
     wanted: oneshot::Sender<()>,
@@ -46,7 +46,7 @@ pub(super) struct Slot<Of> {
 
 /// Marks the connection of a slot as active. Clones mark the same connection.
 #[derive(Debug)]
-pub(super) struct Heard<Of> {
+pub(super) struct ActivityHandle<Of> {
     number: u64,
     slots: Slots<Of>,
 }
@@ -57,9 +57,9 @@ impl<Of> Clone for Slots<Of> {
     }
 }
 
-impl<Of> Clone for Heard<Of> {
+impl<Of> Clone for ActivityHandle<Of> {
     fn clone(&self) -> Self {
-        Heard { number: self.number, slots: self.slots.clone() }
+        ActivityHandle { number: self.number, slots: self.slots.clone() }
     }
 }
 
@@ -87,7 +87,7 @@ impl<Of: Copy + PartialEq> Slots<Of> {
         }
         inside.last += 1;
         let (number, (tell, wanted)) = (inside.last, oneshot::channel());
-        inside.taken.push(Taken { number, of, wanted: tell });
+        inside.taken.push(OccupiedSlot { number, of, wanted: tell });
         Slot { number, wanted, slots: self.clone() }
     }
 }
@@ -109,12 +109,12 @@ impl<Of> Slot<Of> {
     }
 
     /// Returns the handle that marks this slot's connection as active.
-    pub fn heard(&self) -> Heard<Of> {
-        Heard { number: self.number, slots: self.slots.clone() }
+    pub fn activity_handle(&self) -> ActivityHandle<Of> {
+        ActivityHandle { number: self.number, slots: self.slots.clone() }
     }
 }
 
-impl<Of> Heard<Of> {
+impl<Of> ActivityHandle<Of> {
     /// The connection was heard just now: of all it is the last one to give way.
     pub fn now(&self) {
         let mut inside = self.slots.lock();
@@ -169,10 +169,10 @@ mod tests {
     fn whoever_was_heard_lately_gives_way_last() {
         let slots = Slots::new(Most { of_one: 2, of_all: 4 });
         let (mut first, mut second) = (slots.acquire(7), slots.acquire(7));
-        first.heard().now();
+        first.activity_handle().now();
         let mut third = slots.acquire(7);
         assert!(is_wanted(&mut second) && !is_wanted(&mut first) && !is_wanted(&mut third));
-        second.heard().now();
+        second.activity_handle().now();
         drop(second);
         assert_eq!(slots.lock().taken.len(), 2, "one that gave way takes no slot again");
     }

@@ -199,7 +199,7 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
     });
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
         tracing::warn!("refused to {}: {}", caller::in_log(&caller::named(who)), reason.message);
-        return tell(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
+        return send_reply(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
     }
     if let (Ok(What::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
         return lend(stream, *shot, cameras.clone(), who);
@@ -211,10 +211,10 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         }
         Err(error) => Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
     };
-    tell(&stream, &reply).await;
+    send_reply(&stream, &reply).await;
 }
 
-async fn tell(stream: &UnixStream, reply: &Reply) {
+async fn send_reply(stream: &UnixStream, reply: &Reply) {
     let Ok(mut line) = serde_json::to_vec(reply) else { return };
     line.push(b'\n');
     #[expect(

@@ -16,7 +16,7 @@ const CAMERA: &str = "camera";
 
 /// The alarms between cycles.
 #[derive(Debug, Default)]
-pub(super) struct Standing(Mutex<Vec<Alarm>>);
+pub(super) struct StandingAlarms(Mutex<Vec<Alarm>>);
 
 /// The problems found; for the cameras `None` if they were not examined.
 #[derive(Debug, Default)]
@@ -25,7 +25,7 @@ pub(super) struct Found {
     pub cameras: Option<Vec<Reason>>,
 }
 
-impl Standing {
+impl StandingAlarms {
     /// Raises what is new, and ends what is not found any more.
     pub fn look(&self, found: &Found, now_unix_ms: i64) {
         let mut alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -79,26 +79,26 @@ mod tests {
         Found { cell, cameras }
     }
 
-    fn told(standing: &Standing) -> Vec<(String, i64, Option<i64>)> {
+    fn summary(standing: &StandingAlarms) -> Vec<(String, i64, Option<i64>)> {
         let alarms = standing.alarms(&[]).into_iter();
         alarms.map(|alarm| (alarm.code, alarm.raised_unix_ms, alarm.gone_unix_ms)).collect()
     }
 
     #[test]
     fn an_alarm_lasts_until_what_gave_it_is_gone() {
-        let standing = Standing::default();
+        let standing = StandingAlarms::default();
         let scarce = "disk_scarce";
         standing.look(&found(&[(scarce, "9999.5 MB are free")], Some(&[])), 10);
         standing.look(&found(&[(scarce, "8 MB are free")], None), 20);
-        assert_eq!(told(&standing), [(scarce.to_owned(), 10, None)], "another number is the same alarm");
+        assert_eq!(summary(&standing), [(scarce.to_owned(), 10, None)], "another number is the same alarm");
         standing.look(&found(&[], None), 30);
         standing.look(&found(&[(scarce, "7 MB are free")], None), 40);
-        assert_eq!(told(&standing), [(scarce.to_owned(), 10, Some(30)), (scarce.to_owned(), 40, None)]);
+        assert_eq!(summary(&standing), [(scarce.to_owned(), 10, Some(30)), (scarce.to_owned(), 40, None)]);
     }
 
     #[test]
     fn a_camera_that_was_not_looked_at_stays_as_it_was() {
-        let standing = Standing::default();
+        let standing = StandingAlarms::default();
         standing.look(&found(&[], Some(&["the scanner: no answer", "the flange camera: no answer"])), 10);
         standing.look(&found(&[], None), 20);
         let times: Vec<i64> = standing.alarms(&[]).iter().map(|alarm| alarm.raised_unix_ms).collect();
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn the_list_does_not_grow_for_ever() {
-        let standing = Standing::default();
+        let standing = StandingAlarms::default();
         for at in 0..500 {
             standing.look(&found(&[("disk_scarce", "little is free")], None), 2 * at);
             standing.look(&found(&[], None), 2 * at + 1);

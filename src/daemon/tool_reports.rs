@@ -22,7 +22,7 @@ impl Running<'_> {
     pub(super) fn attend_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
         let cell = self.cell.clone();
         let Some(tool) = &cell.tool else { return Ok(false) };
-        let lost = self.pressing.hear(self.ports.tool.news(), now);
+        let lost = self.pressing.on_news(self.ports.tool.news(), now);
         let (under_way, downwards) = (self.contact_reached(), self.tool_downwards());
         if let Some(press) = self.pressing.wanted(tool, (under_way, downwards), now) {
             self.ports.tool.press(press);
@@ -30,7 +30,7 @@ impl Running<'_> {
         if under_way.is_none() {
             if let Some(lost) = lost {
                 tracing::warn!("{}", lost.message);
-                self.ports.requests.tell(News::Noted(vec![lost]));
+                self.ports.requests.publish(News::Noted(vec![lost]));
             }
             return Ok(false);
         }

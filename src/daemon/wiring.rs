@@ -56,7 +56,7 @@ pub(super) struct Proof {
 
 /// The content of a state about a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Told {
+pub(super) struct SwitchFeedback {
     /// The outputs are as they were set.
     pub outputs: bool,
     /// The value of the feedback, if there is one.
@@ -67,9 +67,9 @@ pub(super) struct Told {
 
 impl Proof {
     /// Returns whether the state reports the outputs as set, and the feedbacks as they read in it.
-    pub(super) fn told_by(&self, state: &State) -> Told {
+    pub(super) fn told_by(&self, state: &State) -> SwitchFeedback {
         let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| reads(state, bit));
-        Told {
+        SwitchFeedback {
             outputs: state.outputs & self.outputs == self.outputs_on,
             feedback: read(self.feedback),
             opposite: read(self.opposite),

@@ -10,7 +10,7 @@ const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nGLOBAL STRUC POINT INT ID,N,REAL R,
     WORDS[]=\"abc\"\nENDDAT\n";
 
 /// Everything that is reported of a program beside [`DATA`], `line: key: message`.
-fn told(program: &str) -> Vec<String> {
+fn reported_messages(program: &str) -> Vec<String> {
     let [problems, warnings, _] = reported(program);
     [problems, warnings].concat()
 }
@@ -27,7 +27,7 @@ fn reported(program: &str) -> [Vec<String>; 3] {
 
 /// Of these statements in a routine with `I`, `R`, `B` assigned.
 fn told_of(statements: &str) -> Vec<String> {
-    told(&format!(
+    reported_messages(&format!(
         "DEF A( )\nDECL INT I\nDECL REAL R\nDECL BOOL B\nDECL POINT P\nI=1\nR=1.0\nB=FALSE\nP=PLACES[1]\n{statements}\n\
          END\nDEFFCT INT SUM(X:IN,Y:OUT)\nDECL INT X\nDECL REAL Y\nY=1.0\nRETURN X\nENDFCT\n"
     ))
@@ -70,7 +70,7 @@ fn what_an_integrator_writes_is_read() {
     assert_eq!(told_of(statements), Vec::<String>::new());
     let foreign = "&REL 4\nDEF A( )\nEXT BAS (BAS_COMMAND :IN,REAL :IN )\nINT I,K\n;FOLD INI\nBAS (#INITMOV,0)\n\
         ;ENDFOLD\nI=1\nK=I\nEND\n";
-    assert_eq!(told(foreign), Vec::<String>::new());
+    assert_eq!(reported_messages(foreign), Vec::<String>::new());
 }
 
 /// Each line is one slip, with the beginning of its report; the first statement is in line 10.
@@ -153,14 +153,14 @@ fn what_a_routine_leaves_open_is_told() {
         ("DEF A( )\nI=1", "2: : the file ends before END"),
         ("DEF A\nEND", "1: DEF: '(' is expected instead of the end of the line"),
     ] {
-        let told = told(program);
+        let told = reported_messages(program);
         assert!(told.iter().any(|told| told.starts_with(expected)), "{program}: {told:#?} instead of {expected}");
     }
     // No way leaves it open.
     let right = "DEF A( )\nDECL INT I\nIF COUNT>0 THEN\nI=1\nELSE\nRETURN\nENDIF\nCOUNT=I\nLOOP\nI=2\nENDLOOP\nEND\n\
         DEFFCT INT F( )\nDECL EKI_STATUS RET\nDECL INT I\nI=0\nRET=EKI_GetInt(\"C\",\"T\",I)\nSWITCH I\nCASE 1\nRETURN 1\n\
         DEFAULT\nRETURN RET.Buff\nENDSWITCH\nENDFCT";
-    assert_eq!(told(right), Vec::<String>::new());
+    assert_eq!(reported_messages(right), Vec::<String>::new());
 }
 
 #[test]

@@ -12,7 +12,7 @@ fn rectangle(from_s: f64, [left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> S
     shape(from_s, &[[left, top], [right, top], [right, bottom], [left, bottom]])
 }
 
-fn said(breaks: Vec<Break>) -> Statement {
+fn statement(breaks: Vec<Break>) -> Statement {
     Statement { author: "A. Meier".to_owned(), clean: breaks.is_empty(), breaks }
 }
 
@@ -31,7 +31,7 @@ fn pixels_break_when_a_growing_shape_reaches_them() {
         closes_s: None,
         shapes: vec![rectangle(4.0, [1.5, 0.5], [4.5, 2.5]), rectangle(8.0, [1.5, 0.5], [6.5, 2.5])],
     };
-    assert_eq!(problems(&said(vec![grows.clone()]), &frame()), []);
+    assert_eq!(problems(&statement(vec![grows.clone()]), &frame()), []);
     let broken = broken(&[grows], &frame());
     let row: Vec<f64> = broken.since_wet_s[10..20].to_vec();
     let never = f64::INFINITY;
@@ -69,7 +69,7 @@ fn a_shape_holds_until_another_one_and_what_closed_did_break() {
 
 #[test]
 fn what_cannot_be_is_named_with_its_break() {
-    let of = |shapes: Vec<Shape>, closes_s: Option<f64>| said(vec![Break { closes_s, shapes }]);
+    let of = |shapes: Vec<Shape>, closes_s: Option<f64>| statement(vec![Break { closes_s, shapes }]);
     let good = || rectangle(4.0, [1.0, 1.0], [4.0, 4.0]);
     let cases = [
         (
@@ -77,7 +77,7 @@ fn what_cannot_be_is_named_with_its_break() {
             "the name of the person who labels is missing",
         ),
         (Statement { author: "A\nB".to_owned(), ..of(vec![good()], None) }, "no control characters"),
-        (Statement { clean: false, ..said(vec![]) }, "no break is drawn"),
+        (Statement { clean: false, ..statement(vec![]) }, "no break is drawn"),
         (Statement { clean: true, ..of(vec![good()], None) }, "to be clean, but breaks are drawn (1)"),
         (of(vec![], None), "break 1 has no shape"),
         (of(vec![shape(4.0, &[[1.0, 1.0], [2.0, 2.0]])], None), "shape from 4 s: it has 2 corners, at least 3"),
@@ -111,7 +111,7 @@ fn what_cannot_be_is_named_with_its_break() {
     let long = ClipFrame { wet_times_s: vec![3.0, 900.0], ..frame() };
     let late = of(vec![rectangle(700.0, [1.0, 1.0], [4.0, 4.0])], None);
     assert_eq!(problems(&late, &long), [Problem::TooLate { number: 1, since_wet_s: 697.0 }]);
-    assert_eq!(problems(&said(vec![]), &frame()), [], "a clean clip is a statement");
+    assert_eq!(problems(&statement(vec![]), &frame()), [], "a clean clip is a statement");
 }
 
 fn file(breaks: Vec<Break>) -> LabelFile {

@@ -1,6 +1,6 @@
 //! Decides when the line makes a request: by an edge that was seen from its low side on, never by a level.
 
-use super::signals::{CellStands, LineInputs, Told, told};
+use super::signals::{CellStatus, LineInputs, LineSignals, line_signals};
 use crate::cell::LineSignal;
 
 /// This many looks in a row must show the same before it counts: a bouncing contact makes no request.
@@ -21,7 +21,7 @@ pub struct Look {
     /// The line's inputs; `None` if nothing is received from the controller.
     pub inputs: Option<LineInputs>,
     /// The state of the cell; `None` if its loop does not answer.
-    pub cell: Option<CellStands>,
+    pub cell: Option<CellStatus>,
 }
 
 /// The observations of the line so far.
@@ -74,17 +74,17 @@ impl Handshake {
     }
 
     /// The signals that the line receives now.
-    pub fn told(&mut self, look: &Look) -> Told {
+    pub fn output_signals(&mut self, look: &Look) -> LineSignals {
         let is_over = match self.refused {
             Some(LineRequest::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
             Some(LineRequest::Reset) => look.cell.as_ref().is_some_and(|cell| cell.state != "complete"),
             None => true,
         };
         if !is_over {
-            return Told::from_signals(&[LineSignal::Fault]);
+            return LineSignals::from_signals(&[LineSignal::Fault]);
         }
         self.refused = None;
-        told(look.cell.as_ref())
+        line_signals(look.cell.as_ref())
     }
 
     fn idle(&mut self, inputs: LineInputs) -> Option<LineRequest> {

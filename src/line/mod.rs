@@ -14,4 +14,4 @@ mod signals;
 mod tests;
 
 pub use handshake::{Handshake, LineRequest, Look};
-pub use signals::{CellStands, LineInputs, Told, told};
+pub use signals::{CellStatus, LineInputs, LineSignals, line_signals};

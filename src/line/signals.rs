@@ -14,7 +14,7 @@ pub struct LineInputs {
 
 /// The state of the cell, for the line.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CellStands {
+pub struct CellStatus {
     /// The PackML word of its state.
     pub state: String,
     /// Whether it waits for a person's word on a result.
@@ -25,12 +25,12 @@ pub struct CellStands {
 
 /// The signals that are on, as bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Told(pub u32);
+pub struct LineSignals(pub u32);
 
-impl Told {
+impl LineSignals {
     /// These signals.
     pub fn from_signals(signals: &[LineSignal]) -> Self {
-        Told(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
+        LineSignals(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
     }
 
     /// Whether this one is on.
@@ -40,18 +40,20 @@ impl Told {
 }
 
 /// The signals to the line. If the loop does not answer, the only signal is that a person is needed.
-pub fn told(cell: Option<&CellStands>) -> Told {
+pub fn line_signals(cell: Option<&CellStatus>) -> LineSignals {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
-    let Some(cell) = cell else { return Told::from_signals(&[Fault]) };
+    let Some(cell) = cell else { return LineSignals::from_signals(&[Fault]) };
     match (cell.state.as_str(), cell.verdict) {
-        ("idle", _) => Told::from_signals(&[Ready]),
-        ("complete", Some(Verdict::Pass)) => Told::from_signals(&[CycleDone, Pass]),
-        ("complete", Some(_)) => Told::from_signals(&[CycleDone, Fail]),
+        ("idle", _) => LineSignals::from_signals(&[Ready]),
+        ("complete", Some(Verdict::Pass)) => LineSignals::from_signals(&[CycleDone, Pass]),
+        ("complete", Some(_)) => LineSignals::from_signals(&[CycleDone, Fail]),
         // A line must not continue after a cycle without a verdict.
-        ("complete", None) => Told::from_signals(&[Fault]),
-        ("held", _) if cell.is_review => Told::from_signals(&[Review]),
-        ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => Told(0),
+        ("complete", None) => LineSignals::from_signals(&[Fault]),
+        ("held", _) if cell.is_review => LineSignals::from_signals(&[Review]),
+        ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => {
+            LineSignals(0)
+        }
         // Stopped, held for trouble, aborted: a person has to do something.
-        _ => Told::from_signals(&[Fault]),
+        _ => LineSignals::from_signals(&[Fault]),
     }
 }

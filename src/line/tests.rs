@@ -24,7 +24,7 @@ const STATES: [&str; 14] = [
 ];
 
 fn look(state: &str, part_present: bool, start_request: bool) -> Look {
-    let cell = CellStands { state: state.to_owned(), is_review: false, verdict: Some(Verdict::Pass) };
+    let cell = CellStatus { state: state.to_owned(), is_review: false, verdict: Some(Verdict::Pass) };
     Look { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
 }
 
@@ -116,22 +116,26 @@ fn a_reset_needs_a_part_that_went() {
 fn a_refusal_is_told() {
     let mut handshake = Handshake::default();
     let (low, high) = (look("idle", true, false), look("idle", true, true));
-    assert_eq!(handshake.told(&high), Told::from_signals(&[LineSignal::Ready]));
+    assert_eq!(handshake.output_signals(&high), LineSignals::from_signals(&[LineSignal::Ready]));
     handshake.refused(LineRequest::Start);
     for _ in 0..3 {
-        assert_eq!(handshake.told(&high), Told::from_signals(&[LineSignal::Fault]));
+        assert_eq!(handshake.output_signals(&high), LineSignals::from_signals(&[LineSignal::Fault]));
     }
-    assert_eq!(handshake.told(&low), Told::from_signals(&[LineSignal::Ready]));
-    assert_eq!(handshake.told(&high), Told::from_signals(&[LineSignal::Ready]), "it was taken back");
+    assert_eq!(handshake.output_signals(&low), LineSignals::from_signals(&[LineSignal::Ready]));
+    assert_eq!(
+        handshake.output_signals(&high),
+        LineSignals::from_signals(&[LineSignal::Ready]),
+        "it was taken back"
+    );
     handshake.refused(LineRequest::Reset);
     let silent = Look { cell: None, ..low.clone() };
     for look in
         [look("complete", false, false), look("complete", true, true), silent, look("complete", false, false)]
     {
-        assert_eq!(handshake.told(&look), Told::from_signals(&[LineSignal::Fault]));
+        assert_eq!(handshake.output_signals(&look), LineSignals::from_signals(&[LineSignal::Fault]));
     }
-    assert_eq!(handshake.told(&look("resetting", false, false)), Told(0));
-    assert_eq!(handshake.told(&low), Told::from_signals(&[LineSignal::Ready]));
+    assert_eq!(handshake.output_signals(&look("resetting", false, false)), LineSignals(0));
+    assert_eq!(handshake.output_signals(&low), LineSignals::from_signals(&[LineSignal::Ready]));
 }
 
 /// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle
@@ -143,7 +147,7 @@ fn what_is_told_is_never_two_things() {
     for state in STATES {
         for verdict in verdicts {
             for is_review in [false, true] {
-                let now = told(Some(&CellStands { state: state.to_owned(), is_review, verdict }));
+                let now = line_signals(Some(&CellStatus { state: state.to_owned(), is_review, verdict }));
                 let one = [Ready, CycleDone, Review, Fault].iter().filter(|signal| now.has(**signal)).count();
                 assert!(one <= 1, "{state} {verdict:?}");
                 assert_eq!(now.has(CycleDone), now.has(Pass) != now.has(Fail), "{state} {verdict:?}");
@@ -152,10 +156,10 @@ fn what_is_told_is_never_two_things() {
             }
         }
     }
-    assert_eq!(told(None), Told::from_signals(&[Fault]));
-    let held = |is_review| CellStands { state: "held".to_owned(), is_review, verdict: None };
-    assert_eq!(told(Some(&held(true))), Told::from_signals(&[Review]));
-    assert_eq!(told(Some(&held(false))), Told::from_signals(&[Fault]));
+    assert_eq!(line_signals(None), LineSignals::from_signals(&[Fault]));
+    let held = |is_review| CellStatus { state: "held".to_owned(), is_review, verdict: None };
+    assert_eq!(line_signals(Some(&held(true))), LineSignals::from_signals(&[Review]));
+    assert_eq!(line_signals(Some(&held(false))), LineSignals::from_signals(&[Fault]));
     let bits: Vec<u32> = LineSignal::VARIANTS.iter().map(|signal| signal.bit()).collect();
     assert_eq!(bits, [1, 2, 4, 8, 16, 32], "as the controller has them");
 }

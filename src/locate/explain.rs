@@ -143,7 +143,7 @@ fn surface(
 }
 
 /// Returns whether an edge is at its place.
-fn told(edge: &Edge) -> OutlineMark {
+fn outline_mark(edge: &Edge) -> OutlineMark {
     match edge.is_within(EDGE_FOUND_PX) {
         Some(true) => OutlineMark::Found,
         Some(false) => OutlineMark::Elsewhere,
@@ -162,7 +162,7 @@ fn marks(
         let end = |way_mm: f64| {
             inputs.grid.camera.project(camera_point(&motion.point(&(mark.point + mark.along * way_mm))))
         };
-        Some(([end(-mark.length_mm / 2.0)?, end(mark.length_mm / 2.0)?], told(edge)))
+        Some(([end(-mark.length_mm / 2.0)?, end(mark.length_mm / 2.0)?], outline_mark(edge)))
     };
     residuals.mark_edges.iter().filter_map(stretch).collect()
 }
@@ -174,7 +174,7 @@ fn outline(
 ) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
     let motion = Motion::from_rigid(placed);
     let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
-    let mark = |(k, edge): &(usize, Edge)| Some((pixel(*k)?, told(edge)));
+    let mark = |(k, edge): &(usize, Edge)| Some((pixel(*k)?, outline_mark(edge)));
     let width = |(k, edge): &(usize, Edge)| match edge {
         Edge::Colour { width_px, .. } => Some((*k, *width_px)),
         _ => None,

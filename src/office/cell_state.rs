@@ -30,9 +30,9 @@ pub struct CellState {
     /// How far the path has come: waypoint and how many there are.
     pub waypoint: Option<[u32; 2]>,
     /// The reasons for its state: codes and messages.
-    pub reasons: Vec<Told>,
+    pub reasons: Vec<ReasonText>,
     /// What is wrong with the cell between cycles: a disk, a calibration that ends.
-    pub standing: Vec<Told>,
+    pub standing: Vec<ReasonText>,
     /// The last number of each epoch that the cell has for the office.
     pub last: Vec<Position>,
 }
@@ -40,7 +40,7 @@ pub struct CellState {
 /// A reason in words.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Told {
+pub struct ReasonText {
     /// Its code.
     pub code: String,
     /// In words.

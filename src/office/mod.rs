@@ -27,7 +27,7 @@ pub mod subject;
 pub use archive_settings::{ArchiveSettings, Database, FleetPage};
 pub use assembly::{Assembled, Assembly, Unfit};
 pub use body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
-pub use cell_state::{CellState, Told};
+pub use cell_state::{CellState, ReasonText};
 pub use chunk::{Chunk, What, chunks};
 pub use compare::{Compared, compare};
 pub use error::OfficeError;

@@ -77,7 +77,7 @@ impl Progress {
 
     /// Processes the office's report up to which number it has all of an epoch; the last number in the store is
     /// `last`.
-    pub fn told(&mut self, epoch: &str, archived: u64, last: u64) -> OfficeSays {
+    pub fn on_archived(&mut self, epoch: &str, archived: u64, last: u64) -> OfficeSays {
         if archived > last {
             return OfficeSays::HasMore;
         }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::cell::CellName;
 use crate::record::CycleId;
-use crate::signing::{self, CellKey, FORM, Meaning, PersonSignature, Said, Statement, StorePlace};
+use crate::signing::{self, CellKey, FORM, Meaning, PersonSignature, Statement, StatementContent, StorePlace};
 use proptest::prelude::*;
 
 const EPOCH: &str = "0123456789abcdef0123456789abcdef";
@@ -48,7 +48,7 @@ fn signature() -> Message {
         unix_ms: 6,
         public_key: key.public().hex(),
         store: StorePlace { link: 1, hash: "01".repeat(32) },
-        says: Said::Person(person),
+        says: StatementContent::Person(person),
     };
     let statement = statement.canonical().expect("JSON");
     let body = Body::Signature {
@@ -149,20 +149,20 @@ fn the_office_has_the_last_word_on_what_it_has() {
     let mut progress = Progress::default();
     progress.at_stream("one");
     progress.took(&at(9));
-    assert_eq!(progress.told(EPOCH, 5, 9), OfficeSays::Known);
+    assert_eq!(progress.on_archived(EPOCH, 5, 9), OfficeSays::Known);
     assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH), progress.behind(&[at(12)])), (9, 5, 7));
     // Another stream has nothing of what was sent; what is in the office need not be sent again.
     progress.at_stream("two");
     assert_eq!(progress.sent(EPOCH), 5);
     progress.took(&at(12));
     // A database that was restored.
-    assert_eq!(progress.told(EPOCH, 2, 12), OfficeSays::HasLess);
+    assert_eq!(progress.on_archived(EPOCH, 2, 12), OfficeSays::HasLess);
     assert_eq!(progress.sent(EPOCH), 2);
     // More than the store ever had is a contradiction, and changes nothing.
-    assert_eq!(progress.told(EPOCH, 13, 12), OfficeSays::HasMore);
+    assert_eq!(progress.on_archived(EPOCH, 13, 12), OfficeSays::HasMore);
     assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH)), (2, 2));
     // Another process sent it.
-    assert_eq!(progress.told(EPOCH, 12, 12), OfficeSays::Known);
+    assert_eq!(progress.on_archived(EPOCH, 12, 12), OfficeSays::Known);
     assert_eq!((progress.sent(EPOCH), progress.behind(&[at(12)])), (12, 0));
 }
 
@@ -204,8 +204,8 @@ fn what_is_sent_again_has_another_name() {
     let part = chunks(&cell(), &What::Message(at(3)), b"x").expect("parts").remove(0);
     assert_eq!(part.message_id(0), format!("cell-1/{EPOCH}/3/1"));
     let mut progress = Progress::default();
-    progress.told(EPOCH, 5, 9);
-    progress.told(EPOCH, 2, 9);
+    progress.on_archived(EPOCH, 5, 9);
+    progress.on_archived(EPOCH, 2, 9);
     assert_eq!(part.message_id(progress.again()), format!("cell-1/{EPOCH}/3/1/1"));
 }
 

@@ -6,9 +6,9 @@
 //! motion is checked again from the actual axes: see `routes`.
 
 use super::Kinematics;
-use super::panel_reach::Stand;
+use super::panel_reach::ReachSetup;
 use super::reach::{Obstacles, joint_motion};
-use super::routes::{self, Standing};
+use super::routes::{self, StartState};
 use crate::cell::{self, Limits};
 use crate::geometry::{Base, Flange, FlangeCamera, Joints, Panel, Rigid, Tool};
 use crate::panel::TaughtCorner;
@@ -51,7 +51,11 @@ impl<'a> CornerTour<'a> {
     ///
     /// # Errors
     /// If there is no corner, or the arm does not reach one of them.
-    pub fn stand<'k>(&self, kinematics: &'k Kinematics, panel: &Approach<'_>) -> Result<Stand<'k>, Reason> {
+    pub fn reach_setup<'k>(
+        &self,
+        kinematics: &'k Kinematics,
+        panel: &Approach<'_>,
+    ) -> Result<ReachSetup<'k>, Reason> {
         let mut at = self.begin(kinematics, panel.obstacles)?;
         for &corner in panel.corners {
             at = self.joints_at_corner(kinematics, (at, corner), panel)?;
@@ -60,7 +64,7 @@ impl<'a> CornerTour<'a> {
             return Err(no_corner());
         }
         let (flange_from_tool, base_from_panel) = (self.flange_from_tool, panel.base_from_panel);
-        Ok(Stand { arm: kinematics, flange_from_tool, base_from_panel, from: Some(at) })
+        Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, from: Some(at) })
     }
 
     /// Returns the first corners, up to this number, that the arm reaches if only the obstacles of the cell's file
@@ -127,7 +131,7 @@ impl<'a> CornerTour<'a> {
         let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
         let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
-        let gated = routes::view(&Standing { limits, arm, flange_from_tool, joints: at, obstacles }, from, to);
+        let gated = routes::view(&StartState { limits, arm, flange_from_tool, joints: at, obstacles }, from, to);
         let refused = gated.judgement().reasons.into_iter().next();
         let on_the_way = |reason: Reason| Reason {
             message: format!("on the way to corner {}: {}", corner + 1, reason.message),

@@ -29,7 +29,7 @@ const SHIFT_LEGS: usize = 60;
 
 /// The panel's place before an arm with its tool.
 #[derive(Debug, Clone, Copy)]
-pub struct Stand<'a> {
+pub struct ReachSetup<'a> {
     /// The arm.
     pub arm: &'a Kinematics,
     /// The sanding tool.
@@ -68,14 +68,14 @@ pub struct Unreached {
 ///
 /// # Panics
 /// If a number of the plan is not finite: see [`plan`].
-pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
+pub fn of_plan(plan: &Plan, stand: &ReachSetup<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
     with_room(plan, stand, settings, SUFFICIENT_ROOM_DEG)
 }
 
 /// The first spin with as much room, else the one with the most.
 fn with_room(
     plan: &Plan,
-    stand: &Stand<'_>,
+    stand: &ReachSetup<'_>,
     settings: &recipe::Path,
     enough_deg: f64,
 ) -> Result<Reached, Box<Unreached>> {
@@ -110,7 +110,7 @@ fn with_room(
 }
 
 /// The path, and from each waypoint in contact the retract of a stop.
-fn followed(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Result<Travel, ReachFault> {
+fn followed(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Result<Travel, ReachFault> {
     let legs = legs(plan, stand, spin_deg);
     let travel = follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs)?;
     let in_contact = plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| waypoint.contact);
@@ -120,7 +120,7 @@ fn followed(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Result<Travel, Rea
     Ok(travel)
 }
 
-fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {
+fn unreached(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {
     let legs = legs(plan, stand, spin_deg);
     let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
     // Such legs are far apart and give no information about speed, so they are followed slowly.
@@ -139,7 +139,7 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
 }
 
 /// Returns the plan as the arm would receive it, its tool turned about its own axis.
-pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
+pub fn legs(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Vec<Leg> {
     let spin = about_own_axis(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let leg = |waypoint: &Waypoint| Leg {
@@ -188,7 +188,7 @@ pub struct GridReach {
 pub fn of_grids(
     surface: &BSplineSurface,
     (region, outline): (&Region, &[Point<Panel>]),
-    stand: &Stand<'_>,
+    stand: &ReachSetup<'_>,
     settings: &recipe::Path,
 ) -> Result<Vec<GridReach>, PlanError> {
     let ids: Vec<GridId> = region.ids().collect();

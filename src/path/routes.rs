@@ -34,7 +34,7 @@ const MODEL: Degrees = Degrees(1.0);
 
 /// The state of the arm before a path.
 #[derive(Debug, Clone, Copy)]
-pub struct Standing<'a> {
+pub struct StartState<'a> {
     /// The cell's limits.
     pub limits: &'a Limits,
     /// The arm.
@@ -109,7 +109,7 @@ pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
 
 /// Returns a straight way through air from the arm's current pose, in a base that is at `base_from_active`.
 pub fn air<Active: crate::geometry::Frame>(
-    standing: &Standing<'_>,
+    standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
     ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
@@ -119,7 +119,7 @@ pub fn air<Active: crate::geometry::Frame>(
 
 /// The same at a speed of its own.
 pub fn air_at<Active: crate::geometry::Frame>(
-    standing: &Standing<'_>,
+    standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, to): (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
@@ -156,7 +156,7 @@ pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
 /// already is. Feed and rounding are each waypoint's own. A plan that its own gate rejects is not sent, even if a
 /// person accepted the steps before. The decisions that this gate requests from a person were requested before.
 pub fn contact(
-    standing: &Standing<'_>,
+    standing: &StartState<'_>,
     base_from_panel: Rigid<Base, Panel>,
     (from, plan): (Rigid<Panel, Tool>, &Plan),
     settings: &recipe::Path,
@@ -188,7 +188,7 @@ pub fn contact(
 }
 
 /// The way to a view of a corner, which is measured from there.
-pub fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
+pub fn view(standing: &StartState<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
     let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
     match standing.where_measured([to]) {
         Some(outside) => gated.refused_for(vec![outside]),
@@ -197,7 +197,7 @@ pub fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, To
 }
 
 fn gated<Active: crate::geometry::Frame>(
-    standing: &Standing<'_>,
+    standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, points): (Rigid<Active, Tool>, Vec<LinearMotion>),
     (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
@@ -234,7 +234,7 @@ fn gated<Active: crate::geometry::Frame>(
     }
 }
 
-impl Standing<'_> {
+impl StartState<'_> {
     /// If the tip must be exact, the arm's correction must have been measured there.
     fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
@@ -311,7 +311,7 @@ pub fn is_the_arm(
 /// # Errors
 /// If it does not, with its waypoint.
 pub fn mounted_follows(
-    standing: &Standing<'_>,
+    standing: &StartState<'_>,
     base_from_active: Rigid<Base, Base>,
     points: &[LinearMotion],
     flange_from_mounted: Rigid<Flange, Tool>,

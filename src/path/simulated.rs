@@ -1,6 +1,6 @@
 //! Surface and paths on the simulated cell, against its truth.
 
-use super::panel_reach::{self, Stand};
+use super::panel_reach::{self, ReachSetup};
 use super::{Kinematics, Plan, judge, plan};
 use crate::geometry::{Base, Degrees, KukaPose, Panel, Rigid, Tool, Vector};
 use crate::panel::{GridId, TaughtPanel};
@@ -114,7 +114,7 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let checked = crate::cell::Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
     let arm = Kinematics::new(checked.arm());
     let flange_from_tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-    let stand = Stand { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel, from: None };
+    let stand = ReachSetup { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel, from: None };
     let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e:?}"));
     println!("room {:.1}°, spin {}", reached.travel.room_deg, reached.spin);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
@@ -136,8 +136,10 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
     // So near that the arm follows the path but could not lift off at a stop: reported for grids, and for the plan.
-    let nearer =
-        Stand { base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)), ..stand };
+    let nearer = ReachSetup {
+        base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)),
+        ..stand
+    };
     let refused = panel_reach::of_plan(&plan, &nearer, recipe.path());
     let judgement = Judgement::of_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
     let message = &judgement.reasons[0].message;
@@ -149,7 +151,7 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let told: Vec<&str> = judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
     assert!(judgement.verdict != Verdict::Accept && told.contains(&"retract_out_of_reach"), "{told:?}");
     let farther = truth.base_from_panel.displaced(Vector::new(Vector3::x() * 400.0));
-    let stand = Stand { base_from_panel: farther, ..stand };
+    let stand = ReachSetup { base_from_panel: farther, ..stand };
     let refused = panel_reach::of_plan(&plan, &stand, recipe.path());
     let judgement = Judgement::of_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
     let message = &judgement.reasons[0].message;

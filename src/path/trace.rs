@@ -121,7 +121,7 @@ mod tests {
         Waypoint { panel_from_tool: pose.to_rigid(), contact, feed_mm_s: 60.0, blend_mm: 2.0 }
     }
 
-    fn told(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> PoseReport {
+    fn pose_report(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> PoseReport {
         PoseReport { time_ms, tip: KukaPose { x_mm, y_mm, ..KukaPose::default() }, done, force_n: None }
     }
 
@@ -139,9 +139,9 @@ mod tests {
                 .map(|(x, contact)| waypoint(x, contact))
                 .into();
         let mut trace = Trace::default();
-        trace.push(told(1_000, 0.0, 0.0, 1));
-        trace.push(told(1_100, 6.0, 0.5, 1));
-        trace.push(told(1_200, 12.0, 0.0, 2));
+        trace.push(pose_report(1_000, 0.0, 0.0, 1));
+        trace.push(pose_report(1_100, 6.0, 0.5, 1));
+        trace.push(pose_report(1_200, 12.0, 0.0, 2));
         let walked = trace.executed(&all, 2);
         assert_eq!(ways(&walked), [(0.0, 0.0, true), (6.0, 0.1, true), (12.0, 0.1, true)]);
         assert_eq!((walked.reports, walked.off_mm), (3, 0.5));
@@ -154,8 +154,8 @@ mod tests {
     fn waypoints_stand_in_for_a_silence() {
         let all: Vec<Waypoint> = (0..8).map(|n| waypoint(10.0 * f64::from(n), n > 0 && n < 7)).collect();
         let mut trace = Trace::default();
-        trace.push(told(1_000, 12.0, 0.0, 1));
-        trace.push(told(2_000, 55.0, 0.0, 5));
+        trace.push(pose_report(1_000, 12.0, 0.0, 1));
+        trace.push(pose_report(2_000, 55.0, 0.0, 5));
         let expected = [
             (12.0, 0.0, true),
             (20.0, 0.2, true),

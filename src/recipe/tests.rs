@@ -9,7 +9,7 @@ locate.box_max_mm = [700, 400, 800]
 region = {corners_px = [[700, 350], [1250, 350], [1250, 850], [700, 850]], rows = 4, columns = 6}
 ";
 
-fn says(text: &str) -> Vec<String> {
+fn recipe_problems(text: &str) -> Vec<String> {
     let problems = Recipe::check("f", text).err().map_or(String::new(), |problems| problems.to_string());
     problems.lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
 }
@@ -25,7 +25,7 @@ fn the_least_recipe_names_panel_box_and_region() {
     );
     assert_eq!((recipe.path().disc_diameter_mm(), recipe.surface().max_rms_mm()), (30.0, 0.2));
     assert_eq!(
-        says(""),
+        recipe_problems(""),
         [
             "1: locate: this table is missing; it needs box_min_mm, box_max_mm",
             "1: panel: is missing; this key has no default",
@@ -65,7 +65,7 @@ fn a_panel_may_have_an_outline_and_held_edges() {
         assert!(problems.contains(words), "{keys}: {problems}");
     }
     assert_eq!(
-        says(&format!("panel = {{ outline_px = [] }}\n{rest}")),
+        recipe_problems(&format!("panel = {{ outline_px = [] }}\n{rest}")),
         ["1: panel.name: is missing; this key has no default"]
     );
 }
@@ -162,7 +162,7 @@ fn each_mistake_is_named() {
         ),
     ];
     for (mistake, message) in cases {
-        let said = says(&format!("{MINIMAL}{mistake}"));
+        let said = recipe_problems(&format!("{MINIMAL}{mistake}"));
         let without_line: Vec<&str> =
             said.iter().filter_map(|said| said.split_once(": ")).map(|(_, said)| said).collect();
         assert_eq!(without_line, [message], "{mistake}");
@@ -171,8 +171,9 @@ fn each_mistake_is_named() {
 
 #[test]
 fn a_region_goes_round() {
-    let with_corners =
-        |corners: &str| says(&MINIMAL.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners));
+    let with_corners = |corners: &str| {
+        recipe_problems(&MINIMAL.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners))
+    };
     let round = "4: region.corners_px: the four corners must go round a convex region in order, none on a line";
     assert_eq!(with_corners("[[700, 350], [1250, 850], [1250, 350], [700, 850]]"), [round], "crossed");
     assert_eq!(with_corners("[[700, 350], [900, 350], [1250, 350], [700, 850]]"), [round], "on a line");
@@ -187,7 +188,7 @@ fn a_region_goes_round() {
 #[test]
 fn a_search_box_has_a_size() {
     assert_eq!(
-        says(&MINIMAL.replace("[700, 400, 800]", "[700, 400, 100]")),
+        recipe_problems(&MINIMAL.replace("[700, 400, 800]", "[700, 400, 100]")),
         ["3: locate.box_max_mm: [700, 400, 100] must exceed box_min_mm [300, -400, 100] in every axis"]
     );
 }

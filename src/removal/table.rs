@@ -190,7 +190,7 @@ mod tests {
     const HEADER: &str =
         "coupon,place,force_n,feed_mm_s,passes,step_over_mm,worn_mm2,depth_um,before_um,after_um\n";
 
-    fn says(text: &str) -> Vec<String> {
+    fn problems(text: &str) -> Vec<String> {
         let error = read_coupons(text.as_bytes()).expect_err("refused");
         error.to_string().lines().map(str::to_owned).collect()
     }
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn each_mistake_is_told_with_line_and_column() {
-        let line = |values: &str| says(&format!("{HEADER}{values}\n"));
+        let line = |values: &str| problems(&format!("{HEADER}{values}\n"));
         assert_eq!(
             line("A1,,-20,60,1.5,,0,14.9,,"),
             [
@@ -241,11 +241,11 @@ mod tests {
 
     #[test]
     fn columns_that_are_not_known_or_not_there_are_named() {
-        let found = says("coupon,force,feed_mm_s,passes,worn_mm2,depth_um\nA1,20,60,1,0,15\n");
+        let found = problems("coupon,force,feed_mm_s,passes,worn_mm2,depth_um\nA1,20,60,1,0,15\n");
         assert!(found[0].starts_with("line 1, force: no such column; valid: force_n, feed_mm_s,"), "{found:?}");
         assert_eq!(found[1..], ["line 1, force_n: this column is missing"]);
         assert_eq!(
-            says("")[..2],
+            problems("")[..2],
             ["line 1, force_n: this column is missing", "line 1, feed_mm_s: this column is missing"]
         );
         assert!(read_coupons(b"coupon\n\xff\xfe").is_err());

@@ -3,7 +3,7 @@
 //! rolled back.
 
 use super::key::PublicKey;
-use super::statement::{BEGIN, Said, SignedHead, Statement, hash};
+use super::statement::{BEGIN, SignedHead, Statement, StatementContent, hash};
 use crate::record::CycleId;
 use std::collections::BTreeMap;
 
@@ -115,8 +115,8 @@ fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
     let is_there = match (signed.claim, &statement.says) {
         (Claim::Nothing, _) => true,
         (Claim::Number(number), _) => statement.number == number,
-        (Claim::Cycle(id), Said::Cycle(cycle)) => cycle.id == id,
-        (Claim::Cycle(_), Said::Person(_)) => false,
+        (Claim::Cycle(id), StatementContent::Cycle(cycle)) => cycle.id == id,
+        (Claim::Cycle(_), StatementContent::Person(_)) => false,
     };
     let words =
         |number, cycle| format!("{} holds record number {number}, of cycle {cycle}: it was exchanged", signed.name);
@@ -171,10 +171,12 @@ pub fn not_here((first, last): (u64, u64)) -> String {
 fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
-        let Said::Person(person) = &one.statement.says else { continue };
+        let StatementContent::Person(person) = &one.statement.says else { continue };
         let of_cycle = |other: &&Whole<'_>| match &other.statement.says {
-            Said::Cycle(cycle) => cycle.id == person.cycle && other.statement.number < one.statement.number,
-            Said::Person(_) => false,
+            StatementContent::Cycle(cycle) => {
+                cycle.id == person.cycle && other.statement.number < one.statement.number
+            }
+            StatementContent::Person(_) => false,
         };
         let records: Vec<&Whole<'_>> = whole.values().filter(of_cycle).collect();
         if !records.is_empty() && records.iter().all(|record| record.hash != person.record_hash) {
@@ -191,7 +193,7 @@ fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
 fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
-        let Said::Cycle(cycle) = &one.statement.says else { continue };
+        let StatementContent::Cycle(cycle) = &one.statement.says else { continue };
         match cycle.cycle_record() {
             Ok(record) => {
                 found.extend(record.unearned().into_iter().map(|words| format!("{}: {words}", one.name)));

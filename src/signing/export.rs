@@ -9,7 +9,7 @@ use super::chain::{Signed, Verified, verify};
 use super::key::PublicKey;
 use super::names::{claim, cycle_of_page};
 use super::page::wrong_pages;
-use super::statement::{Said, SignedCycle, files_of};
+use super::statement::{SignedCycle, StatementContent, files_of};
 use std::collections::BTreeMap;
 
 /// What a folder has.
@@ -60,7 +60,7 @@ pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>)
     found.append(&mut verified.found);
     if let Some(files) = &export.files {
         for (statement, _) in verified.statements.values() {
-            if let Said::Cycle(cycle) = &statement.says {
+            if let StatementContent::Cycle(cycle) = &statement.says {
                 found.extend(wrong_files(cycle, files));
             }
         }

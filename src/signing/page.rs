@@ -10,7 +10,7 @@ use super::chain::Verified;
 use super::error::SigningError;
 use super::key::{CellKey, PublicKey};
 use super::names::{cycle_of_page, cycle_of_pdf, cycle_stem, page_stem, pdf_name};
-use super::statement::{Said, Statement, read};
+use super::statement::{Statement, StatementContent, read};
 use crate::files::content_hash;
 use crate::record::CycleId;
 use serde::{Deserialize, Serialize};
@@ -122,8 +122,9 @@ fn wrong_page(
         Some(_) => {}
     }
     let of_cycle = || verified.statements.iter().filter(|(_, (statement, _))| statement.cycle() == cycle);
-    let is_record =
-        |statement: &Statement, hash: &str| matches!(statement.says, Said::Cycle(_)) && *hash == page.record_hash;
+    let is_record = |statement: &Statement, hash: &str| {
+        matches!(statement.says, StatementContent::Cycle(_)) && *hash == page.record_hash
+    };
     let last = of_cycle().map(|(number, _)| *number).max().unwrap_or(0);
     if !of_cycle().any(|(_, (statement, hash))| is_record(statement, hash)) {
         let record = cycle_stem(cycle);

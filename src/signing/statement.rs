@@ -34,7 +34,7 @@ pub struct Statement {
     /// The position of the store's chain of all its rows at that time.
     pub store: StorePlace,
     /// Its content.
-    pub says: Said,
+    pub says: StatementContent,
 }
 
 /// A place in the store's chain of rows.
@@ -49,7 +49,7 @@ pub struct StorePlace {
 /// The content of a statement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Said {
+pub enum StatementContent {
     /// The cell: this is what happened in a cycle.
     Cycle(SignedCycle),
     /// A person's statement about a cycle's record.
@@ -166,8 +166,8 @@ impl Statement {
     /// The cycle that it is about.
     pub fn cycle(&self) -> CycleId {
         match &self.says {
-            Said::Cycle(cycle) => cycle.id,
-            Said::Person(person) => person.cycle,
+            StatementContent::Cycle(cycle) => cycle.id,
+            StatementContent::Person(person) => person.cycle,
         }
     }
 }

@@ -9,7 +9,7 @@ pub struct CellView {
     /// The loop's present values.
     pub now: LoopView,
     /// The values of the store and the disk, a little later.
-    pub kept: KeptView,
+    pub kept: StoreView,
 }
 
 /// The loop's present values; all empty if the loop does not answer.
@@ -37,7 +37,7 @@ pub struct LoopView {
 
 /// The values of the store and the disk.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct KeptView {
+pub struct StoreView {
     /// The part's serial number in the newest cycle.
     pub serial: Option<String>,
     /// Its work order.

@@ -138,7 +138,7 @@ fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, Comma
         (None, alias) => alias.is_some() && command.alias() == alias,
     };
     let Some(command) = NodeCommand::VARIANTS.iter().find(is_meant).copied() else {
-        return Err(CommandError::NotWritten { found: told(metric), allowed: allowed(commands_allowed) });
+        return Err(CommandError::NotWritten { found: describe(metric), allowed: allowed(commands_allowed) });
     };
     let name = command.name();
     if !NodeCommand::offered(commands_allowed).any(|offered| offered == command) {
@@ -155,7 +155,7 @@ fn allowed(commands_allowed: bool) -> String {
 }
 
 /// A metric in a message for people: another's bytes go no further than to a limit.
-fn told(metric: &Metric) -> String {
+fn describe(metric: &Metric) -> String {
     let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
     match (&metric.name, metric.alias) {
         (Some(name), _) => {

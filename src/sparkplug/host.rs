@@ -38,7 +38,7 @@ impl PrimaryHost {
         PrimaryHost { is_online: false, ..self }
     }
 
-    pub fn told(self, state: HostState) -> Self {
+    pub fn with_state(self, state: HostState) -> Self {
         let since = if state.online { self.newest } else { self.newest_online };
         if since.is_some_and(|since| state.timestamp < since) {
             return self;

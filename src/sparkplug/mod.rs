@@ -20,7 +20,7 @@ mod value;
 #[cfg(test)]
 mod tests;
 
-pub use cell_view::{CellView, KeptView, LoopView};
+pub use cell_view::{CellView, LoopView, StoreView};
 pub use command::{CommandError, NodeCommand, commands};
 pub use host::HostState;
 pub use metrics::{Definition, METRICS, values};

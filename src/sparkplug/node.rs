@@ -196,7 +196,7 @@ impl EdgeNode {
             Event::Received { topic, payload, is_retained } => self.received((topic, payload, is_retained), now),
             Event::Leaving => self.die(now),
         };
-        acts.extend(self.told(now));
+        acts.extend(self.next_message(now));
         acts
     }
 
@@ -206,7 +206,7 @@ impl EdgeNode {
     }
 
     /// The next message to the broker: a birth if it has received nothing yet, else the changes.
-    fn told(&mut self, now: Now) -> Option<Act> {
+    fn next_message(&mut self, now: Now) -> Option<Act> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
             Session::Waiting if may_publish => self.birth(now),
@@ -325,7 +325,7 @@ impl EdgeNode {
             let refused = "the primary host's state is no JSON object with \"online\" and \"timestamp\"".to_owned();
             return self.refuse("host state", None, refused);
         };
-        self.host = self.host.told(state);
+        self.host = self.host.with_state(state);
         // A node that has published nothing yet continues to wait at this broker: there is only one.
         match self.session == Session::Born && !self.host.is_online() {
             true => self.die(now),

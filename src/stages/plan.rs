@@ -8,7 +8,7 @@ use crate::cell::Limits;
 use crate::geometry::{Base, Panel, Point, Rigid};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscUse;
-use crate::path::panel_reach::{self, Reached, Stand};
+use crate::path::panel_reach::{self, ReachSetup, Reached};
 use crate::path::{self, Plan, PlanError, ToolPath, WaypointLimits, check_pad};
 use crate::recipe::{Recipe, RemovalMethod};
 use crate::record::{Check, Finding, Kind, name};
@@ -23,7 +23,7 @@ pub enum Reach<'a> {
     /// It is not known which tool it has: reach is not looked at.
     Unknown,
     /// The arm's pose in front of the panel.
-    From(Stand<'a>),
+    From(ReachSetup<'a>),
     /// It does not come there.
     Refused(Reason),
 }

@@ -6,7 +6,7 @@ use crate::force::check_stroke;
 use crate::panel::{GridId, TaughtPanel};
 use crate::path::check_pad;
 use crate::path::disc::DiscUse;
-use crate::path::panel_reach::{self, GridReach, Stand};
+use crate::path::panel_reach::{self, GridReach, ReachSetup};
 use crate::recipe::FitMethod;
 use crate::recipe::{self, Recipe};
 use crate::record::{Check, Finding, Kind, name};
@@ -65,7 +65,7 @@ pub struct Surveyed {
 /// not reach this pose, if it does not.
 pub fn survey(
     (panel, fit): (&TaughtPanel, &Fit),
-    stand: Result<Stand<'_>, Reason>,
+    stand: Result<ReachSetup<'_>, Reason>,
     recipe: &Recipe,
     tool: ToolState,
 ) -> Surveyed {

@@ -108,12 +108,12 @@ impl Store {
         let row = read().map_err(|error| self.failed("read the motions of", &error))?;
         let Some((text, permitted)) = row else { return Ok(None) };
         let path: ContactPath = self.parsed(&text)?;
-        let told = self.told(cycle, path.id)?;
+        let told = self.reported_waypoints(cycle, path.id)?;
         Ok(Some(Contact { path, told, permitted }))
     }
 
     /// Waypoints of this act that the robot reported as executed, by the journal.
-    fn told(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
+    fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
             self.connection.prepare(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()

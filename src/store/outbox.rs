@@ -88,18 +88,18 @@ pub(super) fn insert(writing: &mut Writing<'_>, kind: Kind, row_key: i64, unix_m
 }
 
 /// A row as it is kept.
-struct Kept {
+struct OutboxRow {
     position: Position,
     kind: String,
     row_key: i64,
     unix_ms: i64,
 }
 
-impl Kept {
+impl OutboxRow {
     fn from_row(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
         let number: i64 = row.get(1)?;
         let position = Position { epoch: row.get(0)?, number: number.unsigned_abs() };
-        Ok(Kept { position, kind: row.get(2)?, row_key: row.get(3)?, unix_ms: row.get(4)? })
+        Ok(OutboxRow { position, kind: row.get(2)?, row_key: row.get(3)?, unix_ms: row.get(4)? })
     }
 }
 
@@ -136,8 +136,9 @@ impl Store {
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT ?3");
         let mut statement = self.connection.prepare_cached(&sql).map_err(failed)?;
         let [after_number, most] = [after.number, most as u64].map(|it| i64::try_from(it).unwrap_or(i64::MAX));
-        let rows = statement.query_map(params![after.epoch, after_number, most], Kept::from_row).map_err(failed)?;
-        let rows: Vec<Kept> = rows.collect::<Result<_, _>>().map_err(failed)?;
+        let rows =
+            statement.query_map(params![after.epoch, after_number, most], OutboxRow::from_row).map_err(failed)?;
+        let rows: Vec<OutboxRow> = rows.collect::<Result<_, _>>().map_err(failed)?;
         rows.into_iter().map(|row| self.envelope(row)).collect()
     }
 
@@ -149,7 +150,10 @@ impl Store {
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT 1");
         let number = i64::try_from(after.number).unwrap_or(i64::MAX);
         let read = || {
-            self.connection.prepare_cached(&sql)?.query_row(params![after.epoch, number], Kept::from_row).optional()
+            self.connection
+                .prepare_cached(&sql)?
+                .query_row(params![after.epoch, number], OutboxRow::from_row)
+                .optional()
         };
         let row = read().map_err(|error| self.failed("read the office's outbox from", &error))?;
         Ok(row.map(|row| row.unix_ms))
@@ -231,8 +235,8 @@ impl Store {
         })
     }
 
-    fn envelope(&self, row: Kept) -> Result<Envelope, StoreError> {
-        let Kept { position, kind, row_key, unix_ms } = row;
+    fn envelope(&self, row: OutboxRow) -> Result<Envelope, StoreError> {
+        let OutboxRow { position, kind, row_key, unix_ms } = row;
         let unknown = || StoreError::Unreadable {
             path: self.path().to_owned(),
             problem: format!("number {} of the office's outbox is of the unknown kind \"{kind}\"", position.number),
@@ -277,8 +281,8 @@ impl Store {
         let statement = self.blob(&row.record_hash)?;
         let read = Statement::read(&statement).map_err(|source| self.unsigned(source))?;
         let files = match &read.says {
-            signing::Said::Cycle(cycle) => self.files_for_office(cycle)?,
-            signing::Said::Person(_) => Vec::new(),
+            signing::StatementContent::Cycle(cycle) => self.files_for_office(cycle)?,
+            signing::StatementContent::Person(_) => Vec::new(),
         };
         Ok(Body::Signature { statement, signature: row.signature, public_key: row.public_key, files })
     }

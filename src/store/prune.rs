@@ -2,7 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use crate::cell::Keep;
+use crate::cell::Retention;
 use crate::record::{CycleId, Finding};
 use crate::verdict::Verdict;
 use rusqlite::params;
@@ -50,7 +50,7 @@ impl Store {
     ///
     /// # Errors
     /// If the store cannot be read or written, or a file cannot be removed.
-    pub fn prune(folder: &Path, keep: &Keep) -> Result<Pruned, StoreError> {
+    pub fn prune(folder: &Path, keep: &Retention) -> Result<Pruned, StoreError> {
         let mut pruned = Pruned::default();
         if keep.is_for_ever() {
             return Ok(pruned);
@@ -87,7 +87,7 @@ impl Store {
 
     /// Cycles with clips and scans that are no longer kept. Days are counted to the newest cycle's end and not to
     /// today: a clock that jumps removes nothing.
-    fn due(&self, keep: &Keep) -> Result<Vec<i64>, StoreError> {
+    fn due(&self, keep: &Retention) -> Result<Vec<i64>, StoreError> {
         let read = || -> Result<Vec<Ended>, rusqlite::Error> {
             let sql = "SELECT id, ended_unix_s, verdict FROM cycles WHERE verdict IS NOT NULL ORDER BY id DESC";
             let row = |row: &rusqlite::Row<'_>| {

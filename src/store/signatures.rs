@@ -15,8 +15,8 @@ use crate::files::hex;
 use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{
-    BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, SigningError,
-    Statement, StorePlace,
+    BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, SignedCycle, SignedHead, SigningError, Statement,
+    StatementContent, StorePlace,
 };
 use crate::words::{printable, utc};
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -151,7 +151,7 @@ impl Store {
         store.not_signed_so(signs)?;
         let PersonSigns { cycle, name, user, meaning, remark } = signs.clone();
         let says = PersonSignature { cycle, record_hash: of_cycle.record_hash, name, user, meaning, remark };
-        store.sign(key, &Said::Person(says))
+        store.sign(key, &StatementContent::Person(says))
     }
 
     /// Signs a cycle that is over, as the cell.
@@ -160,7 +160,7 @@ impl Store {
     /// If there is no such cycle, it is not over, or the store cannot be written.
     pub fn sign_cycle(&mut self, key: &CellKey, id: CycleId) -> Result<SignatureRow, StoreError> {
         let says = self.cycle_to_sign(id)?;
-        self.sign(key, &Said::Cycle(says))
+        self.sign(key, &StatementContent::Cycle(says))
     }
 
     /// What of a cycle is signed, as the store has it now.
@@ -177,7 +177,7 @@ impl Store {
         SignedCycle::new(&record, part).map_err(|source| self.unsigned(source))
     }
 
-    fn sign(&mut self, key: &CellKey, says: &Said) -> Result<SignatureRow, StoreError> {
+    fn sign(&mut self, key: &CellKey, says: &StatementContent) -> Result<SignatureRow, StoreError> {
         for _ in 0..ATTEMPTS {
             if let Some(row) = self.attempt_to_sign(key, says)? {
                 return Ok(row);
@@ -187,7 +187,11 @@ impl Store {
     }
 
     /// `None` if another process has signed meanwhile.
-    fn attempt_to_sign(&mut self, key: &CellKey, says: &Said) -> Result<Option<SignatureRow>, StoreError> {
+    fn attempt_to_sign(
+        &mut self,
+        key: &CellKey,
+        says: &StatementContent,
+    ) -> Result<Option<SignatureRow>, StoreError> {
         let read = |store: &Store, error: rusqlite::Error| store.failed("read the signatures of", &error);
         let (before, previous) = last(&self.connection).map_err(|error| read(self, error))?;
         let place = chain::last(&self.connection).map_err(|error| read(self, error))?;
@@ -204,7 +208,7 @@ impl Store {
         let row = SignatureRow {
             number: statement.number,
             cycle: statement.cycle(),
-            is_of_person: matches!(says, Said::Person(_)),
+            is_of_person: matches!(says, StatementContent::Person(_)),
             unix_ms: statement.unix_ms,
             record_hash: self.blobs.put(&bytes).map_err(|error| self.full_or(error))?,
             previous_hash: previous.clone(),
@@ -262,7 +266,7 @@ impl Store {
         for row in self.signatures_of(id)?.into_iter().filter(|row| row.is_of_person) {
             let statement =
                 Statement::read(&self.blob(&row.record_hash)?).map_err(|source| self.unsigned(source))?;
-            if let Said::Person(person) = statement.says {
+            if let StatementContent::Person(person) = statement.says {
                 persons.push((row.unix_ms, person));
             }
         }

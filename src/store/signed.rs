@@ -7,7 +7,7 @@ use super::signatures::SignatureRow;
 use super::verify::Verified;
 use crate::files::hex;
 use crate::record::CycleId;
-use crate::signing::{self, Claim, PublicKey, Said, Signed, SignedCycle, Statement, differences};
+use crate::signing::{self, Claim, PublicKey, Signed, SignedCycle, Statement, StatementContent, differences};
 use std::collections::BTreeSet;
 
 impl Store {
@@ -38,7 +38,7 @@ impl Store {
             let Some((statement, hash)) = checked.statements.get(&row.number) else { continue };
             let same = (row.cycle, row.unix_ms, &row.previous_hash, &row.record_hash, &row.public_key)
                 == (statement.cycle(), statement.unix_ms, &statement.previous, hash, &statement.public_key)
-                && row.is_of_person == matches!(statement.says, Said::Person(_));
+                && row.is_of_person == matches!(statement.says, StatementContent::Person(_));
             if !same {
                 verified.found.push(format!("signature {} does not match its signed record", row.number));
             }
@@ -55,7 +55,7 @@ impl Store {
         if place.link > 0 && here.ok().flatten().map(|hash| hex(&hash)).as_ref() != Some(&place.hash) {
             found.push(format!("link {} of the chain is not the one that signature {number} names", place.link));
         }
-        if let Said::Cycle(signed) = &statement.says {
+        if let StatementContent::Cycle(signed) = &statement.says {
             found.extend(self.cycle_contradicts(number, signed));
         }
         found

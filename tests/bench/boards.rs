@@ -140,7 +140,7 @@ impl Tally {
         self.seconds.iter().copied().fold(0.0, f64::max)
     }
 
-    fn told(&self) -> String {
+    fn summary(&self) -> String {
         format!(
             "{} of {} found, {} of them without a few corners ({} others in part, {} wrong), {:.3} px rms, {:.3} s median, {:.2} s worst",
             self.found,
@@ -181,7 +181,7 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
             }
         }
         for (peer, tally) in peers.iter().zip(&here) {
-            println!("  {kind}, {name}: {}: {}", peer.name, tally.told());
+            println!("  {kind}, {name}: {}: {}", peer.name, tally.summary());
         }
     }
     let mut nothing: Vec<Tally> = peers.iter().map(|_| Tally::default()).collect();
@@ -224,7 +224,7 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
             "{state} {kind}: {}: {:.1} %, {}; {ratio:.2} × our time",
             peer.name,
             100.0 * tally.found as f64 / tally.of as f64,
-            tally.told()
+            tally.summary()
         );
     }
     usize::from(!good)

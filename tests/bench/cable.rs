@@ -93,7 +93,7 @@ fn main() -> ExitCode {
                         return;
                     }
                     let scenario = Scenario::drawn(seed, number);
-                    let outcome = told(prepared, place, &scenario);
+                    let outcome = run_scenario(prepared, place, &scenario);
                     println!("{:6.1} min {}", begun.elapsed().as_secs_f64() / 60.0, line(&scenario, &outcome));
                     table.lock().unwrap_or_else(PoisonError::into_inner).add(scenario.lie.kind, &outcome);
                 }
@@ -117,7 +117,7 @@ fn line(scenario: &Scenario, outcome: &Outcome) -> String {
 }
 
 /// One scenario, in a cell of its own.
-fn told(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
+fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
     let net = number("net").unwrap_or(77) as u8;
     let [sought, controller] = [1, 2].map(|last| IpAddr::V4(Ipv4Addr::new(127, net, place, last)));
     let cell = prepared.copied(sought, controller);

@@ -132,23 +132,23 @@ fn verdict(reached: bool) -> &'static str {
 fn abort_by_socket() -> bool {
     let (found, done) = link::socket::aborts(SOCKET_TRIALS);
     let among = format!("{} hostile clients ({done} requests of theirs)", link::socket::CLIENTS);
-    told("abort by the service's socket to the frame", &among, found)
+    report("abort by the service's socket to the frame", &among, found)
 }
 
 /// From the service's socket to the wire, though the disk hangs on which the loop writes its journal.
 fn abort_on_a_hanging_disk() -> bool {
     let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
     let disk = format!("a disk that hangs for {} s", link::socket::HANG_TIME.as_secs());
-    told("abort by the service's socket to the frame", &disk, found)
+    report("abort by the service's socket to the frame", &disk, found)
 }
 
 /// From the operator's page to the wire, while others look on and one reads nothing.
 fn abort_on_the_page() -> bool {
     let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
-    told("abort on the operator's page to the frame", &format!("{VIEWERS} who look on"), found)
+    report("abort on the operator's page to the frame", &format!("{VIEWERS} who look on"), found)
 }
 
-fn told(what: &str, among: &str, mut found: Vec<Duration>) -> bool {
+fn report(what: &str, among: &str, mut found: Vec<Duration>) -> bool {
     found.sort();
     let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
     let ms = |share: f64| at(share).as_secs_f64() * 1e3;

@@ -51,20 +51,20 @@ fn main() -> ExitCode {
     for mutation in &chosen {
         let built = bench.built(mutation);
         // One world at a time: the bench's two cores build and run.
-        tell(running.take(), &mut tally);
+        report(running.take(), &mut tally);
         match built {
             Some(world) => running = Some((mutation, bench.run(mutation, world))),
-            None => tell(Some((mutation, std::thread::spawn(|| Outcome::DoesNotBuild))), &mut tally),
+            None => report(Some((mutation, std::thread::spawn(|| Outcome::DoesNotBuild))), &mut tally),
         }
     }
-    tell(running, &mut tally);
+    report(running, &mut tally);
     let [found, not_found, hangs, not_built] = tally;
     println!("{found} of {} found; not found {not_found}, hang {hangs}, do not build {not_built}", chosen.len());
     ExitCode::SUCCESS
 }
 
 /// Waits for a world and prints its result.
-fn tell(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize; 4]) {
+fn report(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize; 4]) {
     let Some((Mutation { name, not_found, .. }, outcome)) = running else { return };
     let outcome = outcome.join().unwrap_or_else(|_| panic!("{name}: its world could not be run"));
     let kind = match &outcome {

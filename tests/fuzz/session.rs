@@ -37,7 +37,7 @@ pub fn run(bytes: &[u8]) {
         session: Session::new(wire(), limits, pace),
         now: Time::default(),
         bytes: Bytes(bytes),
-        heard: Heard::default(),
+        heard: ControllerState::default(),
         judge: Judge::default(),
     };
     for _ in 0..MAX_STEPS {
@@ -76,7 +76,7 @@ impl Bytes<'_> {
 
 /// The requests to the controller of this test, and its own reported state.
 #[derive(Default)]
-struct Heard {
+struct ControllerState {
     request: i64,
     epoch: i64,
     command: i64,
@@ -102,7 +102,7 @@ struct Run<'b> {
     session: Session,
     now: Time,
     bytes: Bytes<'b>,
-    heard: Heard,
+    heard: ControllerState,
     judge: Judge,
 }
 
@@ -204,7 +204,7 @@ impl Run<'_> {
     /// Reads the messages to the program and to the controller.
     fn drain(&mut self) {
         // What is done makes room in the window, so it is heard first.
-        self.hear();
+        self.receive();
         while let Some((channel, bytes)) = self.session.poll_transmit(self.now) {
             let text = String::from_utf8(bytes).expect("text");
             match channel {
@@ -212,14 +212,14 @@ impl Run<'_> {
                 Channel::Command => self.commanded(&text),
             }
         }
-        self.hear();
+        self.receive();
         let deadline = self.session.deadline();
         assert!(deadline.is_none() || self.session.is_connected(), "a deadline without a connection");
     }
 
-    fn hear(&mut self) {
+    fn receive(&mut self) {
         while let Some(report) = self.session.poll_report() {
-            self.told(&report);
+            self.on_report(&report);
         }
     }
 
@@ -258,7 +258,7 @@ impl Run<'_> {
         self.heard.command = id;
     }
 
-    fn told(&mut self, report: &Report) {
+    fn on_report(&mut self, report: &Report) {
         assert!(!format!("{report:?}").is_empty());
         match report {
             Report::EpochOpened { epoch } => {

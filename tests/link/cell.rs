@@ -101,7 +101,7 @@ pub trait Watch {
     /// A command's epoch and id, as they leave the client.
     fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
     /// A report of the session.
-    fn told(&mut self, _report: &Report, _cell: &Insides<'_>) {}
+    fn on_report(&mut self, _report: &Report, _cell: &Insides<'_>) {}
     /// After each step.
     fn look(&mut self, _cell: &Insides<'_>) {}
 }

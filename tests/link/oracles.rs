@@ -370,7 +370,7 @@ impl Watch for Oracles {
         }
     }
 
-    fn told(&mut self, report: &Report, cell: &Insides<'_>) {
+    fn on_report(&mut self, report: &Report, cell: &Insides<'_>) {
         match report {
             Report::EpochOpened { epoch } => {
                 self.told_done = CommandId(0);

@@ -2,7 +2,7 @@
 //! executes its own programs. The camera on the flange uses GigE Vision over the loopback interface, the scanner
 //! the played Zivid library. Their pictures come from `scenery`.
 
-use super::scenery::{Flicker, REDUCTION, SEED, Scenery, Stands};
+use super::scenery::{CellContents, Flicker, REDUCTION, SEED, Scenery};
 use panelprep::cell;
 use panelprep::devices::gige::{LoopbackCamera, PixelFormat, mosaic};
 use panelprep::devices::mock::{
@@ -99,9 +99,9 @@ impl Cell {
     }
 
     /// A person puts something else into the cell.
-    pub fn put(&self, stands: Stands) {
+    pub fn put(&self, stands: CellContents) {
         *self.scenery.stands.lock().expect("nobody failed") = stands;
-        let Stands::Panel(number) = stands else { return };
+        let CellContents::Panel(number) = stands else { return };
         self.answers.store(number, Ordering::SeqCst);
         if let Some((_, worlds)) = self.scenery.arm.get() {
             worlds[number].dry_panel();
@@ -122,8 +122,10 @@ impl Cell {
     /// A person jogs the arm to a pose for the first picture of the calibration board.
     pub fn jog_to_board(&self) {
         let boards = &self.scenery.boards;
-        let flanges: Vec<Rigid<Base, Flange>> = match self.scenery.stands() {
-            Stands::BoardOnFlange => boards.fixed_shots(20).iter().map(|shot| shot.base_from_flange).collect(),
+        let flanges: Vec<Rigid<Base, Flange>> = match self.scenery.contents() {
+            CellContents::BoardOnFlange => {
+                boards.fixed_shots(20).iter().map(|shot| shot.base_from_flange).collect()
+            }
             _ => boards.flange_shots(20).iter().map(|shot| shot.base_from_flange).collect(),
         };
         let joints = flanges.iter().find_map(joints_at).expect("one of twenty poses is within reach");

@@ -16,7 +16,7 @@ use installed::Computer;
 use pages::Step;
 use panelprep::cell::Cell as CellFile;
 use panelprep::devices::world::contact_errors;
-use scenery::Stands;
+use scenery::CellContents;
 use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -74,7 +74,8 @@ fn the_manual_leads_from_the_package_to_a_cell_in_daily_work() {
                     walk.types(&name, "sudo systemctl start panelprep")
                 }
                 Step::Cell(words) => {
-                    walk.cell.put(Stands::named(&words).unwrap_or_else(|| panic!("{name}: {words} is no scene")));
+                    walk.cell
+                        .put(CellContents::named(&words).unwrap_or_else(|| panic!("{name}: {words} is no scene")));
                 }
                 Step::Command(line) => walk.types(&name, &line),
             }
@@ -184,7 +185,7 @@ impl Walk {
 
     /// Another person has started a cycle, and it is running.
     fn begin_cycle(&self) {
-        self.cell.put(Stands::Panel(1));
+        self.cell.put(CellContents::Panel(1));
         let began = Instant::now();
         let done = |line: &str| self.computer.shell(&self.computer.here(line)).output().expect("a shell");
         let recipe = "panelprep ctl start --recipe /etc/panelprep/door.toml";

@@ -25,7 +25,7 @@ const LENS_PICTURES: usize = 80;
 
 /// What a person has put into the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stands {
+pub enum CellContents {
     LensScanner,
     LensFlange,
     BoardOnFlange,
@@ -36,20 +36,20 @@ pub enum Stands {
     Panel(usize),
 }
 
-impl Stands {
+impl CellContents {
     /// The contents by the manual's words.
     pub fn named(words: &str) -> Option<Self> {
         Some(match words {
-            "a person holds a board before the scanner" => Stands::LensScanner,
-            "a person holds a board before the flange camera" => Stands::LensFlange,
-            "the board is on the flange, before the scanner" => Stands::BoardOnFlange,
-            "the board lies still, before the flange camera" => Stands::BoardLies,
+            "a person holds a board before the scanner" => CellContents::LensScanner,
+            "a person holds a board before the flange camera" => CellContents::LensFlange,
+            "the board is on the flange, before the scanner" => CellContents::BoardOnFlange,
+            "the board lies still, before the flange camera" => CellContents::BoardLies,
             "the board of the verification is in its place"
             | "a person brings the tip to the spot"
-            | "a person touches corners of the board" => Stands::Target,
-            "the panel stands at its nominal place" => Stands::Nominal,
-            "a greasy panel stands in the cell" => Stands::Panel(0),
-            "a clean panel stands in the cell" => Stands::Panel(1),
+            | "a person touches corners of the board" => CellContents::Target,
+            "the panel stands at its nominal place" => CellContents::Nominal,
+            "a greasy panel stands in the cell" => CellContents::Panel(0),
+            "a clean panel stands in the cell" => CellContents::Panel(1),
             _ => return None,
         })
     }
@@ -57,7 +57,7 @@ impl Stands {
 
 /// What the cameras look at.
 pub struct Scenery {
-    pub stands: Mutex<Stands>,
+    pub stands: Mutex<CellContents>,
     taken: AtomicU64,
     pub nominal: sim::Cell,
     pub boards: BoardCell,
@@ -76,7 +76,7 @@ impl Scenery {
         let of = |print: BoardPrint| BoardCell::new(SEED, print, EXACT).with_reduction(REDUCTION);
         let (boards, targets) = (of(BoardPrint::chessboard(9, 6, 25.0)), of(Target::print()));
         Scenery {
-            stands: Mutex::new(Stands::Nominal),
+            stands: Mutex::new(CellContents::Nominal),
             taken: AtomicU64::new(0),
             base_from_targets: [nominal.scanner_target().base_from_board, nominal.flange_target().base_from_board],
             nominal,
@@ -92,7 +92,7 @@ impl Scenery {
         self.taken.fetch_add(1, Ordering::SeqCst)
     }
 
-    pub fn stands(&self) -> Stands {
+    pub fn contents(&self) -> CellContents {
         *self.stands.lock().expect("nobody failed")
     }
 
@@ -109,22 +109,24 @@ impl Scenery {
             height: camera.height_px,
             gray: vec![0; camera.width_px * camera.height_px],
         };
-        let stands = self.stands();
-        if stands == Stands::LensFlange {
+        let stands = self.contents();
+        if stands == CellContents::LensFlange {
             let shot = &self.lens_flange[number as usize % LENS_PICTURES];
             return self.boards.picture(&camera, shot).to_color();
         }
         let Some(flange) = self.flange() else { return black().to_color() };
         match stands {
-            Stands::BoardLies => self.boards.picture(&camera, &self.boards.flange_view(number, flange)).to_color(),
-            Stands::Target => {
+            CellContents::BoardLies => {
+                self.boards.picture(&camera, &self.boards.flange_view(number, flange)).to_color()
+            }
+            CellContents::Target => {
                 let base_from_camera = flange * self.targets.flange_from_camera();
                 let camera_from_board = base_from_camera.inverse() * self.base_from_targets[1];
                 let shot = BoardShot { index: number, base_from_flange: flange, camera_from_board };
                 self.targets.picture(&camera, &shot).to_color()
             }
-            Stands::Nominal => self.nominal.flange_picture(&flange, sim::PanelPosition::Nominal),
-            Stands::Panel(world) => {
+            CellContents::Nominal => self.nominal.flange_picture(&flange, sim::PanelPosition::Nominal),
+            CellContents::Panel(world) => {
                 let taken = self.cameras(world).and_then(|mut cameras| cameras.1.capture().ok());
                 taken.map_or_else(|| black().to_color(), |taken| taken.picture)
             }
@@ -140,10 +142,10 @@ impl Scenery {
     /// The shot of a board before the scanner.
     fn board_shot(&self) -> Option<(&BoardCell, BoardShot<Camera>)> {
         let number = self.number();
-        match self.stands() {
-            Stands::LensScanner => Some((&self.boards, self.lens_scanner[number as usize % LENS_PICTURES])),
-            Stands::BoardOnFlange => Some((&self.boards, self.boards.fixed_view(number, self.flange()?))),
-            Stands::Target => {
+        match self.contents() {
+            CellContents::LensScanner => Some((&self.boards, self.lens_scanner[number as usize % LENS_PICTURES])),
+            CellContents::BoardOnFlange => Some((&self.boards, self.boards.fixed_view(number, self.flange()?))),
+            CellContents::Target => {
                 let camera_from_board = self.targets.base_from_camera().inverse() * self.base_from_targets[0];
                 let base_from_flange = self.flange()?;
                 Some((&self.targets, BoardShot { index: number, base_from_flange, camera_from_board }))
@@ -153,18 +155,20 @@ impl Scenery {
     }
 
     fn scan(&self) -> Option<OrganizedCloud<Camera>> {
-        match self.stands() {
-            Stands::Nominal => Some(self.nominal.taught_scan()),
-            Stands::Panel(world) => self.cameras(world)?.0.capture_3d().ok().map(|shot| shot.cloud),
-            Stands::LensFlange | Stands::BoardLies => Some(self.nominal.taught_scan()),
+        match self.contents() {
+            CellContents::Nominal => Some(self.nominal.taught_scan()),
+            CellContents::Panel(world) => self.cameras(world)?.0.capture_3d().ok().map(|shot| shot.cloud),
+            CellContents::LensFlange | CellContents::BoardLies => Some(self.nominal.taught_scan()),
             _ => self.board_shot().map(|(cell, shot)| cell.scan(&shot, SCAN_NOISE_MM)),
         }
     }
 
     fn picture(&self) -> Option<ColorPicture> {
-        match self.stands() {
-            Stands::Nominal | Stands::LensFlange | Stands::BoardLies => Some(self.nominal.taught_scan().picture()),
-            Stands::Panel(world) => self.cameras(world)?.0.capture_2d().ok().map(|shot| shot.picture),
+        match self.contents() {
+            CellContents::Nominal | CellContents::LensFlange | CellContents::BoardLies => {
+                Some(self.nominal.taught_scan().picture())
+            }
+            CellContents::Panel(world) => self.cameras(world)?.0.capture_2d().ok().map(|shot| shot.picture),
             _ => self.board_shot().map(|(cell, shot)| cell.picture(&cell.scanner(), &shot).to_color()),
         }
     }

@@ -3,7 +3,7 @@
 //! steps, a corner by the flange's pose. Rendering them is the larger part of a cycle's cost, and two equal views
 //! give equal pictures anyway.
 
-use super::fixture::{Fixture, Stands};
+use super::fixture::{CellContents, Fixture};
 use super::inside::{Inside, Shared};
 use super::judges;
 use super::script::CameraHarm;
@@ -32,10 +32,10 @@ type Healed = Vec<bool>;
 /// What was rendered before.
 #[derive(Default)]
 struct Rendered {
-    scans: BTreeMap<Stands, Arc<OrganizedCloud<Camera>>>,
-    films: BTreeMap<(Stands, Healed), Arc<Film>>,
-    film: BTreeMap<(Stands, Healed, i64), Arc<ColorPicture>>,
-    corners: BTreeMap<(Stands, [i64; 6]), Arc<ColorPicture>>,
+    scans: BTreeMap<CellContents, Arc<OrganizedCloud<Camera>>>,
+    films: BTreeMap<(CellContents, Healed), Arc<Film>>,
+    film: BTreeMap<(CellContents, Healed, i64), Arc<ColorPicture>>,
+    corners: BTreeMap<(CellContents, [i64; 6]), Arc<ColorPicture>>,
 }
 
 static RENDERED: LazyLock<Mutex<Rendered>> = LazyLock::new(Mutex::default);
@@ -78,7 +78,7 @@ pub struct Cameras {
 impl Cameras {
     /// The cameras of this world.
     pub fn new(world: Shared) -> Self {
-        let spots = Fixture::get().scene(Stands::Greasy).spots().len();
+        let spots = Fixture::get().scene(CellContents::Greasy).spots().len();
         Cameras { world, film: None, healed: vec![false; spots], healed_at_ms: None, last: None }
     }
 
@@ -103,7 +103,7 @@ impl Cameras {
         let fixture = Fixture::get();
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
         let touched = Touched::by(&world.trace(on_ms), fixture.truth(), disc_mm);
-        let takes_off = world.stands != Stands::Stubborn;
+        let takes_off = world.stands != CellContents::Stubborn;
         let share = |spot| takes_off && touched.share_of(spot) >= HEALED_FROM;
         self.healed = fixture.truth().spots.iter().map(share).collect();
         self.healed_at_ms = Some(on_ms);
@@ -226,7 +226,7 @@ fn film_s(water: Option<(u64, Option<u64>)>, now_ms: u64) -> f64 {
     }
 }
 
-fn film_picture(stands: Stands, healed: &Healed, step: i64) -> Arc<ColorPicture> {
+fn film_picture(stands: CellContents, healed: &Healed, step: i64) -> Arc<ColorPicture> {
     let mut rendered = rendered();
     let key = (stands, healed.clone(), step);
     if let Some(picture) = rendered.film.get(&key) {
@@ -244,7 +244,7 @@ fn film_picture(stands: Stands, healed: &Healed, step: i64) -> Arc<ColorPicture>
     picture
 }
 
-fn corner_picture(stands: Stands, base_from_flange: &Rigid<Base, Flange>) -> Arc<ColorPicture> {
+fn corner_picture(stands: CellContents, base_from_flange: &Rigid<Base, Flange>) -> Arc<ColorPicture> {
     let key = (stands, rounded(base_from_flange));
     let mut rendered = rendered();
     if let Some(picture) = rendered.corners.get(&key) {

@@ -9,8 +9,8 @@
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
-    Exit, News, NotTaken, RecordingSwitch, Reply, Request, RequestHandler, RequestSender, Requester, ServiceParts,
-    What, WrittenPage, read_request, request_line, request_queue,
+    Exit, News, RecordingSwitch, Reply, Request, RequestHandler, RequestQueueError, RequestSender, Requester,
+    ServiceParts, What, WrittenPage, read_request, request_line, request_queue,
 };
 use panelprep::record::{CycleId, Front, Who};
 use panelprep::supervision::{Supervisor, ThreadFault};
@@ -138,7 +138,7 @@ impl Desk {
                 at_most: before as u32 + ANSWERED_IN,
                 reply: answer,
             }),
-            (Err(NotTaken::Full { .. }), false) => {}
+            (Err(RequestQueueError::Full { .. }), false) => {}
             (sent, _) => {
                 self.is_wrong(format!("{words} of user {uid}, where {of_user} of {of_all} wait: {sent:?}"))
             }
@@ -250,8 +250,8 @@ impl Desk {
     }
 
     /// The loop reports something.
-    pub fn hear(&mut self, news: News) {
-        self.handler.hear(news);
+    pub fn on_news(&mut self, news: News) {
+        self.handler.on_news(news);
         self.answers();
     }
 

@@ -144,7 +144,7 @@ pub fn imagined() -> Vec<PathBuf> {
 }
 
 /// Another process writes to the same folder: what the last one has not flushed is still in the system's memory.
-pub fn go_on() {
+pub fn resume() {
     with(|watched| {
         watched.open.clear();
         (watched.is_over, watched.had_io_error, watched.was_full) = (false, false, false);

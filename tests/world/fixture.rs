@@ -50,7 +50,7 @@ pub struct Fixture {
 
 /// The contents of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Stands {
+pub enum CellContents {
     /// The taught panel, greasy in places.
     Greasy,
     /// The same without grease.
@@ -61,10 +61,10 @@ pub enum Stands {
     Stubborn,
 }
 
-impl Stands {
+impl CellContents {
     /// What it looks like before anything was done with it.
     pub fn looks(self) -> Self {
-        if self == Stands::Stubborn { Stands::Greasy } else { self }
+        if self == CellContents::Stubborn { CellContents::Greasy } else { self }
     }
 }
 
@@ -98,14 +98,14 @@ impl Fixture {
     }
 
     /// The simulated cell with its contents.
-    pub fn scene(&self, stands: Stands) -> &sim::Cell {
+    pub fn scene(&self, stands: CellContents) -> &sim::Cell {
         &self.scenes[stands.looks() as usize]
     }
 
     /// What the 3D camera sees.
-    pub fn scan(&self, stands: Stands) -> OrganizedCloud<Camera> {
-        let empty = self.scene(Stands::Nothing).scan();
-        cropped(&self.scene(stands).scan(), &self.scene(Stands::Greasy).scan(), &empty)
+    pub fn scan(&self, stands: CellContents) -> OrganizedCloud<Camera> {
+        let empty = self.scene(CellContents::Nothing).scan();
+        cropped(&self.scene(stands).scan(), &self.scene(CellContents::Greasy).scan(), &empty)
     }
 
     /// What is true of the taught panel in the cell.

@@ -16,7 +16,7 @@ use truth::Truth;
 
 use super::aims::Aims;
 use super::disk;
-use super::fixture::{Fixture, Stands};
+use super::fixture::{CellContents, Fixture};
 use super::link_cell::{Cell, TICK_MS, setup, wire};
 use super::oracles::Oracles;
 use super::restoring::Backup;
@@ -63,7 +63,7 @@ pub struct Inside {
     pub oracles: Oracles,
     pub around: Arc<Mutex<Around>>,
     tampering: Arc<Mutex<Tampering>>,
-    pub stands: Stands,
+    pub stands: CellContents,
     script: Vec<Pending>,
     /// Time since which the controller has ended an epoch that the session still considers open, ms.
     pub ended_since_ms: Option<u64>,
@@ -128,7 +128,7 @@ pub struct Shared(Arc<Mutex<Inside>>);
 impl Shared {
     /// A world in which this script is to strike.
     pub fn new(
-        stands: Stands,
+        stands: CellContents,
         link: ((u64, u64), Option<Programs>),
         script: Vec<Entry>,
         sabotage: Option<Sabotage>,
@@ -176,7 +176,7 @@ impl Inside {
     }
 
     fn new(
-        stands: Stands,
+        stands: CellContents,
         (delay_ms, programs): ((u64, u64), Option<Programs>),
         script: Vec<Entry>,
         sabotage: Option<Sabotage>,

@@ -1,7 +1,7 @@
 //! The requirements at every moment of a world, in addition to the link's own oracles for client and arm. They are
 //! judged by the controller's outputs and axes, not by the program's belief.
 
-use super::fixture::Stands;
+use super::fixture::CellContents;
 use super::inside::Inside;
 use panelprep::cycle::{self, At, Epoch, Lens, Light, Path, Robot, State, Tool};
 use panelprep::verdict::Verdict;
@@ -139,10 +139,10 @@ pub fn scans(world: &mut Inside) {
 pub fn concluded(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("verdict");
     let is_untrue = match world.stands {
-        Stands::Nothing => matches!(verdict, Verdict::Pass | Verdict::Fail),
-        Stands::Greasy => false,
-        Stands::Stubborn => verdict == Verdict::Pass,
-        Stands::Clean => verdict == Verdict::Fail && world.lasts_until_ms == 0,
+        CellContents::Nothing => matches!(verdict, Verdict::Pass | Verdict::Fail),
+        CellContents::Greasy => false,
+        CellContents::Stubborn => verdict == Verdict::Pass,
+        CellContents::Clean => verdict == Verdict::Fail && world.lasts_until_ms == 0,
     };
     if is_untrue {
         let stands = world.stands;

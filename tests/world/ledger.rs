@@ -44,7 +44,7 @@ pub struct Ledger {
 
 /// What of a command is remembered until its answer comes.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub enum Told {
+pub enum CommandSummary {
     Event(Event),
     Verdict(Verdict),
     Decided(Verdict),
@@ -89,38 +89,40 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
     Ok(())
 }
 
-impl Told {
+impl CommandSummary {
     /// Of this command.
     pub fn from_command(command: &RecordCommand) -> Self {
         match command {
-            RecordCommand::Event(event) => Told::Event(*event),
-            RecordCommand::Conclude { verdict, .. } => Told::Verdict(*verdict),
-            RecordCommand::Note(Note::Finding(_)) => Told::Finding,
-            RecordCommand::Asked(_) => Told::Asked,
-            RecordCommand::OpenIntent(motion) => Told::Open(*motion),
-            RecordCommand::OpenContact { motion, permitted, .. } => Told::OpenContact(*motion, *permitted),
-            RecordCommand::Permit(permitted) => Told::Permit(*permitted),
-            RecordCommand::CloseIntent { done, .. } => Told::Close(*done),
-            RecordCommand::BetweenCycles => Told::Between,
-            RecordCommand::Begin(_) => Told::Begin,
-            _ => Told::Nothing,
+            RecordCommand::Event(event) => CommandSummary::Event(*event),
+            RecordCommand::Conclude { verdict, .. } => CommandSummary::Verdict(*verdict),
+            RecordCommand::Note(Note::Finding(_)) => CommandSummary::Finding,
+            RecordCommand::Asked(_) => CommandSummary::Asked,
+            RecordCommand::OpenIntent(motion) => CommandSummary::Open(*motion),
+            RecordCommand::OpenContact { motion, permitted, .. } => {
+                CommandSummary::OpenContact(*motion, *permitted)
+            }
+            RecordCommand::Permit(permitted) => CommandSummary::Permit(*permitted),
+            RecordCommand::CloseIntent { done, .. } => CommandSummary::Close(*done),
+            RecordCommand::BetweenCycles => CommandSummary::Between,
+            RecordCommand::Begin(_) => CommandSummary::Begin,
+            _ => CommandSummary::Nothing,
         }
     }
 }
 
 impl Ledger {
     /// The store has acknowledged it.
-    pub fn acknowledged(&mut self, told: Told, answer: &RecordAnswer) {
+    pub fn acknowledged(&mut self, told: CommandSummary, answer: &RecordAnswer) {
         let begun = if let RecordAnswer::Cycle(cycle) = answer { Some(*cycle) } else { None };
-        self.tell(told, begun);
+        self.record(told, begun);
     }
 
     /// The loop is about to have this verdict written.
     pub fn decided(&mut self, verdict: Verdict) {
-        self.tell(Told::Decided(verdict), None);
+        self.record(CommandSummary::Decided(verdict), None);
     }
 
-    fn tell(&mut self, told: Told, begun: Option<CycleId>) {
+    fn record(&mut self, told: CommandSummary, begun: Option<CycleId>) {
         if let Some(mut file) = self.told_to.as_deref() {
             let line = format!("{}\n", serde_json::to_string(&(told, begun)).expect("plain data"));
             file.write_all(line.as_bytes()).expect("a pipe that somebody reads");
@@ -138,33 +140,33 @@ impl Ledger {
         Ok(())
     }
 
-    fn apply(&mut self, told: Told, begun: Option<CycleId>) {
+    fn apply(&mut self, told: CommandSummary, begun: Option<CycleId>) {
         match (told, self.cycle) {
-            (Told::Event(event), _) => self.events.push(event),
-            (Told::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),
-            (Told::Decided(verdict), Some(cycle)) => drop(self.decided.insert(cycle, verdict)),
-            (Told::Finding, Some(cycle)) => *self.findings.entry(cycle).or_default() += 1,
-            (Told::Asked, Some(cycle)) => *self.asked.entry(cycle).or_default() += 1,
-            (Told::Open(motion), _) => self.open = Some(motion),
-            (Told::OpenContact(motion, permitted), cycle) => {
+            (CommandSummary::Event(event), _) => self.events.push(event),
+            (CommandSummary::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),
+            (CommandSummary::Decided(verdict), Some(cycle)) => drop(self.decided.insert(cycle, verdict)),
+            (CommandSummary::Finding, Some(cycle)) => *self.findings.entry(cycle).or_default() += 1,
+            (CommandSummary::Asked, Some(cycle)) => *self.asked.entry(cycle).or_default() += 1,
+            (CommandSummary::Open(motion), _) => self.open = Some(motion),
+            (CommandSummary::OpenContact(motion, permitted), cycle) => {
                 self.open = Some(motion);
                 if let Some(cycle) = cycle {
                     self.permitted.entry(cycle).or_default().push(permitted);
                 }
             }
-            (Told::Permit(permitted), Some(cycle)) => {
+            (CommandSummary::Permit(permitted), Some(cycle)) => {
                 if let Some(last) = self.permitted.entry(cycle).or_default().last_mut() {
                     *last = permitted;
                 }
             }
-            (Told::Close(done), cycle) => {
+            (CommandSummary::Close(done), cycle) => {
                 self.open = None;
                 if let Some(cycle) = cycle {
                     *self.done.entry(cycle).or_default() += done;
                 }
             }
-            (Told::Between, _) => self.cycle = None,
-            (Told::Begin, _) => self.cycle = begun.or(self.cycle),
+            (CommandSummary::Between, _) => self.cycle = None,
+            (CommandSummary::Begin, _) => self.cycle = begun.or(self.cycle),
             _ => {}
         }
     }

@@ -59,7 +59,7 @@ pub use script::{Entry, parse, print};
 
 use crate::link::{cell as link_cell, oracles};
 use cameras::Cameras;
-use fixture::{Fixture, Stands};
+use fixture::{CellContents, Fixture};
 use inside::Shared;
 use ledger::Ledger;
 use panelprep::cycle::At;
@@ -167,13 +167,18 @@ impl World {
     /// The world before its first process. Its store is or will be in this folder.
     fn begin(&self, folder: PathBuf, ledger: Ledger) -> Running {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
-        let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
-            [draw.random_range(0..5)];
+        let stands = [
+            CellContents::Greasy,
+            CellContents::Greasy,
+            CellContents::Greasy,
+            CellContents::Clean,
+            CellContents::Nothing,
+        ][draw.random_range(0..5)];
         // A cycle that is run to its end without faults shows it.
         let is_whole = self.seed.is_multiple_of(4);
         let is_stubborn =
             is_whole && Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;
-        let stands = if is_stubborn && stands == Stands::Greasy { Stands::Stubborn } else { stands };
+        let stands = if is_stubborn && stands == CellContents::Greasy { CellContents::Stubborn } else { stands };
         let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         let link = (delay_ms, self.programs());
         let world = Shared::new(stands, link, self.script.clone(), self.sabotage);
@@ -340,11 +345,11 @@ impl Running {
             Some(Power::Kill) => {
                 world.counts.kills += 1;
                 drop(world);
-                disk::go_on();
+                disk::resume();
             }
             None => {
                 drop(world);
-                disk::go_on();
+                disk::resume();
             }
         }
         self.touches();

@@ -275,7 +275,7 @@ impl People {
         }
     }
 
-    fn hear(&mut self, news: &News) {
+    fn on_news(&mut self, news: &News) {
         match news {
             News::Begun(..) => {
                 let mut world = self.world.lock();
@@ -342,9 +342,9 @@ impl Port<RequestCommand> for People {
             RequestCommand::Next(state) => RequestAnswer::Next(self.next(&state)),
             RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.admit(id).then_some(id)),
             RequestCommand::Tell(news) => {
-                self.hear(&news);
+                self.on_news(&news);
                 if let Some(desk) = &mut self.desk {
-                    desk.hear(news);
+                    desk.on_news(news);
                 }
                 RequestAnswer::Told
             }

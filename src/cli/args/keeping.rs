@@ -1,6 +1,6 @@
 //! Arguments of the commands about what is kept: the store, pages, recordings, codes.
 
-use super::values::said;
+use super::values::parse_non_empty;
 use crate::history::languages;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
@@ -42,7 +42,7 @@ pub enum StoreTask {
 #[derive(Debug, Clone, Args)]
 pub struct RenewStore {
     /// Why; it is kept in the store.
-    #[arg(long, value_name = "WORDS", value_parser = said)]
+    #[arg(long, value_name = "WORDS", value_parser = parse_non_empty)]
     pub why: String,
 }
 

@@ -1,6 +1,6 @@
 //! Arguments of `panelprep robot`.
 
-use super::values::said;
+use super::values::parse_non_empty;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -101,7 +101,7 @@ pub struct Prove {
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// The person at the controller.
-    #[arg(long, value_name = "NAME", value_parser = said)]
+    #[arg(long, value_name = "NAME", value_parser = parse_non_empty)]
     pub by: String,
 }
 

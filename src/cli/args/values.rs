@@ -4,7 +4,7 @@
 ///
 /// # Errors
 /// If it is empty.
-pub fn said(text: &str) -> Result<String, String> {
+pub fn parse_non_empty(text: &str) -> Result<String, String> {
     match text.trim() {
         "" => Err("must not be empty".to_owned()),
         text => Ok(text.to_owned()),

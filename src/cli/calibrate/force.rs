@@ -51,12 +51,12 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
     outcome.put("zero_n", json!(zero_n));
     outcome.put("zero_95_n", json!(found.zero_95_n));
     outcome.put("rms_n", json!(found.rms_n));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "payload {payload_kg:.3} ± {:.3} kg, zero {zero_n:.2} ± {:.2} N (95 %)",
         found.payload_95_kg, found.zero_95_n
     ));
-    outcome.say(format!("{} readings, {:.2} N rms off the line", found.readings, found.rms_n));
-    outcome.say(format!(
+    outcome.add_line(format!("{} readings, {:.2} N rms off the line", found.readings, found.rms_n));
+    outcome.add_line(format!(
         "[tool] of the cell's file: payload_kg = {payload_kg:.3} and zero_n = {zero_n:.2}; then verify them"
     ));
     Ok(outcome)
@@ -98,7 +98,7 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     outcome.put("limit_n", json!(demands.limit));
     outcome.put("number", json!(number));
     let [off, allowed] = apart(error_n, demands.limit, 2);
-    outcome.say(format!("force without contact: {off} N off (limit {allowed} N); kept as number {number}"));
+    outcome.add_line(format!("force without contact: {off} N off (limit {allowed} N); kept as number {number}"));
     Ok(outcome)
 }
 

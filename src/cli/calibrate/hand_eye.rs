@@ -89,7 +89,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let poses = if is_reported { PosesFrom::Controller } else { PosesFrom::File };
     let judgement = gate::hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::from_judgement(&judgement);
-    tell(&mut outcome, (&found, &board), &aside);
+    report_result(&mut outcome, (&found, &board), &aside);
     // The 3D camera is used through its points. So its mount is computed from them if there are any, and the
     // pictures are the check.
     let kept = second.as_ref().unwrap_or(&found);
@@ -101,7 +101,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             "second",
             json!({(A::TABLE): pose_of(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
         );
-        outcome.say(format!(
+        outcome.add_line(format!(
             "from the 3D camera's own points (this mount is kept): {} ± {:.3} mm ({apart_mm:.3} mm apart at the \
              panel)",
             pose_of(second),
@@ -110,14 +110,14 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     }
     if let Some(rough) = rough {
         let apart_mm = rough.distance_at_mm(found.adjusted.to_from_camera, Point::at(0.0, 0.0, 0.0));
-        outcome.say(format!("{apart_mm:.0} mm from the rough mount in the cell's file"));
+        outcome.add_line(format!("{apart_mm:.0} mm from the rough mount in the cell's file"));
     }
     if let Some(next) = next_pose(&camera, &board, &stations, &found) {
         outcome.put("next_pose", json!(next.base_from_flange));
         outcome.put("next_uncertainty_mm", json!(next.uncertainty_mm));
         let text =
             format!("one more pose would help most at {}: ± {:.3} mm", next.base_from_flange, next.uncertainty_mm);
-        outcome.say(text);
+        outcome.add_line(text);
     }
     let mut mounted = MountedPose::<A>::from_pose(pose_of(kept));
     mounted.date = date::today();
@@ -139,7 +139,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
 fn refused(error: &CalibError, out: &Path) -> Outcome {
     let reason = Reason::new("no_mount", error.to_string());
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
-    outcome.say(format!("{}: not written", out.display()));
+    outcome.add_line(format!("{}: not written", out.display()));
     outcome
 }
 
@@ -206,7 +206,11 @@ fn looks(
     Ok((looks, aside))
 }
 
-fn tell<A: Arrangement>(outcome: &mut Outcome, (found, board): (&HandEye<A>, &Board), aside: &[(String, String)]) {
+fn report_result<A: Arrangement>(
+    outcome: &mut Outcome,
+    (found, board): (&HandEye<A>, &Board),
+    aside: &[(String, String)],
+) {
     let noise = &found.adjusted.noise;
     let turn_deg = noise.turn_rad.to_degrees();
     outcome.put(A::TABLE, json!(pose_of(found)));
@@ -233,32 +237,32 @@ fn tell<A: Arrangement>(outcome: &mut Outcome, (found, board): (&HandEye<A>, &Bo
     outcome.put("leave_one_out_mm", json!(left_out_mm));
     outcome.put("second_axis_deg", json!(found.second_axis_deg));
     outcome.put("noise", json!({"corner_px": noise.corner, "robot_mm": noise.shift_mm, "robot_deg": turn_deg}));
-    outcome.say(format!("{} {}", A::TABLE, pose_of(found)));
+    outcome.add_line(format!("{} {}", A::TABLE, pose_of(found)));
     let lens = match lens_mm > 0.0 {
         true => format!("the lens contributes ± {lens_mm:.3} mm"),
         false => "the intrinsics' file states no covariance: the lens is assumed to have no error".to_owned(),
     };
-    outcome.say(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
-    outcome.say(format!(
+    outcome.add_line(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
+    outcome.add_line(format!(
         "picture and robot disagree by {:.3} mm and {:.4}° rms; found noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
         found.rms_mm, found.rms_deg, noise.corner, noise.shift_mm
     ));
     if let Some(size) = &found.square {
         let (mm, known_mm) = (size.ratio * board.square_mm(), size.ratio_95() * board.square_mm());
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the board's squares by the robot's motions: {mm:.3} ± {known_mm:.3} mm, stated {} mm",
             board.square_mm()
         ));
     }
-    outcome.say(format!("without the worst picture, {left_out}, the result moves by {left_out_mm:.3} mm"));
+    outcome.add_line(format!("without the worst picture, {left_out}, the result moves by {left_out_mm:.3} mm"));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };
-        outcome.say(format!("  {}: {:.3} mm, {:.4}°{mark}", residual.name, residual.mm, residual.deg));
+        outcome.add_line(format!("  {}: {:.3} mm, {:.4}°{mark}", residual.name, residual.mm, residual.deg));
     }
     if gate::outliers_may_stay_out(found) {
-        found.suspects.iter().for_each(|suspect| outcome.say(format!("left out: {suspect}")));
+        found.suspects.iter().for_each(|suspect| outcome.add_line(format!("left out: {suspect}")));
     }
     for (file, reason) in aside {
-        outcome.say(format!("set aside: {file}: {reason}"));
+        outcome.add_line(format!("set aside: {file}: {reason}"));
     }
 }

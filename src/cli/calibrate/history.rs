@@ -22,9 +22,9 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let all = CellFiles::read(common)?.store()?.verification_history().map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     if all.is_empty() {
-        outcome.say("nothing was verified yet");
+        outcome.add_line("nothing was verified yet");
     }
-    all.iter().for_each(|(number, verification)| outcome.say(line(*number, verification)));
+    all.iter().for_each(|(number, verification)| outcome.add_line(line(*number, verification)));
     let rows: Vec<Value> = all.iter().map(|(number, verification)| row(*number, verification)).collect();
     outcome.put("verifications", json!(rows));
     Ok(outcome)
@@ -40,13 +40,13 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     let struck = Store::strike_in(files.store_folder(), args.number, &strike);
     let (_, verification) = struck.map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
-    outcome.say(line(args.number, &verification));
+    outcome.add_line(line(args.number, &verification));
     let again = match verification.subject.as_str() {
         "tool" => "calibrate touch",
         TOOL_FORCE => "calibrate force --verify",
         _ => "calibrate verify",
     };
-    outcome.say(format!("it stays in the store and counts no more; run `panelprep {again}` again"));
+    outcome.add_line(format!("it stays in the store and counts no more; run `panelprep {again}` again"));
     outcome.put("verification", row(args.number, &verification));
     Ok(outcome)
 }

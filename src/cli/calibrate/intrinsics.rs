@@ -75,12 +75,12 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         reasons.append(&mut judgement.reasons);
         judgement = Judgement::new(reasons, vec![]);
     }
-    let mut outcome = told(&judgement, &found, &all, &detected);
+    let mut outcome = build_outcome(&judgement, &found, &all, &detected);
     tell_model(&mut outcome, &found, &board);
     if let Some(folder) = &args.pictures {
         let picture = report::residual_field(size, &found).map_err(Fault::stage)?;
         let file = pictures::save(folder, "residuals", &picture)?;
-        outcome.say(format!("{}: residuals, drawn larger", file.display()));
+        outcome.add_line(format!("{}: residuals, drawn larger", file.display()));
     }
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
@@ -147,14 +147,14 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     let support = &found.support;
     let outline = support.outline_px.as_ref().map(|all| all.iter().map(|p| [p.u, p.v]).collect::<Vec<_>>());
     outcome.put("support", json!({"share": support.share, "error_px": support.error_px, "outline_px": outline}));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "model {}; in pictures that were left out corners are {:.3} px rms off, 95 % within {:.3} px",
         found.model.name(),
         found.left_out_rms_px,
         found.left_out_95_px
     ));
-    left_out.iter().for_each(|reason| outcome.say(format!("left out: {reason}")));
-    outcome.say(format!(
+    left_out.iter().for_each(|reason| outcome.add_line(format!("left out: {reason}")));
+    outcome.add_line(format!(
         "the lens is known to {:.2} px in {:.0} % of the picture",
         support.error_px,
         support.share * 100.0
@@ -162,14 +162,13 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     let next = found.next_picture(board);
     outcome.put("next_picture", json!(next.as_ref().map(|next| &next.words)));
     match next {
-        Some(next) => outcome.say(format!(
+        Some(next) => outcome.add_line(format!(
             "one more picture would help most with {}: the lens's error falls to {:.0} %",
             next.words,
             next.error_share * 100.0
         )),
-        None => {
-            outcome.say("no single further picture would lower the lens's error by 2 % or more: these are enough")
-        }
+        None => outcome
+            .add_line("no single further picture would lower the lens's error by 2 % or more: these are enough"),
     }
 }
 
@@ -187,8 +186,8 @@ fn no_lens(error: &CalibError, all: &[Picture], detected: &[Result<Detected, Cal
     let next = "the board sharp and whole, over most of the picture, facing the camera; then four more, each tilted by 30° \
                 to another side";
     outcome.put("next_picture", json!(next));
-    outcome.say(format!("next: {next}"));
-    outcome.say(format!("{}: not written", args.out.display()));
+    outcome.add_line(format!("next: {next}"));
+    outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
@@ -224,7 +223,7 @@ fn views(all: &[Picture], detected: &[Result<Detected, CalibError>]) -> Result<V
     Ok(views)
 }
 
-fn told(
+fn build_outcome(
     judgement: &Judgement,
     found: &Calibrated,
     all: &[Picture],
@@ -249,7 +248,7 @@ fn told(
     let mut deviations = serde_json::Map::new();
     for ((key, value), deviation) in numbers.iter().zip(found.deviations) {
         outcome.put(key, json!(value));
-        outcome.say(format!("{key:6} {value:12.5} ± {deviation:.5}"));
+        outcome.add_line(format!("{key:6} {value:12.5} ± {deviation:.5}"));
         deviations.insert((*key).to_owned(), json!(deviation));
     }
     outcome.put("standard_deviations", Value::Object(deviations));
@@ -267,7 +266,7 @@ fn told(
     outcome.put("corners", json!({"found": corners, "modelled": modelled}));
     outcome.put("coverage", json!(found.coverage));
     outcome.put("tilt_deg", json!(found.tilt_deg));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "{:.3} px rms; windows of ±{} to ±{} px, {placed}; corners cover {:.0} % of the picture; tilts of {:.0}° to {:.0}°",
         found.rms_px,
         least.unwrap_or(0),
@@ -301,8 +300,8 @@ fn tell_images(
     for image in &images {
         let text = |key: &str| image[key].as_str().unwrap_or("").to_owned();
         match image["rms_px"].as_f64().filter(|_| image["used"] == true) {
-            Some(rms_px) => outcome.say(format!("  {}: {rms_px:.3} px", text("file"))),
-            None => outcome.say(format!("set aside: {}: {}", text("file"), text("reason"))),
+            Some(rms_px) => outcome.add_line(format!("  {}: {rms_px:.3} px", text("file"))),
+            None => outcome.add_line(format!("set aside: {}: {}", text("file"), text("reason"))),
         }
     }
     outcome.put("images", Value::Array(images));

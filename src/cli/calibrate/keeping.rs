@@ -15,10 +15,10 @@ pub(super) fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenan
 /// Writes a calibration unless it was rejected, and reports this.
 pub(super) fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -> Result<(), Fault> {
     if judgement.verdict == Verdict::Reject {
-        outcome.say(format!("{}: not written", file.display()));
+        outcome.add_line(format!("{}: not written", file.display()));
         return Ok(());
     }
     disk::write_through(file, text)?;
-    outcome.say(format!("{}: written", file.display()));
+    outcome.add_line(format!("{}: written", file.display()));
     Ok(())
 }

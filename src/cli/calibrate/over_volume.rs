@@ -90,10 +90,10 @@ pub fn run(
         let error = CalibError::TooFewPictures { found, given, needed: MIN_PICTURES, first_reason };
         return Err(Fault::stage(error));
     }
-    tell(args, files, (&left, &aside), files.hash_with_arm(&[&lens.text, &mount.text]))
+    record_verification(args, files, (&left, &aside), files.hash_with_arm(&[&lens.text, &mount.text]))
 }
 
-fn tell(
+fn record_verification(
     args: &Verify,
     files: &CellFiles,
     (left, aside): (&[Left], &[(String, String)]),
@@ -110,22 +110,22 @@ fn tell(
     });
     outcome.put("left", places.collect());
     outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
-    outcome.say(format!("{} pictures: {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
+    outcome.add_line(format!("{} pictures: {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
     for one in left {
         let place = one.place.mm;
         let (name, mm) = (&one.name, one.error_mm);
-        outcome.say(format!(
+        outcome.add_line(format!(
             "  {name}: {mm:.3} mm, the flange at ({:.0}, {:.0}, {:.0}) mm",
             place.x, place.y, place.z
         ));
     }
-    aside.iter().for_each(|(file, reason)| outcome.say(format!("set aside: {file}: {reason}")));
+    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("set aside: {file}: {reason}")));
     if let Some(folder) = &args.pictures {
         let file = folder.join("map_flange_camera.svg");
         let limit_mm = files.cell.limits().verify_limit_mm();
         let title = "remaining error at the board, by the flange's position";
         disk::write(&file, report::error_map(title, left, limit_mm))?;
-        outcome.say(format!("{}: the map", file.display()));
+        outcome.add_line(format!("{}: the map", file.display()));
     }
     Ok(outcome)
 }

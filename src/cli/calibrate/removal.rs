@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
     let judgement = Judgement::of_checks(&checks);
     let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put_checks(&checks);
-    tell(&mut outcome, &found, &coupons);
+    report_result(&mut outcome, &found, &coupons);
     let left_out = found.left_out.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.off.abs()));
     let residuals = if found.left_out.iter().all(Option::is_some) { left_out.collect() } else { vec![] };
     let made = provenance(vec![content_hash(&bytes)], residuals);
@@ -54,7 +54,7 @@ fn refused(message: String, args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("no_model", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put("preston_mm2_per_n", Value::Null);
-    outcome.say(format!("{}: not written", args.out.display()));
+    outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
@@ -80,7 +80,7 @@ fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> [(&'sta
     ]
 }
 
-fn tell(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
+fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
     let known_percent = 100.0 * found.preston_share_95(0.0);
     let [wear, wear_95] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
     outcome.put("preston_mm2_per_n", json!(found.preston_mm2_per_n));
@@ -90,23 +90,23 @@ fn tell(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
     outcome.put("coupon_deviation_percent", json!(100.0 * found.coupon_deviation));
     outcome.put("left_out_percent", json!(100.0 * found.left_out_rms()));
     outcome.put("power", json!({"value": found.power[0], "uncertainty": found.power[1]}));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "k of a new disc {:.3e} mm²/N ± {} % (95 %)",
         found.preston_mm2_per_n,
         fixed(known_percent, 1)
     ));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "wear: ln k falls by {} ± {} while the disc sweeps a square metre",
         fixed(wear, 2),
         fixed(wear_95, 2)
     ));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "{} measured places, {} % rms from the model; left-out places {} % from what the others predict",
         coupons.len(),
         fixed(100.0 * found.coupon_deviation, 1),
         fixed(100.0 * found.left_out_rms(), 1)
     ));
-    outcome.say("coupon            line   measured µm   by the others µm   off %".to_owned());
+    outcome.add_line("coupon            line   measured µm   by the others µm   off %".to_owned());
     let mut told = Vec::with_capacity(coupons.len());
     for (coupon, one) in coupons.iter().zip(&found.left_out) {
         let foretold = one.map(|one| (one.foretold_um, 100.0 * one.off, one.is_outlier));
@@ -114,7 +114,7 @@ fn tell(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
             foretold.map_or(("none".to_owned(), "–".to_owned(), ""), |(um, off, is_out)| {
                 (fixed(um, 1).to_string(), fixed(off, 1).to_string(), if is_out { "   outlier" } else { "" })
             });
-        outcome.say(format!(
+        outcome.add_line(format!(
             "{:16}  {:4}   {:11}   {by_others:>16}   {off:>5}{mark}",
             coupon.name,
             coupon.line,

@@ -80,11 +80,11 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     };
     let judgement = gate::robot(&found, data.views.len());
     let mut outcome = Outcome::from_judgement(&judgement);
-    tell(&mut outcome, &found, &aside);
+    report_result(&mut outcome, &found, &aside);
     let board = boards::board(&args.board)?;
-    robot_advice::tell(&mut outcome, &cell, &found, (&data, &cameras, &board));
+    robot_advice::report_advice(&mut outcome, &cell, &found, (&data, &cameras, &board));
     if gate::needs_no_correction(&found) {
-        outcome.say(format!("{}: not written, the arm needs no correction", args.out.display()));
+        outcome.add_line(format!("{}: not written, the arm needs no correction", args.out.display()));
         return Ok(outcome);
     }
     let file = RobotCorrection {
@@ -104,7 +104,7 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let mut outcome = Outcome::from_judgement(&crate::verdict::Judgement::new(vec![reason], vec![]));
     outcome.put("residual_left_out_mm", json!(null));
     outcome.put("residual_left_out_before_mm", json!(null));
-    outcome.say(format!("{}: not written", args.out.display()));
+    outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
@@ -223,7 +223,7 @@ fn start<A: Arrangement>(
     })
 }
 
-fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
+fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
     outcome.put("residual_left_out_mm", json!(found.left_out_after_mm));
     outcome.put("residual_left_out_before_mm", json!(found.left_out_before_mm));
     let kind = match &found.correction {
@@ -231,14 +231,14 @@ fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
         Correction::Smooth { middle_mm, half_mm, .. } => {
             let [[x0, x1], [y0, y1], [z0, z1]] =
                 std::array::from_fn(|axis| [middle_mm[axis] - half_mm[axis], middle_mm[axis] + half_mm[axis]]);
-            outcome.say(format!(
+            outcome.add_line(format!(
                 "no axis angles: a smooth correction, good within x {x0:.0} to {x1:.0}, y {y0:.0} to {y1:.0}, z {z0:.0} to {z1:.0} mm"
             ));
             "smooth".to_owned()
         }
     };
     outcome.put("kind", json!(kind));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "pictures that were left out: {:.3} mm rms off with mounts and boards alone, {:.3} mm with the correction",
         found.left_out_before_mm, found.left_out_after_mm
     ));
@@ -249,15 +249,16 @@ fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
     let (told, untold): (Vec<_>, Vec<_>) =
         found.numbers.iter().partition(|number| number.untold < robot_next::DETERMINED_SHARE);
     for number in &told {
-        outcome.say(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
+        outcome.add_line(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
     }
     let names: Vec<&str> = untold.iter().map(|number| number.name.as_str()).collect();
     if !names.is_empty() {
-        outcome.say(format!("not determined by these data, and kept near the drawing's: {}", names.join("; ")));
+        outcome
+            .add_line(format!("not determined by these data, and kept near the drawing's: {}", names.join("; ")));
     }
     if let Some(tip) = found.tip_mm {
         outcome.put("tip_mm", json!([tip.x, tip.y, tip.z]));
     }
     outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
-    aside.iter().for_each(|(file, reason)| outcome.say(format!("set aside: {file}: {reason}")));
+    aside.iter().for_each(|(file, reason)| outcome.add_line(format!("set aside: {file}: {reason}")));
 }

@@ -15,7 +15,7 @@ use serde_json::json;
 const PLACES: [usize; 3] = [4, 4, 3];
 
 /// Reports the stated error over the working volume and the next pose.
-pub(super) fn tell(
+pub(super) fn report_advice(
     outcome: &mut Outcome,
     cell: &Cell,
     found: &RobotFound,
@@ -37,7 +37,7 @@ pub(super) fn tell(
             "tip_uncertainty_mm",
             json!({"median": median_mm, "worst": worst_mm, "at_mm": [x, y, z], "places": places}),
         );
-        outcome.say(format!(
+        outcome.add_line(format!(
             "with the correction the tip is off by at most {median_mm:.2} mm (95 %, median of {places} places of the working \
              volume), {worst_mm:.2} mm at worst, at ({x:.0}, {y:.0}, {z:.0}) mm"
         ));
@@ -46,7 +46,7 @@ pub(super) fn tell(
     let next = robot_next::next_pose(found, &candidates, &volume);
     outcome.put("next_pose", next.as_ref().map_or(json!(null), |next| object(found, next)));
     outcome.put("enough", json!(next.as_ref().map(NextPose::is_enough)));
-    outcome.say(words(found, next.as_ref()));
+    outcome.add_line(words(found, next.as_ref()));
 }
 
 fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
@@ -114,7 +114,7 @@ fn candidates(
     let mut all = Vec::new();
     for (rig, camera) in cameras.iter().enumerate() {
         for viewpoint in robot_next::viewpoints(found, &data.views, rig, (camera, board)) {
-            let stands = stands(cell, &arm, &viewpoint.base_from_flange, tip(found));
+            let stands = reachable_postures(cell, &arm, &viewpoint.base_from_flange, tip(found));
             all.extend(stands.into_iter().map(|pose| Candidate { viewpoint: viewpoint.clone(), pose }));
         }
     }
@@ -122,7 +122,7 @@ fn candidates(
 }
 
 /// The possible postures of the arm at a pose, with its tip in the cell's box.
-fn stands(
+fn reachable_postures(
     cell: &Cell,
     arm: &Kinematics,
     base_from_flange: &Rigid<Base, Flange>,
@@ -167,7 +167,7 @@ fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
             let turn = measured[at].isometry().rotation;
             let shift = place.coords - turn * tip(found).mm.coords;
             let flange: Rigid<Base, Flange> = Rigid::claim(Isometry3::from_parts(shift.into(), turn));
-            stands(cell, &arm, &flange, tip(found)).into_iter().next()
+            reachable_postures(cell, &arm, &flange, tip(found)).into_iter().next()
         });
         all.extend(standing);
     }

@@ -97,7 +97,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     }
     outcome.put("width_px", json!(lens.width_px));
     outcome.put("height_px", json!(lens.height_px));
-    outcome.say(format!(
+    outcome.add_line(format!(
         "fx {:.2}, fy {:.2}, cx {:.2}, cy {:.2} px: half of the points lie within {:.4} px of its rays",
         lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, found.median_px
     ));

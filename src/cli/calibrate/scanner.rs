@@ -51,7 +51,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     let judgement = Judgement::of_checks(&checks);
     let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put_checks(&checks);
-    tell(&mut outcome, &found, &all);
+    report_result(&mut outcome, &found, &all);
     let used = all.iter().filter(|(_, _, view)| view.is_ok());
     let made = provenance(used.map(|(_, hash, _)| hash.clone()).collect(), found.residuals_mm.clone());
     let measured = MeasuredScanner {
@@ -70,7 +70,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     if let Some(folder) = &args.pictures {
         let picture = report::depth_error_map(&lens.camera, &found).map_err(Fault::stage)?;
         let file = pictures::save(folder, "scanner_errors", &picture)?;
-        outcome.say(format!("{}: the errors over the camera's picture", file.display()));
+        outcome.add_line(format!("{}: the errors over the camera's picture", file.display()));
     }
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
@@ -95,7 +95,7 @@ fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
     let mut outcome = Outcome::from_judgement(&judgement);
     outcome.put("smooth_mm", Value::Null);
     tell_aside(&mut outcome, all);
-    outcome.say(format!("{}: not written", args.out.display()));
+    outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
@@ -104,21 +104,21 @@ fn tell_aside(outcome: &mut Outcome, all: &[Read]) {
         if let Err(error) = view {
             let why = error.to_string();
             let named = if why.starts_with(name.as_str()) { why } else { format!("{name}: {why}") };
-            outcome.say(format!("left out: {named}"));
+            outcome.add_line(format!("left out: {named}"));
         }
     }
 }
 
-fn tell(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
+fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
     let [low_mm, high_mm] = found.correlation_between_mm.map(|mm| fixed(mm, 0));
-    outcome.say(format!("white noise of a pixel {} mm at 700 mm", fixed(found.white_mm, 3)));
-    outcome.say(format!(
+    outcome.add_line(format!("white noise of a pixel {} mm at 700 mm", fixed(found.white_mm, 3)));
+    outcome.add_line(format!(
         "smooth error of a scan {} mm, alike over {} mm (95 %: {low_mm} to {high_mm} mm)",
         fixed(found.smooth_mm, 3),
         fixed(found.correlation_mm, 0)
     ));
     let plain = fixed(found.left_out_plain_mm, 3);
-    outcome.say(match found.left_out_corrected_mm {
+    outcome.add_line(match found.left_out_corrected_mm {
         Some(corrected_mm) => format!(
             "the same error in each scan: up to {} mm at 700 mm, which is subtracted from now on; scans that were \
              left out are {plain} mm rms off a plane without this correction, {} mm with it",
@@ -130,7 +130,7 @@ fn tell(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
                          would not improve this"
         ),
     });
-    outcome.say(format!(
+    outcome.add_line(format!(
         "distances are {} % too long, {} % from scan to scan; the board is bowed by {} mm",
         fixed(found.scale_percent, 3),
         fixed(found.scale_deviation_percent, 3),
@@ -147,10 +147,10 @@ fn tell(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
     outcome.put("scale_deviation_percent", json!(found.scale_deviation_percent));
     outcome.put("board_bow_mm", json!(found.bow_mm));
     outcome.put("places", json!(found.residuals_mm.len()));
-    outcome.say("scan                  rms off its plane, mm".to_owned());
+    outcome.add_line("scan                  rms off its plane, mm".to_owned());
     let used = all.iter().filter(|(_, _, view)| view.is_ok());
     for ((name, _, _), rms_mm) in used.zip(&found.residuals_mm) {
-        outcome.say(format!("{name:20}  {}", fixed(*rms_mm, 3)));
+        outcome.add_line(format!("{name:20}  {}", fixed(*rms_mm, 3)));
     }
     tell_aside(outcome, all);
 }

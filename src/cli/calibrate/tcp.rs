@@ -44,10 +44,10 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("residuals_mm", json!(point.residuals_mm));
     outcome.put("axis_measured", json!(axis.is_some()));
     outcome.put("axis_residuals_deg", json!(axis.as_ref().map(|axis| &axis.residuals_deg)));
-    outcome.say(format!("flange_from_tool {pose}"));
-    outcome.say(format!("{:.3} mm rms, the tip ± {:.3} mm (95 %)", point.rms_mm, point.uncertainty_mm));
+    outcome.add_line(format!("flange_from_tool {pose}"));
+    outcome.add_line(format!("{:.3} mm rms, the tip ± {:.3} mm (95 %)", point.rms_mm, point.uncertainty_mm));
     for (index, residual_mm) in point.residuals_mm.iter().enumerate() {
-        outcome.say(format!("  pose {}: {residual_mm:.3} mm", index + 1));
+        outcome.add_line(format!("  pose {}: {residual_mm:.3} mm", index + 1));
     }
     if let Some(out) = &args.out {
         let mut mounted = MountedPose::<ToolMount>::from_pose(pose);

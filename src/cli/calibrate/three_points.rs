@@ -59,9 +59,9 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
     let Some(points) = points else {
         let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
-        outcome.say(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
+        outcome.add_line(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
         for (index, (column, row)) in to_touch.iter().enumerate() {
-            outcome.say(format!("  p{} is p{}_corner = [{column}, {row}]", index + 1, index + 1));
+            outcome.add_line(format!("  p{} is p{}_corner = [{column}, {row}]", index + 1, index + 1));
         }
         outcome.put("picture", json!(picture));
         outcome.put("corners", json!(to_touch));
@@ -72,7 +72,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let found = found.map_err(Fault::stage)?;
     let rough = cell(common)?.as_ref().and_then(A::rough);
     let judgement = gate::three_points(&found, rough.as_ref());
-    let mut outcome = told(&judgement, &found);
+    let mut outcome = build_outcome(&judgement, &found);
     outcome.put("picture", json!(picture));
     let mut mounted = MountedPose::<A>::from_pose(KukaPose::from_rigid(&found.to_from_camera));
     mounted.date = date::today();
@@ -86,21 +86,21 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     Ok(outcome)
 }
 
-fn told<A: Mounted>(judgement: &Judgement, found: &ThreePoints<A>) -> Outcome {
+fn build_outcome<A: Mounted>(judgement: &Judgement, found: &ThreePoints<A>) -> Outcome {
     let mut outcome = Outcome::from_judgement(judgement);
     let pose = KukaPose::from_rigid(&found.to_from_camera);
     outcome.put(A::TABLE, json!(pose));
     outcome.put("pnp_rms_px", json!(found.pnp_rms_px));
     outcome.put("distance_errors_mm", json!(found.distance_errors_mm));
     outcome.put("check_mm", json!(found.check_mm));
-    outcome.say(format!("{} {pose}", A::TABLE));
+    outcome.add_line(format!("{} {pose}", A::TABLE));
     let [first, second, third] = found.distance_errors_mm;
-    outcome.say(format!(
+    outcome.add_line(format!(
         "corners {:.3} px rms; distances 1–2 {first:+.3}, 2–3 {second:+.3}, 1–3 {third:+.3} mm",
         found.pnp_rms_px
     ));
     if let Some(check_mm) = found.check_mm {
-        outcome.say(format!("the fourth point is {check_mm:.3} mm off"));
+        outcome.add_line(format!("the fourth point is {check_mm:.3} mm off"));
     }
     outcome
 }

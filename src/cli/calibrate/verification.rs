@@ -35,12 +35,13 @@ pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Pa
     outcome.put("limit_mm", json!(limit_mm));
     outcome.put("number", json!(number));
     let [off, allowed] = apart(error_mm, limit_mm, 3);
-    outcome.say(format!("{}: {off} mm off (limit {allowed} mm); kept as number {number}", verification.subject));
+    outcome
+        .add_line(format!("{}: {off} mm off (limit {allowed} mm); kept as number {number}", verification.subject));
     if let Some(folder) = pictures {
         let all = store.verifications(&verification.subject).map_err(Fault::stage)?;
         let file = folder.join(format!("trend_{}.svg", verification.subject));
         disk::write(&file, report::trend(&verification.subject, &all))?;
-        outcome.say(format!("{}: the trend", file.display()));
+        outcome.add_line(format!("{}: the trend", file.display()));
     }
     Ok(outcome)
 }

@@ -148,7 +148,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     if let Some((_, farther_mm)) = seen.by_points {
         outcome.put("points_error_mm", json!(points_mm));
         outcome.put("points_farther_mm", json!(farther_mm));
-        outcome.say(format!(
+        outcome.add_line(format!(
             "the 3D camera's own points put the board {farther_mm:+.3} mm farther away than its picture does; if that is much, measure the camera \
              with panelprep calibrate scanner, and the board's squares"
         ));
@@ -192,8 +192,8 @@ fn learn(
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     outcome.put("base_from_board", json!(pose));
     outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
-    outcome.say(format!("base_from_board {pose}"));
-    outcome.say(format!("{}: written; leave the board where it is", target.display()));
+    outcome.add_line(format!("base_from_board {pose}"));
+    outcome.add_line(format!("{}: written; leave the board where it is", target.display()));
     Ok(outcome)
 }
 
@@ -231,16 +231,16 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         let file = folder.join("map_tool.svg");
         let limit_mm = files.cell.limits().verify_limit_mm();
         disk::write(&file, report::error_map("touches of known corners", &left.collect::<Vec<_>>(), limit_mm))?;
-        outcome.say(format!("{}: the remaining error at each corner", file.display()));
+        outcome.add_line(format!("{}: the remaining error at each corner", file.display()));
     }
     for (touched, error_mm) in points.touched.iter().zip(&errors_mm) {
         let (column, row) = touched.corner;
-        outcome.say(format!("  corner [{column}, {row}]: {error_mm:.3} mm"));
+        outcome.add_line(format!("  corner [{column}, {row}]: {error_mm:.3} mm"));
     }
     outcome.put("errors_mm", json!(errors_mm));
     if let Some(square_mm) = health::square_by_touches(&board, &corners) {
         outcome.put("square_mm", json!(square_mm));
-        outcome.say(format!(
+        outcome.add_line(format!(
             "  by the touched places the board's squares measure {square_mm:.2} mm, stated {} mm: if they differ, the board is to be measured \
              before the tool is blamed",
             board.square_mm()

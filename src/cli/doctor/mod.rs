@@ -82,13 +82,13 @@ fn outcome(checks: &[Check]) -> Outcome {
             Status::Wrong => "WRONG",
             Status::Open => "open ",
         };
-        outcome.say(format!("{mark}  {:width$}  {}", check.name, check.found));
+        outcome.add_line(format!("{mark}  {:width$}  {}", check.name, check.found));
         if !check.advice.is_empty() {
-            outcome.say(format!("       {:width$}  → {}", "", check.advice));
+            outcome.add_line(format!("       {:width$}  → {}", "", check.advice));
         }
     }
     let (all, right) = (checks.len(), checks.len() - wrong.len());
-    outcome.say(match wrong.len() {
+    outcome.add_line(match wrong.len() {
         0 => format!("all {all} are right"),
         _ => format!("{right} of {all} are right; begin with the uppermost that is not"),
     });

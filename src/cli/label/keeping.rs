@@ -10,21 +10,21 @@ use super::super::disk;
 use super::super::fault::{ClipFault, Fault};
 use crate::files;
 use crate::labels::{self, ClipFrame, DRAFT, LABELS, LabelFile, MASK, Statement, TIMES, VERSION, broken, problems};
-use crate::page::label::{Keep, Now, Saved};
+use crate::page::label::{LabelStorage, Now, Saved};
 use crate::words::utc;
 use std::path::{Path, PathBuf};
 
 /// The place in which the labels of a clip are kept.
-pub struct Keeping {
+pub struct LabelFolder {
     folder: PathBuf,
     clip_sha256: String,
     frame: ClipFrame,
 }
 
-impl Keeping {
+impl LabelFolder {
     /// Beside the clip in this folder.
     pub fn new(folder: &Path, clip_sha256: String, frame: ClipFrame) -> Self {
-        Keeping { folder: folder.to_owned(), clip_sha256, frame }
+        LabelFolder { folder: folder.to_owned(), clip_sha256, frame }
     }
 
     fn read(&self, name: &str) -> Result<Option<LabelFile>, Fault> {
@@ -111,9 +111,9 @@ impl Keeping {
     }
 }
 
-impl Keep for Keeping {
+impl LabelStorage for LabelFolder {
     fn now(&self) -> Result<Now, String> {
-        Keeping::now(self).map_err(|fault| fault.to_string())
+        LabelFolder::now(self).map_err(|fault| fault.to_string())
     }
 
     fn draft(&self, said: &Statement) -> Result<(), String> {

@@ -101,12 +101,14 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     let to_check: &[&str] = if answers.robot == RobotKindName::Eki { &OF_THE_CELL } else { &[] };
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
-        outcome.say(format!("hold the numbers of these tables against your cell before anything moves: {tables}"));
-        outcome.say(
+        outcome.add_line(format!(
+            "hold the numbers of these tables against your cell before anything moves: {tables}"
+        ));
+        outcome.add_line(
             "measure the cameras' positions with a tape, and state them in [rough]: without them a \
                      camera's mount ends in review",
         );
-        outcome.say(format!("the service reaches only the networks in {NETWORKS}: see the manual, network"));
+        outcome.add_line(format!("the service reaches only the networks in {NETWORKS}: see the manual, network"));
     }
     outcome.put("file", json!(args.out));
     outcome.put("to_check", json!(to_check));

@@ -45,12 +45,12 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
     if cell.is_none() {
         let cell = common.cell.display();
-        outcome.say(format!(
+        outcome.add_line(format!(
             "it was not compared with a cell: {cell} is not there or not right; `panelprep check {cell} {name}` compares both"
         ));
     }
     if args.corners_px.is_none() {
-        outcome.say("hold the corners of its region against a scan of your panel: `panelprep look` shows it with a pixel ruler");
+        outcome.add_line("hold the corners of its region against a scan of your panel: `panelprep look` shows it with a pixel ruler");
     }
     outcome.put("file", json!(args.out));
     Ok(outcome)

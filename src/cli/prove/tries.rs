@@ -56,7 +56,7 @@ impl Client {
             let both = (connect(cell, cell.robot().command_port()), connect(cell, cell.robot().state_port()));
             if let (Ok(command), Ok(state)) = both {
                 let mut client = Client { command, state };
-                if let Some(state) = client.hear() {
+                if let Some(state) = client.read_state() {
                     return Some((client, state));
                 }
             }
@@ -66,7 +66,7 @@ impl Client {
     }
 
     /// The newest whole state that comes within a while.
-    fn hear(&mut self) -> Option<String> {
+    fn read_state(&mut self) -> Option<String> {
         let (begun, mut text) = (Instant::now(), Vec::new());
         let mut piece = [0; 4_096];
         while begun.elapsed() < STATE_TIMEOUT {
@@ -149,7 +149,7 @@ fn second_client_is_kept_out(cell: &Cell) -> Tried {
         let mut piece = [0; 64];
         (0..5).any(|_| matches!(second.read(&mut piece), Ok(count) if count > 0))
     });
-    let undisturbed = first.hear().is_some();
+    let undisturbed = first.read_state().is_some();
     let what = match &heard {
         Ok(true) => "was served",
         Ok(false) => "was kept waiting or closed without an answer",
@@ -169,7 +169,7 @@ fn the_epoch_is_not_used_up(cell: &Cell) -> Tried {
         if client.ask(operation, i32::MAX).is_err() {
             return found(false, "the state channel closed".to_owned());
         }
-        let Some(after) = client.hear() else { return found(false, "no state after the request".to_owned()) };
+        let Some(after) = client.read_state() else { return found(false, "no state after the request".to_owned()) };
         let after = attribute(&after, "Ep").unwrap_or_default();
         if after != before {
             return found(

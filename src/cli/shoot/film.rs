@@ -22,7 +22,7 @@ const WRITERS: usize = 2;
 const STEP_MS: u64 = 12;
 
 /// What came.
-struct Taken {
+struct CapturedFilm {
     entries: Vec<ClipEntry>,
     quality: Option<PictureQuality>,
     dropped: u64,
@@ -61,7 +61,7 @@ pub fn capture(
     })?;
     let clip = Clip::new(taken.entries.clone()).map_err(Fault::stage)?;
     disk::write(&list, clip.to_csv())?;
-    tell(args, &taken, outcome);
+    report_result(args, &taken, outcome);
     let mut told = json!({});
     super::conditions(outcome, &mut told, opened.camera.conditions());
     told.as_object().into_iter().flatten().for_each(|(key, value)| outcome.put(key, value.clone()));
@@ -90,9 +90,9 @@ fn record(
     args: &Shoot,
     opened: &mut Opened<Box<dyn Scanner>>,
     mut keep: impl FnMut(ClipEntry, Picture) -> bool,
-) -> Result<Taken, Fault> {
+) -> Result<CapturedFilm, Fault> {
     let began_s = opened.camera.begin_clip(args.pictures_per_second).map_err(Fault::stage)?;
-    let mut taken = Taken { entries: Vec::new(), quality: None, dropped: 0 };
+    let mut taken = CapturedFilm { entries: Vec::new(), quality: None, dropped: 0 };
     loop {
         let next = match opened.camera.next_of_clip() {
             // A recording has come to its end.
@@ -147,12 +147,12 @@ fn write(args: &Shoot, to_write: &Mutex<Receiver<(ClipEntry, Picture)>>) -> Resu
     }
 }
 
-fn tell(args: &Shoot, taken: &Taken, outcome: &mut Outcome) {
+fn report_result(args: &Shoot, taken: &CapturedFilm, outcome: &mut Outcome) {
     let times_s: Vec<f64> = taken.entries.iter().map(|entry| entry.time_s).collect();
     let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
     let sustained = if span_s > 0.0 { (times_s.len() - 1) as f64 / span_s } else { 0.0 };
     let longest_s = times_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-    outcome.say(format!(
+    outcome.add_line(format!(
         "{}: {} pictures, {sustained:.2} a second ({} requested), the longest gap {longest_s:.2} s, {} dropped",
         args.out.join("clip.csv").display(),
         times_s.len(),
@@ -160,7 +160,7 @@ fn tell(args: &Shoot, taken: &Taken, outcome: &mut Outcome) {
         taken.dropped
     ));
     if let Some(quality) = &taken.quality {
-        outcome.say(format!("  the first picture: {}", super::words(quality)));
+        outcome.add_line(format!("  the first picture: {}", super::words(quality)));
         outcome.put("sharpness_gray_per_px", json!(quality.sharpness_gray_per_px));
         outcome.put("saturated_share", json!(quality.saturated_share));
         outcome.put("dark_share", json!(quality.dark_share));

@@ -16,7 +16,7 @@ pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Co
     ];
     let words: Vec<String> = words.into_iter().flatten().collect();
     if !words.is_empty() {
-        outcome.say(format!("  {}", words.join(", ")));
+        outcome.add_line(format!("  {}", words.join(", ")));
     }
 }
 

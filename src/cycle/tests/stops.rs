@@ -25,7 +25,7 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
     story.until("film");
     story.asked(Request::Hold);
     story.rests();
-    story.told(Report::Robot(Robot::GuardOpen));
+    story.report(Report::Robot(Robot::GuardOpen));
     story.asked(Request::Stop);
     assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
 }
@@ -51,7 +51,7 @@ fn an_emergency_stop_outranks_what_it_brought_about() {
     let after = |first: Event, robots: &[Robot]| {
         let mut story = Story::in_contact();
         story.event(first);
-        robots.iter().for_each(|robot| story.told(Report::Robot(*robot)));
+        robots.iter().for_each(|robot| story.report(Report::Robot(*robot)));
         story.rests();
         let At::Aborted { cause } = story.at() else { panic!("{:?}", story.at()) };
         cause
@@ -107,7 +107,7 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     // A late word of the ended path is dropped.
     let (id, _) = story.cell.stale[story.cell.stale.len() - 2];
     let before = story.cell.state;
-    story.told(Report::Answered { id, answer: Answer::Stands { done: 3 } });
+    story.report(Report::Answered { id, answer: Answer::Stands { done: 3 } });
     assert_eq!(story.cell.state, State { dropped: before.dropped + 1, ..before });
 
     story.asked(Request::Unhold { dried: false });
@@ -161,11 +161,11 @@ fn where_verify_fails_the_panel_is_dried_and_located_again() {
     story.rests();
     assert_eq!(story.at(), At::Held(Hold { why: Why::NotVerified, resume: Phase::Plan }));
     // The guard is opened to dry it.
-    story.told(Report::Robot(Robot::GuardOpen));
+    story.report(Report::Robot(Robot::GuardOpen));
     story.asked(Request::Unhold { dried: true });
     let refusal = Refusal::Robot(Robot::GuardOpen);
     assert_eq!(story.cell.effects, [Effect::Refuse { request: Request::Unhold { dried: true }, refusal }]);
-    story.told(Report::Robot(Robot::Ready));
+    story.report(Report::Robot(Robot::Ready));
     story.asked(Request::Unhold { dried: true });
     let acts = story.until("to-contact");
     let order = ["locate", "corner-0", "drypicture", "plan-1", "verify", "to-contact"];
@@ -183,7 +183,7 @@ fn accept_is_not_possible_where_no_result_waits() {
     story.answer(Answer::Graded(Grade::Reject));
     story.rests();
     for robot in [Robot::Ready, Robot::GuardOpen] {
-        story.told(Report::Robot(robot));
+        story.report(Report::Robot(robot));
         story.asked(Request::Accept);
         let refused = [Effect::Refuse { request: Request::Accept, refusal: Refusal::NotNow }];
         assert_eq!(story.cell.effects, refused, "{robot:?}");
@@ -199,7 +199,7 @@ fn a_stop_ends_in_stopped_or_by_its_deadline_in_aborted() {
     let mut story = Story::in_contact();
     story.asked(Request::Stop);
     let At::Stopping { until } = story.at() else { panic!("{:?}", story.at()) };
-    story.told(Report::Deadline { id: until, which: Deadline::Stop });
+    story.report(Report::Deadline { id: until, which: Deadline::Stop });
     assert_eq!(story.rests(), "end-epoch end-epoch");
     assert_eq!(story.at(), At::Aborted { cause: Cause::StopTimedOut });
 }

@@ -36,7 +36,7 @@ impl Story {
     pub fn idle(films: &[Film]) -> Self {
         let films = films.iter().rev().copied().collect();
         let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
-        story.told(Report::Robot(Robot::Ready));
+        story.report(Report::Robot(Robot::Ready));
         story.asked(Request::Reset);
         assert_eq!(story.rests(), "stand epoch tooloff wateroff extractionoff lightoff selftest");
         assert_eq!(story.at(), At::Idle);
@@ -70,7 +70,7 @@ impl Story {
         self.event(Event::Asked(request));
     }
 
-    pub fn told(&mut self, report: Report) {
+    pub fn report(&mut self, report: Report) {
         self.event(Event::Told(report));
         // The first state also reports this.
         if report == Report::Robot(Robot::Ready) && self.cell.full_override.is_none() {
@@ -80,7 +80,7 @@ impl Story {
 
     pub fn answer(&mut self, answer: Answer) {
         let id = self.cell.state.due.expect("an act is under way").id;
-        self.told(Report::Answered { id, answer });
+        self.report(Report::Answered { id, answer });
     }
 
     /// The next good answer, or the next deadline that is waited for.
@@ -91,11 +91,11 @@ impl Story {
                 let film = self.films.pop().expect("a film");
                 self.answer(Answer::Filmed(film));
             }
-            Some(Due { id, act }) => self.told(answers(act, id)[0]),
+            Some(Due { id, act }) => self.report(answers(act, id)[0]),
             None => {
                 let timer = waits.iter().find_map(|wait| self.cell.timers.iter().find(|(which, _)| which == wait));
                 let (which, id) = *timer.expect("a deadline is waited for");
-                self.told(Report::Deadline { id, which });
+                self.report(Report::Deadline { id, which });
             }
         }
     }
@@ -127,7 +127,7 @@ impl Story {
         let mut story = Story::started(&[Film::Broken, Film::Whole]);
         story.until("to-contact");
         let id = story.cell.state.due.expect("the contact path").id;
-        story.told(Report::Progress { id, done: 2 });
+        story.report(Report::Progress { id, done: 2 });
         story.acts.clear();
         story
     }

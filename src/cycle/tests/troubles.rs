@@ -11,12 +11,12 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
         for station in ["stand", "end-epoch"] {
             let mut story = Story::started(&[Film::Broken]);
             story.until("spray");
-            story.told(Report::Robot(Robot::LinkLost));
+            story.report(Report::Robot(Robot::LinkLost));
             story.answer(Answer::Failed(Trouble::Refused));
-            story.told(Report::Robot(Robot::Ready));
+            story.report(Report::Robot(Robot::Ready));
             story.asked(Request::Clear);
             story.until(station);
-            story.told(Report::EpochOver { trouble: Some(trouble) });
+            story.report(Report::EpochOver { trouble: Some(trouble) });
             assert!(matches!(story.at(), At::Aborted { .. }), "{trouble:?}");
             story.acts.clear();
             story.asked(Request::Clear);
@@ -26,7 +26,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
 
             story.asked(Request::Reset);
             story.until("lightoff");
-            story.told(Report::EpochOver { trouble: Some(trouble) });
+            story.report(Report::EpochOver { trouble: Some(trouble) });
             assert_eq!(story.at(), At::Stopped, "{trouble:?}");
             story.asked(Request::Reset);
             story.rests();
@@ -40,7 +40,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
 #[test]
 fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     let mut story = Story::idle(&[]);
-    story.told(Report::EpochOver { trouble: Some(Trouble::Starved) });
+    story.report(Report::EpochOver { trouble: Some(Trouble::Starved) });
     assert_eq!(story.at(), At::Idle);
     story.asked(Request::Start { max_passes: 1, max_moves: 1, dries: false });
     assert_eq!(story.until("locate"), "end-epoch epoch to-park lensclear locate");
@@ -56,7 +56,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
         for (station, water, tool) in [("spray", true, false), ("rinse", true, false), ("toolon", false, true)] {
             let mut story = Story::started(&[Film::Broken]);
             story.until(station);
-            story.told(end);
+            story.report(end);
             if end != Report::Boot {
                 story.answer(Answer::Failed(Trouble::Refused));
             }
@@ -64,11 +64,11 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
             assert!(matches!(story.at(), At::Aborted { .. }), "{name}, {station}: {:?}", story.at());
             assert_eq!(facts(&story), (water, tool), "{name}, {station}");
             // Once more: still.
-            story.told(Report::Boot);
+            story.report(Report::Boot);
             assert_eq!(facts(&story), (water, tool), "{name}, {station}");
-            story.told(Report::Robot(Robot::Ready));
+            story.report(Report::Robot(Robot::Ready));
             let mut proven = Story { cell: story.cell, acts: vec![], films: vec![] };
-            proven.told(Report::OutputsOff);
+            proven.report(Report::OutputsOff);
             assert_eq!(facts(&proven), (false, false));
             assert!(matches!(proven.at(), At::Aborted { .. }), "a person clears it all the same");
             proven.asked(Request::Clear);
@@ -79,9 +79,9 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
     // Without a feedback a person's word counts: Clear proves both off.
     let mut story = Story::started(&[]);
     story.until("spray");
-    story.told(Report::Boot);
+    story.report(Report::Boot);
     assert_eq!(story.at(), At::Aborted { cause: Cause::OutputsOn });
-    story.told(Report::Robot(Robot::Ready));
+    story.report(Report::Robot(Robot::Ready));
     story.asked(Request::Clear);
     story.rests();
     assert_eq!((story.at(), story.cell.state.facts.water_may_run), (At::Stopped, false));
@@ -111,7 +111,7 @@ fn a_link_that_is_lost_aborts_every_phase() {
     for station in STATIONS {
         let mut story = Story::started(&[Film::Broken]);
         story.until(station);
-        story.told(Report::Robot(Robot::LinkLost));
+        story.report(Report::Robot(Robot::LinkLost));
         let open = story.cell.state.intent.is_some();
         assert_eq!(open, station.starts_with("to-"), "{station}");
         story.answer(Answer::Failed(Trouble::Protocol));
@@ -119,7 +119,7 @@ fn a_link_that_is_lost_aborts_every_phase() {
         assert_eq!(story.cell.state.intent.is_some(), open, "{station}: the robot has not said that it stands");
         // The link is back: nothing moves. After the clear, the robot is asked whether it is at standstill.
         story.acts.clear();
-        story.told(Report::Robot(Robot::Ready));
+        story.report(Report::Robot(Robot::Ready));
         assert_eq!((story.acts.len(), story.cell.state.facts.token), (0, None));
         story.asked(Request::Clear);
         story.rests();
@@ -132,7 +132,7 @@ fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
     for station in STATIONS {
         let mut story = Story::started(&[Film::Broken]);
         story.until(station);
-        story.told(Report::Robot(Robot::EmergencyStop));
+        story.report(Report::Robot(Robot::EmergencyStop));
         assert_eq!(story.cell.state.facts.token, None, "{station}");
         story.rests();
         assert_eq!(story.at(), At::Aborted { cause: Cause::Robot(Robot::EmergencyStop) }, "{station}");
@@ -142,7 +142,7 @@ fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
             "{station}: drives off, nothing retracts"
         );
         for robot in [Robot::DrivesOff, Robot::Ready] {
-            story.told(Report::Robot(robot));
+            story.report(Report::Robot(robot));
             assert_eq!(story.acts, [""; 0], "{station}");
         }
         story.asked(Request::Clear);
@@ -168,7 +168,7 @@ fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
         assert_eq!((recovered.due, recovered.facts.arm), (None, None), "{station}");
         assert_eq!(recovered.facts.touching, station == "to-contact", "{station}");
         // The same by the event, and a second start changes nothing.
-        story.told(Report::Boot);
+        story.report(Report::Boot);
         assert_eq!(story.cell.state, recovered);
         assert_eq!(recover(story.cell.journal.iter().copied()), recovered);
     }
@@ -178,7 +178,7 @@ fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
 fn a_link_that_is_lost_while_aborting_leaves_nobody_to_wait_for() {
     let mut story = Story::in_contact();
     story.asked(Request::Abort);
-    story.told(Report::Robot(Robot::LinkLost));
+    story.report(Report::Robot(Robot::LinkLost));
     assert_eq!(story.at(), At::Aborted { cause: Cause::Asked });
 }
 
@@ -186,17 +186,17 @@ fn a_link_that_is_lost_while_aborting_leaves_nobody_to_wait_for() {
 fn a_slow_robot_is_left_alone_in_air_and_held_in_contact() {
     let mut story = Story::started(&[Film::Broken]);
     story.until("to-approach");
-    story.told(Report::Trouble(Trouble::Slow));
+    story.report(Report::Trouble(Trouble::Slow));
     assert_eq!(story.at(), At::Execute(Phase::Abrade));
     let mut story = Story::in_contact();
-    story.told(Report::Trouble(Trouble::Slow));
+    story.report(Report::Trouble(Trouble::Slow));
     assert!(matches!(story.at(), At::Holding(Hold { why: Why::Trouble(Trouble::Slow), .. })));
 }
 
 #[test]
 fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
     let mut story = Story::started(&[Film::Whole]);
-    story.told(Report::Trouble(Trouble::Feedback));
+    story.report(Report::Trouble(Trouble::Feedback));
     story.rests();
     assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Feedback), resume: Phase::Locate }));
     story.acts.clear();
@@ -211,11 +211,11 @@ fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
 fn contact_waits_for_the_override_that_it_is_planned_for() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
     story.until("verify");
-    story.told(Report::FullOverride(false));
+    story.report(Report::FullOverride(false));
     let acts = story.rests();
     assert!(!acts.contains("toolon") && !acts.contains("contact"), "{acts}");
     assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Override), resume: Phase::Plan }));
-    story.told(Report::FullOverride(true));
+    story.report(Report::FullOverride(true));
     story.asked(Request::Unhold { dried: false });
     story.until("to-contact");
 }
@@ -224,7 +224,7 @@ fn contact_waits_for_the_override_that_it_is_planned_for() {
 #[test]
 fn a_changed_override_ends_the_contact() {
     let mut story = Story::in_contact();
-    story.told(Report::FullOverride(false));
+    story.report(Report::FullOverride(false));
     let acts = story.rests();
     assert_eq!(acts.split(' ').next(), Some("end-epoch"), "{acts}");
     let resume = Phase::Assess { left: true };

@@ -7,7 +7,7 @@ use crate::daemon::error::DaemonError;
 use crate::daemon::films::FilmMemory;
 use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
 use crate::daemon::perception::Filming;
-use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
+use crate::daemon::ports::{CameraPort, Keeper, Note, Record, RecordError, StoredPicture};
 use crate::daemon::setup::CycleSetup;
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Rigid};
@@ -33,13 +33,15 @@ impl Record for Notes<'_> {
             return Ok(());
         };
         let kept = match note {
-            Note::Picture(name, picture) => keep(&picture)?.map(|hash| Kept::Shot(KeptFile { name, hash })),
+            Note::Picture(name, picture) => {
+                keep(&picture)?.map(|hash| StoredPicture::Shot(KeptFile { name, hash }))
+            }
             Note::Frame(picture, time_s, phase) => {
-                keep(&picture)?.map(|file| Kept::Frame(ClipEntry { file, time_s, phase }))
+                keep(&picture)?.map(|file| StoredPicture::Frame(ClipEntry { file, time_s, phase }))
             }
             Note::Figure(figure) => {
                 let (name, caption) = (figure.name, figure.caption);
-                keep(&figure.picture)?.map(|hash| Kept::Figure(Picture { name, caption, hash }))
+                keep(&figure.picture)?.map(|hash| StoredPicture::Figure(Picture { name, caption, hash }))
             }
             note @ (Note::Finding(_) | Note::Kept(_) | Note::Budget(_)) => {
                 self.notes.push(note);

@@ -106,13 +106,14 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
 mod tests {
     use super::*;
     use crate::cell::CellName;
-    use crate::office::{CellState, Told};
+    use crate::office::{CellState, ReasonText};
 
     #[test]
     fn a_cell_that_is_silent_is_stale_and_what_it_told_is_escaped() {
         let mut state = CellState::new(&CellName::new("cell-1").expect("a name"));
         state.state = Some("execute".to_owned());
-        state.standing = vec![Told { code: "disk_scarce".to_owned(), message: "<b>5 MB</b> are free".to_owned() }];
+        state.standing =
+            vec![ReasonText { code: "disk_scarce".to_owned(), message: "<b>5 MB</b> are free".to_owned() }];
         let cell = CellNow {
             cell: "cell-1".to_owned(),
             heard_unix_ms: Some(1_000_000),

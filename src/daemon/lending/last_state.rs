@@ -25,7 +25,7 @@ impl LastState {
     }
 
     /// Returns the position of the axes, while the arm is at rest and the state is fresh.
-    pub(super) fn stands(&self) -> Option<Joints> {
+    pub(super) fn resting_joints(&self) -> Option<Joints> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < MAX_STATE_AGE && !state.moving).then_some(state.joints)
     }

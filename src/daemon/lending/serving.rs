@@ -2,7 +2,7 @@
 
 use super::request::ShotRequest;
 use super::sent::Sent;
-use super::shared::{Lent, SharedCameras};
+use super::shared::{CameraLease, SharedCameras};
 use super::taking::{Eye, TakenPicture};
 use crate::devices::cameras::{CameraError, Conditions};
 use crate::files;
@@ -76,12 +76,12 @@ fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras)
     Ok(())
 }
 
-fn one(stream: &mut UnixStream, lent: &Lent<'_>, eye: Eye) -> Result<(), Broken> {
+fn one(stream: &mut UnixStream, lent: &CameraLease<'_>, eye: Eye) -> Result<(), Broken> {
     let TakenPicture { picture: taken, time_s, conditions } = lent.capture(eye)?;
     Ok(picture(stream, &taken, (time_s, conditions))?)
 }
 
-fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> Result<(), Broken> {
+fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
     if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
         let message = format!(
             "{pictures_per_second} pictures per second; more than 0 and at most {MAX_PICTURES_PER_SECOND} are possible"
@@ -104,7 +104,7 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> R
     Ok(head(stream, &Sent::Ended { dropped: dropped.transpose()?.unwrap_or(0) })?)
 }
 
-fn pictures(stream: &mut UnixStream, time_s: f64, lent: &Lent<'_>) -> Result<(), Broken> {
+fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
     head(stream, &Sent::Began { time_s })?;
     while !has_enough(stream)? {
         let next = {

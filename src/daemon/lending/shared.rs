@@ -76,7 +76,7 @@ impl SharedCameras {
     }
 
     /// Lends the cameras or returns why not. Waits for a connection that has just sent the last byte of a shot.
-    pub(super) fn lend(&self) -> Result<Lent<'_>, Reason> {
+    pub(super) fn lend(&self) -> Result<CameraLease<'_>, Reason> {
         let since = Instant::now();
         while self.0.is_lent.swap(true, Ordering::Acquire) {
             if since.elapsed() > LEND_TIMEOUT {
@@ -88,12 +88,12 @@ impl SharedCameras {
             }
             thread::sleep(Duration::from_millis(2));
         }
-        Ok(Lent(self))
+        Ok(CameraLease(self))
     }
 
     /// Returns the position of the axes, while the arm is at rest and its state is fresh.
-    pub(in crate::daemon) fn stands(&self) -> Option<Joints> {
-        self.0.last.stands()
+    pub(in crate::daemon) fn resting_joints(&self) -> Option<Joints> {
+        self.0.last.resting_joints()
     }
 }
 
@@ -104,15 +104,15 @@ impl std::fmt::Debug for SharedCameras {
 }
 
 /// The cameras, lent until this is dropped.
-pub(super) struct Lent<'a>(&'a SharedCameras);
+pub(super) struct CameraLease<'a>(&'a SharedCameras);
 
-impl Drop for Lent<'_> {
+impl Drop for CameraLease<'_> {
     fn drop(&mut self) {
         self.0.0.is_lent.store(false, Ordering::Release);
     }
 }
 
-impl Lent<'_> {
+impl CameraLease<'_> {
     /// The cameras, whether or not the cell still rests.
     pub(super) fn lock(&self) -> MutexGuard<'_, Inside> {
         self.0.lock()

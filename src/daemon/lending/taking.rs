@@ -1,6 +1,6 @@
 //! One picture of a lent camera, with the data that the camera reports about it.
 
-use super::shared::{Lent, SharedCameras};
+use super::shared::{CameraLease, SharedCameras};
 use crate::daemon::ports::CameraPort as _;
 use crate::devices::cameras::{CameraError, Conditions};
 use crate::geometry::ColorPicture;
@@ -26,7 +26,7 @@ pub(in crate::daemon) struct TakenPicture {
     pub conditions: Conditions,
 }
 
-impl Lent<'_> {
+impl CameraLease<'_> {
     /// Takes one, if the cell is still at rest.
     pub(super) fn capture(&self, eye: Eye) -> Result<TakenPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;

@@ -179,15 +179,15 @@ fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
 #[test]
 fn the_axes_are_told_only_while_the_arm_stands() {
     let bench = Bench::new();
-    assert_eq!(bench.cameras.stands(), None, "no robot has said where it stands");
+    assert_eq!(bench.cameras.resting_joints(), None, "no robot has said where it stands");
     let joints = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
     bench.last.is(Some(&eki::State { joints, ..standing_state() }));
-    assert_eq!(bench.cameras.stands(), Some(joints));
+    assert_eq!(bench.cameras.resting_joints(), Some(joints));
     bench.last.is(Some(&eki::State { joints, moving: true, ..standing_state() }));
-    assert_eq!(bench.cameras.stands(), None, "it moves");
+    assert_eq!(bench.cameras.resting_joints(), None, "it moves");
     bench.last.is(Some(&eki::State { joints, ..standing_state() }));
     bench.last.is(None);
-    assert_eq!(bench.cameras.stands(), None, "the link is lost");
+    assert_eq!(bench.cameras.resting_joints(), None, "the link is lost");
 }
 
 #[test]

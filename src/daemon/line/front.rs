@@ -12,7 +12,7 @@ use crate::daemon::request::{OwnText, PartNames, StartRequest, What};
 use crate::daemon::setup_source::RecipeText;
 use crate::devices::robot::LineOutputs;
 use crate::disk;
-use crate::line::{CellStands, Handshake, LineInputs, LineRequest, Look};
+use crate::line::{CellStatus, Handshake, LineInputs, LineRequest, Look};
 use crate::record::{Front, Who};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -100,7 +100,7 @@ async fn follow(parts: LineParts) {
         tick.tick().await;
         let look = parts.look().await;
         let request = handshake.look(look.clone());
-        let now = handshake.told(&look);
+        let now = handshake.output_signals(&look);
         if told.replace(now) != Some(now) {
             parts.outputs.set(now.0);
         }
@@ -119,7 +119,7 @@ impl LineParts {
             let [part_present, start_request] = self.inputs.map(|bit| bits >> bit & 1 == 1);
             LineInputs { part_present, start_request }
         });
-        let cell = reply.state.map(|state| CellStands {
+        let cell = reply.state.map(|state| CellStatus {
             state,
             is_review: reply.extras.is_review,
             verdict: reply.verdict,

@@ -13,7 +13,7 @@ use crate::daemon::request_queue::{RequestQueue, request_queue};
 use crate::devices::mock::{self, MockServer, Programs};
 use crate::devices::robot::{Address, BlockingLink};
 use crate::eki::{CELLCMD, CELLSTAT, LinkLimits, Pace, Report};
-use crate::line::Told;
+use crate::line::LineSignals;
 use crate::verdict::{Reason, Verdict};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
@@ -68,7 +68,7 @@ impl Bench {
         let is_over = Arc::new(AtomicBool::new(false));
         let link = std::thread::spawn({
             let (last, is_over) = (last.clone(), is_over.clone());
-            move || hear(link, &last, &is_over)
+            move || receive_reports(link, &last, &is_over)
         });
         let folder = tempfile::tempdir().expect("a folder");
         let recipe = folder.path().join("door.toml");
@@ -104,13 +104,13 @@ impl Bench {
 
     /// Waits until the line reads exactly these outputs.
     fn line_reads(&self, signals: &[LineSignal]) {
-        let (wanted, since) = (Told::from_signals(signals), Instant::now());
+        let (wanted, since) = (LineSignals::from_signals(signals), Instant::now());
         loop {
             let outputs = self.server.handle().with(|controller| controller.outputs().clone());
             let on = |number: &u16| outputs.get(number) == Some(&true);
             let read =
                 OUTPUTS.iter().enumerate().filter(|(_, number)| on(number)).map(|(place, _)| 1 << place).sum();
-            if Told(read) == wanted {
+            if LineSignals(read) == wanted {
                 return;
             }
             assert!(since.elapsed() < TIMEOUT, "{signals:?}: found {read:06b}");
@@ -120,7 +120,7 @@ impl Bench {
 }
 
 /// The loop's part of the link: it reads reports and stores the last state.
-fn hear(mut link: BlockingLink, last: &LastState, is_over: &AtomicBool) {
+fn receive_reports(mut link: BlockingLink, last: &LastState, is_over: &AtomicBool) {
     while !is_over.load(Ordering::Relaxed) {
         match link.next(Duration::from_millis(20)) {
             Some(Report::State(state) | Report::Connected { state }) => last.is(Some(&state)),

@@ -61,7 +61,7 @@ impl Rounds for Sender {
         self.offered = None;
     }
 
-    fn told(&self, problem: Option<&str>) -> bool {
+    fn report_result(&self, problem: Option<&str>) -> bool {
         self.status.goes(problem)
     }
 }
@@ -156,7 +156,7 @@ impl Sender {
         for last in last {
             // An office that never answered has nothing: it may be another one than before.
             let archived = link.archived(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
-            match self.progress.told(&last.epoch, archived, last.number) {
+            match self.progress.on_archived(&last.epoch, archived, last.number) {
                 OfficeSays::Known => {
                     let lacks = archived < self.progress.sent(&last.epoch);
                     if self

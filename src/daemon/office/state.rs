@@ -5,7 +5,7 @@ use crate::daemon::clock::now_unix_ms;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::request::What;
 use crate::history::{Alarm, Priority};
-use crate::office::{CellState, Position, Told};
+use crate::office::{CellState, Position, ReasonText};
 use crate::record::{Front, Who};
 use crate::verdict::Reason;
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
 pub(super) struct Teller {
     front: FrontParts,
     told: Option<Instant>,
-    standing: Vec<Told>,
+    standing: Vec<ReasonText>,
     stood: Option<Instant>,
 }
 
@@ -45,7 +45,7 @@ impl Teller {
         env!("CARGO_PKG_VERSION").clone_into(&mut state.version);
         (state.state, state.phase, state.panel) = (reply.state, reply.phase, reply.panel);
         (state.cycle, state.waypoint) = (reply.cycle_id, reply.waypoint.zip(reply.of).map(|(at, of)| [at, of]));
-        let reason = |reason: Reason| Told { code: reason.code.into_owned(), message: reason.message };
+        let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
         state.reasons = reply.reasons.into_iter().map(reason).collect();
         // What a cycle waits for is an alarm as well.
         state.standing = self.standing.iter().filter(|told| !state.reasons.contains(told)).cloned().collect();
@@ -55,12 +55,16 @@ impl Teller {
 }
 
 /// The alarms that last and that a person is to know of, on the calling thread, which may wait for a camera or the disk.
-fn standing(front: &FrontParts) -> Vec<Told> {
+fn standing(front: &FrontParts) -> Vec<ReasonText> {
     front.look();
     let lasting = front.people.read(|store| front.alarms.lasting(store)).unwrap_or_else(|error| {
         tracing::warn!("the alarms cannot be reported to the office: {error}");
         Vec::new()
     });
     let is_told = |alarm: &Alarm| alarm.priority > Priority::Note;
-    lasting.into_iter().filter(is_told).map(|alarm| Told { code: alarm.code, message: alarm.message }).collect()
+    lasting
+        .into_iter()
+        .filter(is_told)
+        .map(|alarm| ReasonText { code: alarm.code, message: alarm.message })
+        .collect()
 }

@@ -9,10 +9,10 @@ const WORDS: (&str, &str) = ("records are not in the office", "the archive does 
 
 /// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
-pub struct OfficeStatus(Arc<Mutex<Stands>>);
+pub struct OfficeStatus(Arc<Mutex<StatusData>>);
 
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-struct Stands {
+struct StatusData {
     /// What the office does not have yet.
     waiting: Waiting,
     /// Epochs of which the office reports more than the store ever had: name, its number, the store's.
@@ -22,7 +22,7 @@ struct Stands {
 }
 
 impl OfficeStatus {
-    fn change<T>(&self, change: impl FnOnce(&mut Stands) -> T) -> T {
+    fn change<T>(&self, change: impl FnOnce(&mut StatusData) -> T) -> T {
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
@@ -51,7 +51,7 @@ impl OfficeStatus {
     /// What is wrong, for the alarms between cycles: a record that waits longer than `behind_min`, and an office
     /// that has more than the cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
-        let Stands { waiting, more, offers: _ } = self.change(|stands| stands.clone());
+        let StatusData { waiting, more, offers: _ } = self.change(|stands| stands.clone());
         let late = waiting.late(behind_min, now_unix_ms, WORDS);
         let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
         for (epoch, office, store) in more {

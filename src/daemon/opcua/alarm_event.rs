@@ -24,12 +24,12 @@ pub(super) struct AlarmEvent {
 
 /// The status of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Standing {
+pub(super) struct AlarmStatus {
     pub is_active: bool,
     pub is_acknowledged: bool,
 }
 
-impl Standing {
+impl AlarmStatus {
     /// Returns whether a client that connects now must be informed of it.
     fn is_retained(self) -> bool {
         self.is_active
@@ -47,8 +47,8 @@ fn severity(priority: Priority) -> u16 {
 }
 
 /// Returns the name of an event, by which it is acknowledged: made from the alarm and its status.
-pub(super) fn event_id(alarm: &Alarm, standing: Standing) -> ByteString {
-    let Standing { is_active, is_acknowledged } = standing;
+pub(super) fn event_id(alarm: &Alarm, standing: AlarmStatus) -> ByteString {
+    let AlarmStatus { is_active, is_acknowledged } = standing;
     let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
     ByteString::from(digest.iter().take(16).copied().collect::<Vec<u8>>())
 }
@@ -61,7 +61,7 @@ impl AlarmEvent {
     /// Creates the event that an alarm has this status.
     pub fn new(
         alarm: &Alarm,
-        standing: Standing,
+        standing: AlarmStatus,
         (source, condition): (&NodeId, NodeId),
         now_unix_ms: i64,
     ) -> Self {

@@ -7,7 +7,7 @@
 //! otherwise async-opcua allows no client to call it.
 
 use super::address_space::node_id;
-use super::alarm_event::{AlarmEvent, Standing, event_id};
+use super::alarm_event::{AlarmEvent, AlarmStatus, event_id};
 use crate::daemon::clock::now_unix_ms;
 use crate::history::Alarm;
 use crate::packml::alarm_id;
@@ -36,8 +36,8 @@ struct Inside {
     refreshed: Option<Instant>,
 }
 
-fn standing(alarm: &Alarm) -> Standing {
-    Standing { is_active: alarm.is_active(), is_acknowledged: alarm.acknowledged.is_some() }
+fn standing(alarm: &Alarm) -> AlarmStatus {
+    AlarmStatus { is_active: alarm.is_active(), is_acknowledged: alarm.acknowledged.is_some() }
 }
 
 impl Conditions {
@@ -68,7 +68,7 @@ impl Conditions {
     /// Updates the alarms that last now; reports the new, the acknowledged and the ended ones.
     pub fn follow(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
         let changed = self.changed(alarms, now_unix_ms());
-        self.tell(&changed, subscriptions);
+        self.notify(&changed, subscriptions);
     }
 
     fn changed(&self, alarms: &[Alarm], now_unix_ms: i64) -> Vec<AlarmEvent> {
@@ -83,7 +83,7 @@ impl Conditions {
         events
     }
 
-    fn tell(&self, events: &[AlarmEvent], subscriptions: &SubscriptionCache) {
+    fn notify(&self, events: &[AlarmEvent], subscriptions: &SubscriptionCache) {
         let source = node_id(self.namespace(), "");
         subscriptions.notify_events(events.iter().map(|event| (event as &dyn Event, &source)));
     }
@@ -103,7 +103,7 @@ impl Conditions {
         let begin = AlarmEvent::refresh(true, now_unix_ms);
         let events: Vec<AlarmEvent> =
             std::iter::once(begin).chain(lasting).chain([AlarmEvent::refresh(false, now_unix_ms)]).collect();
-        self.tell(&events, subscriptions);
+        self.notify(&events, subscriptions);
         StatusCode::Good
     }
 

@@ -122,19 +122,19 @@ impl Reader {
                 self.folder.display()
             );
             tracing::warn!("OPC UA client turned away: {words}: {todo}");
-            self.tell(Some(words), todo);
+            self.audit_refusal(Some(words), todo);
         }
         if new.len() > MAX_LOGGED {
-            self.tell(None, format!("{} more unknown certificates", new.len() - MAX_LOGGED));
+            self.audit_refusal(None, format!("{} more unknown certificates", new.len() - MAX_LOGGED));
         }
         let turned_away = self.door.turned_away();
         if turned_away > 0 {
-            self.tell(None, format!("{turned_away} connections too many"));
+            self.audit_refusal(None, format!("{turned_away} connections too many"));
         }
     }
 
     /// A connection that was refused, for the audit trail.
-    fn tell(&self, subject: Option<String>, refused: String) {
+    fn audit_refusal(&self, subject: Option<String>, refused: String) {
         let line = AuditEntry::done(None, None, self.access.addresses(), "connect");
         self.access.people().audit(&AuditEntry { subject, refused: Some(refused), ..line });
     }

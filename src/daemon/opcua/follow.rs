@@ -91,7 +91,7 @@ impl Follower {
             now.refusal = self.nodes.inner().calls.last_refusal();
             let newest = Newest { id: now.cycle.map(CycleId), has_ended: now.verdict.is_some() };
             self.cycle.send_if_modified(|was| std::mem::replace(was, newest) != newest);
-            self.tell(&ids, &now, &mut told);
+            self.publish(&ids, &now, &mut told);
             self.conditions.follow(&now.alarms, self.handle.subscriptions());
             let conditions = self.conditions.nodes();
             if conditions != linked {
@@ -103,7 +103,7 @@ impl Follower {
     }
 
     /// Sets the values that changed.
-    fn tell(&self, ids: &[NodeId], now: &Snapshot, told: &mut [Option<(Value, bool)>]) {
+    fn publish(&self, ids: &[NodeId], now: &Snapshot, told: &mut [Option<(Value, bool)>]) {
         let at = time(now.now_unix_ms);
         let mut changed = Vec::new();
         for ((node, id), told) in NODES.iter().zip(ids).zip(told) {

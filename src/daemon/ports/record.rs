@@ -37,14 +37,14 @@ pub enum Note {
     /// A picture that is drawn for people.
     Figure(Figure),
     /// A picture that is in the store already.
-    Kept(Kept),
+    Kept(StoredPicture),
     /// Parts of the error at the tool that were measured now; the others stay as they are known.
     Budget(Budget),
 }
 
 /// Reference to a stored picture, attached to the next finding.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Kept {
+pub enum StoredPicture {
     /// As a camera gave it.
     Shot(KeptFile),
     /// The next picture of a clip, named by its hash.

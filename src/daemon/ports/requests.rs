@@ -88,7 +88,7 @@ pub trait RequestPort: Port<RequestCommand> {
     }
 
     /// See [`RequestCommand::Tell`].
-    fn tell(&mut self, news: News) {
+    fn publish(&mut self, news: News) {
         self.perform(RequestCommand::Tell(news));
     }
 }
@@ -103,7 +103,7 @@ pub trait Requester {
     /// If a thread of the program failed.
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
     /// Receives the loop's reports. A requester that needs no reports leaves this out.
-    fn hear(&mut self, _news: News) {}
+    fn on_news(&mut self, _news: News) {}
 }
 
 impl<R: Requester> Port<RequestCommand> for R {
@@ -112,7 +112,7 @@ impl<R: Requester> Port<RequestCommand> for R {
             RequestCommand::Next(state) => RequestAnswer::Next(self.next_request(&state)),
             RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(result)),
             RequestCommand::Tell(news) => {
-                self.hear(news);
+                self.on_news(news);
                 RequestAnswer::Told
             }
         }

@@ -159,7 +159,7 @@ impl LinkedRobot {
         self.pace == Pace::LockStep
     }
 
-    fn hear(&mut self) -> Result<Option<Report>, ThreadFault> {
+    fn receive(&mut self) -> Result<Option<Report>, ThreadFault> {
         let report = self.link.next(REPORT_POLL_TIMEOUT);
         match &report {
             Some(Report::State(state) | Report::Connected { state }) => {
@@ -172,7 +172,7 @@ impl LinkedRobot {
                         let (channel, problem) = (Channel::State, problem.to_owned());
                         return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
                     }
-                    follower.hear(state);
+                    follower.on_state(state);
                 }
             }
             Some(Report::LinkLost { .. }) => self.last.is(None),
@@ -198,7 +198,7 @@ impl Port<RobotCommand> for LinkedRobot {
             RobotCommand::Permit(last) => RobotAnswer::Done(self.link.permit(last)),
             RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(self.link.open_epoch_above(above)),
             RobotCommand::Abort => RobotAnswer::Done(self.link.abort()),
-            RobotCommand::Next => RobotAnswer::Report(self.hear()),
+            RobotCommand::Next => RobotAnswer::Report(self.receive()),
             RobotCommand::Now => RobotAnswer::Time(match self.pace {
                 Pace::LockStep => self.virtual_now,
                 Pace::Wall => Time::after_start(self.started.elapsed()),

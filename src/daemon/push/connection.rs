@@ -96,7 +96,7 @@ impl Connection {
         let asking = async {
             sender.ready().await.map_err(|error| error.to_string())?;
             let response = sender.send_request(request).await.map_err(|error| error.to_string())?;
-            Ok::<_, String>(told(response).await)
+            Ok::<_, String>(read_response(response).await)
         };
         let late = |_| format!("no answer within {} s", RESPONSE_TIMEOUT.as_secs());
         let answered = timeout(RESPONSE_TIMEOUT, asking).await.map_err(late)??;
@@ -123,7 +123,7 @@ async fn begin(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> 
 }
 
 /// Returns the status, and the answer's text for people: its first line, or the address to which it redirects us.
-async fn told(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
+async fn read_response(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
     let status = response.status();
     if status.is_redirection() {
         let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok()).unwrap_or("nowhere");

@@ -8,7 +8,7 @@ use crate::daemon::background::Rounds;
 use crate::daemon::progress_file;
 use crate::daemon::record_source::{RecordPdf, RecordSource};
 use crate::record::CycleId;
-use crate::signing::{self, Said, Statement};
+use crate::signing::{self, Statement, StatementContent};
 use crate::store::{SignatureRow, Store};
 use axum::body::Bytes;
 use serde::{Deserialize, Serialize};
@@ -136,7 +136,7 @@ impl Rounds for Sender {
         (self.store, self.connection) = (None, None);
     }
 
-    fn told(&self, problem: Option<&str>) -> bool {
+    fn report_result(&self, problem: Option<&str>) -> bool {
         self.status.waiting().goes(problem)
     }
 }
@@ -178,7 +178,7 @@ impl Sender {
     /// stops nothing: `record verify` names it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
-        if let Said::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {
+        if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {
             for (what, hash) in signing::exported_files(&cycle) {
                 let name = format!("{FILES}{hash}");
                 if self.put.contains(&name) {

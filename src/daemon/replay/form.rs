@@ -10,8 +10,8 @@ mod tool;
 
 pub(super) use cameras::of_film;
 #[cfg(test)]
-pub(super) use recordable::told;
-pub use recordable::{Heard, Recordable};
+pub(super) use recordable::to_json;
+pub use recordable::{Recordable, RecordedAnswer};
 
 use crate::record::name;
 use serde_json::Value;

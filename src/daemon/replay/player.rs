@@ -6,7 +6,7 @@
 //! data. If it makes another call, or none, the two have parted, and the replay ends there.
 
 use super::difference::{Difference, differences, short};
-use super::form::{Heard, Recordable, of_film, timeless};
+use super::form::{Recordable, RecordedAnswer, of_film, timeless};
 use crate::daemon::ports::Port;
 use crate::eki::Time;
 use crate::tape::{Entry, TapeError, Topic};
@@ -136,7 +136,9 @@ impl Playback<'_> {
 
     /// Answers a command of the loop.
     fn perform<C: Recordable>(&mut self, command: &C) -> C::Answer {
-        let Some((topic, said)) = command.said() else { return command.otherwise(self.now, self.parted) };
+        let Some((topic, said)) = command.recorded_command() else {
+            return command.otherwise(self.now, self.parted);
+        };
         if topic == Topic::Request && said.is_null() {
             self.rounds += 1;
             if !self.parted && self.rounds > MAX_IDLE_ROUNDS {
@@ -148,7 +150,7 @@ impl Playback<'_> {
             false => self.call(topic, &said),
         };
         let Some(Entry { heard: value, shot, .. }) = entry else { return command.otherwise(self.now, self.parted) };
-        command.answer(Heard { value, shot }).unwrap_or_else(|error| {
+        command.answer(RecordedAnswer { value, shot }).unwrap_or_else(|error| {
             let (topic, from_s) = (topic.name(), self.at_s());
             self.error.get_or_insert(TapeError::Message { topic, from_s, problem: error.to_string() });
             self.parted = true;

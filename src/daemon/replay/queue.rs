@@ -102,7 +102,7 @@ pub struct Recorded {
     /// The file.
     pub file: String,
     /// Whether it can be run again.
-    pub is: Stands,
+    pub is: RecordingStatus,
     /// Entries in it.
     pub entries: u64,
     /// The same for people.
@@ -112,7 +112,7 @@ pub struct Recorded {
 /// Whether a recording can be run again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stands {
+pub enum RecordingStatus {
     /// It is being written.
     UnderWay,
     /// It can.
@@ -125,13 +125,13 @@ impl Recorded {
     /// One that can be replayed.
     pub fn whole(file: String, entries: u64) -> Self {
         let message = format!("recorded in {file}, {entries} entries");
-        Recorded { file, is: Stands::Whole, entries, message }
+        Recorded { file, is: RecordingStatus::Whole, entries, message }
     }
 
     /// One that cannot, for this reason; how many entries it has is not known.
     pub fn not_whole(file: String, why: &str) -> Self {
         let message = format!("{file} cannot be replayed: {why}");
-        Recorded { file, is: Stands::NotWhole, entries: 0, message }
+        Recorded { file, is: RecordingStatus::NotWhole, entries: 0, message }
     }
 }
 
@@ -175,8 +175,8 @@ impl Recording {
     }
 
     /// Returns its status.
-    pub fn told(&self) -> Recorded {
-        self.recorder.told(&self.file)
+    pub fn status(&self) -> Recorded {
+        self.recorder.status(&self.file)
     }
 
     /// Ends the recording and waits until it is written, as long as the disk accepts anything.
@@ -190,7 +190,7 @@ impl Recording {
             )]
             let _ = thread.join();
         }
-        recorder.told(&file)
+        recorder.status(&file)
     }
 }
 
@@ -281,7 +281,7 @@ impl Recorder {
     }
 
     /// Returns the status of a recording in this file.
-    pub(super) fn told(&self, file: &str) -> Recorded {
+    pub(super) fn status(&self, file: &str) -> Recorded {
         let inside = self.0.lock();
         let Inside { entries, lost, stopped, .. } = &*inside;
         let gap = || {
@@ -294,7 +294,7 @@ impl Recorder {
             None if inside.ended => Recorded::whole(file, *entries),
             None => {
                 let message = format!("records in {file}");
-                Recorded { file, is: Stands::UnderWay, entries: *entries, message }
+                Recorded { file, is: RecordingStatus::UnderWay, entries: *entries, message }
             }
         }
     }

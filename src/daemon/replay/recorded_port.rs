@@ -1,7 +1,7 @@
 //! A port with recording of its commands and answers: each command passes unchanged, and is written down while the
 //! switch is on.
 
-use super::form::{Heard, Recordable};
+use super::form::{Recordable, RecordedAnswer};
 use super::switch::RecordingSwitch;
 use crate::daemon::ports::Port;
 use crate::tape::Entry;
@@ -24,11 +24,11 @@ impl<C: Recordable, P: DerefMut<Target: Port<C>>> Port<C> for RecordedPort<P> {
     fn perform(&mut self, command: C) -> C::Answer {
         command.before(&self.switch);
         let recorder = self.switch.recorder();
-        let said = recorder.as_ref().and_then(|_| command.said());
+        let said = recorder.as_ref().and_then(|_| command.recorded_command());
         let mut answer = self.port.perform(command);
         C::after(&mut answer, &self.switch);
         if let (Some(recorder), Some((topic, said))) = (recorder, said)
-            && let Some(Heard { value: heard, shot }) = C::heard(&answer, &recorder)
+            && let Some(RecordedAnswer { value: heard, shot }) = C::recorded_answer(&answer, &recorder)
         {
             recorder.put(Entry { topic, at_ns: 0, said, heard, shot });
         }

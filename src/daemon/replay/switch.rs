@@ -107,9 +107,9 @@ impl RecordingSwitch {
     }
 
     /// Returns the status of the last recording, or why there is none.
-    pub fn told(&self) -> Option<Recorded> {
+    pub fn status(&self) -> Option<Recorded> {
         let inside = self.lock();
-        inside.last.as_ref().map(|(file, recorder)| recorder.told(file))
+        inside.last.as_ref().map(|(file, recorder)| recorder.status(file))
     }
 
     /// Returns the recording of the cycle that has ended, if it has one that was not taken yet.

@@ -1,6 +1,6 @@
 //! The queue when no thread empties it, and the report of a player when the loop acts differently.
 
-use super::form::told;
+use super::form::to_json;
 use super::queue::{Bounds, Recorder};
 use super::*;
 use crate::cycle::{Id, State};
@@ -117,7 +117,7 @@ fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
     let TapeError::Lost { topic: "/camera", count, .. } = check(&disk.bytes()[..]).expect_err("a gap") else {
         panic!("{written:?}")
     };
-    assert_eq!((written.is, written.entries + count), (Stands::NotWhole, 200));
+    assert_eq!((written.is, written.entries + count), (RecordingStatus::NotWhole, 200));
     assert!(
         written.message.contains(&format!("a.mcap cannot be replayed: it has a gap; not recorded: {count} of"))
     );
@@ -129,7 +129,7 @@ fn in_lock_step_a_full_queue_is_waited_for() {
     let recording = recording(begun(&disk), true, || u64::MAX);
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
-    assert_eq!((written.entries, written.is), (50, Stands::Whole), "{}", written.message);
+    assert_eq!((written.entries, written.is), (50, RecordingStatus::Whole), "{}", written.message);
     assert_eq!(check(&disk.bytes()[..]).expect("whole").entries, 50);
 }
 
@@ -140,7 +140,7 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     // It returns: it does not wait for a queue that no thread empties any more.
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
-    assert!(written.is == Stands::NotWhole && written.message.contains("no space left"), "{written:?}");
+    assert!(written.is == RecordingStatus::NotWhole && written.message.contains("no space left"), "{written:?}");
 }
 
 /// Even in lock step, a disk that accepts nothing is not waited for twice.
@@ -150,7 +150,7 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     let recording = recording(writer, true, || u64::MAX);
     put_pictures(&recording.recorder(), 200);
     drop(go);
-    assert_eq!(recording.finish().is, Stands::NotWhole);
+    assert_eq!(recording.finish().is, RecordingStatus::NotWhole);
     assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
 }
 
@@ -165,7 +165,8 @@ fn a_disk_that_hangs_at_the_end_is_left() {
     put_pictures(&recording.recorder(), 3);
     let written = recording.finish();
     assert!(
-        written.is == Stands::NotWhole && written.message.ends_with("its disk accepted nothing for 0.05 s"),
+        written.is == RecordingStatus::NotWhole
+            && written.message.ends_with("its disk accepted nothing for 0.05 s"),
         "{written:?}"
     );
     drop(go);
@@ -179,7 +180,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
     put_pictures(&recording.recorder(), 2_000);
     let written = recording.finish();
     let words = "its disk has 1999 MB left, and a recording ends below 2000 MB; make room";
-    assert!(written.is == Stands::NotWhole && written.message.ends_with(words), "{written:?}");
+    assert!(written.is == RecordingStatus::NotWhole && written.message.ends_with(words), "{written:?}");
     let error = check(&disk.bytes()[..]).expect_err("stopped");
     assert!(matches!(error, TapeError::Stopped { .. }) && error.to_string().ends_with(words), "{error}");
 
@@ -191,7 +192,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
     };
     let recording = recording_of(&disk, fills);
     // It is looked again once a second.
-    while recording.told().is == Stands::UnderWay {
+    while recording.status().is == RecordingStatus::UnderWay {
         put_pictures(&recording.recorder(), 1);
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -214,7 +215,7 @@ fn a_file_that_cannot_be_made_is_said() {
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
     assert!(
-        written.is == Stands::NotWhole && written.message.contains("the recording cannot be made"),
+        written.is == RecordingStatus::NotWhole && written.message.contains("the recording cannot be made"),
         "{written:?}"
     );
 }
@@ -229,7 +230,7 @@ fn time_begins_with_the_recording() {
     assert!(recorder.clock(hour_ns) && !recorder.clock(hour_ns), "the first reading is news");
     assert!(recorder.clock(hour_ns + 250_000_000));
     recorder.put(line(Topic::Request, Value::Null, json!("leave")));
-    assert_eq!(recording.finish().is, Stands::Whole);
+    assert_eq!(recording.finish().is, RecordingStatus::Whole);
     let length_s = check(&disk.bytes()[..]).expect("whole").length_s;
     assert!((length_s - 0.25).abs() < 1e-6, "{length_s}");
 }
@@ -246,13 +247,16 @@ fn ended(said: &str) -> Command {
 #[test]
 fn the_same_words_are_no_difference_and_come_with_their_answer() {
     let sent = || line(Topic::Command, json!({ "send": ended("same") }), json!({ "Ok": 4 }));
-    let refused =
-        line(Topic::Command, json!("abort"), told(&Err::<(), _>(QueueError::FramesNotSet { missing: "a recipe" })));
-    let report = line(Topic::Report, Value::Null, told(&Report::Progress { done: CommandId(4) }));
+    let refused = line(
+        Topic::Command,
+        json!("abort"),
+        to_json(&Err::<(), _>(QueueError::FramesNotSet { missing: "a recipe" })),
+    );
+    let report = line(Topic::Report, Value::Null, to_json(&Report::Progress { done: CommandId(4) }));
     let mut player = player(vec![sent(), report, refused]);
-    assert!(heard(&mut player).is_none(), "a command comes first");
+    assert!(next_report(&mut player).is_none(), "a command comes first");
     assert_eq!(player.send(ended("same")), Ok(CommandId(4)));
-    assert_eq!(heard(&mut player), Some(Report::Progress { done: CommandId(4) }));
+    assert_eq!(next_report(&mut player), Some(Report::Progress { done: CommandId(4) }));
     assert_eq!(player.abort(), Err(QueueError::FramesNotSet { missing: "a recipe" }));
     let played = player.played();
     assert!(played.to_the_end && played.differences.is_empty() && played.error.is_none(), "{played:?}");
@@ -270,7 +274,7 @@ fn another_number_is_a_difference_and_the_replay_goes_on() {
 }
 
 /// What the robot reports next.
-fn heard(player: &mut Player) -> Option<Report> {
+fn next_report(player: &mut Player) -> Option<Report> {
     RobotPort::next(player).expect("no thread is lost")
 }
 
@@ -285,7 +289,7 @@ fn another_call_or_none_parts_them() {
     let abort = || line(Topic::Command, json!("abort"), json!({ "Ok": null }));
     let mut other = player(vec![abort()]);
     assert!(other.send(ended("same")).is_err());
-    assert!(heard(&mut other).is_none() && asks(&mut other));
+    assert!(next_report(&mut other).is_none() && asks(&mut other));
     let played = other.played();
     assert!(!played.to_the_end && played.differences.len() == 1, "{played:?}");
     assert!(played.differences[0].now.starts_with("/robot/command {\"send\""), "{played:?}");
@@ -302,7 +306,7 @@ fn another_call_or_none_parts_them() {
 /// A camera call that the loop no longer makes is a difference, although it had no result at that time.
 #[test]
 fn a_camera_that_is_not_asked_any_more_is_a_difference() {
-    let look = || line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));
+    let look = || line(Topic::Camera, json!("picture"), to_json(&Err::<(), _>("blind")));
     let result = || Entry { at_ns: 5, ..line(Topic::Result, Value::Null, json!(7)) };
     let mut later = player(vec![look(), result()]);
     assert!(later.admit(Id(7)));
@@ -319,11 +323,11 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
 /// What is computed beside the loop comes in when it came in, not before and no other.
 #[test]
 fn a_result_waits_for_its_turn() {
-    let reports = || line(Topic::Report, Value::Null, told(&Report::Progress { done: CommandId(4) }));
+    let reports = || line(Topic::Report, Value::Null, to_json(&Report::Progress { done: CommandId(4) }));
     let result = line(Topic::Result, Value::Null, json!(7));
     let mut player = player(vec![reports(), result]);
     assert!(!player.admit(Id(7)), "a report comes first");
-    assert!(heard(&mut player).is_some());
+    assert!(next_report(&mut player).is_some());
     assert!(!player.admit(Id(8)) && player.admit(Id(7)) && !player.admit(Id(7)));
     assert!(player.played().to_the_end);
 }
@@ -335,7 +339,7 @@ fn a_stop_watch_is_no_finding_but_its_limit_is() {
         Finding::new(Kind::Locate, 0, Judgement::new(vec![], vec![])).with(numbers)
     };
     let finding = |ms, mm| RecordCommand::Note(Note::Finding(found(ms, mm)));
-    let recorded = || line(Topic::Finding, told(&found(10.0, 0.25)), json!({ "Ok": null }));
+    let recorded = || line(Topic::Finding, to_json(&found(10.0, 0.25)), json!({ "Ok": null }));
     let mut same = player(vec![recorded()]);
     same.keep(finding(99.0, 0.25)).expect("kept");
     assert!(same.played().differences.is_empty());

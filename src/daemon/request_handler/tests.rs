@@ -63,8 +63,8 @@ fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
     let (tell, pages) = mpsc::channel();
     let mut handler = RequestHandler::new(queue, None, parts(tell));
-    handler.hear(News::Begun(CycleId(7), Begin::Boot));
-    handler.hear(News::Concluded(Verdict::Fail));
+    handler.on_news(News::Begun(CycleId(7), Begin::Boot));
+    handler.on_news(News::Concluded(Verdict::Fail));
     next(&mut handler, &at(At::Completing { verdict: Verdict::Fail }));
     assert!(pages.try_recv().is_err());
     for _ in 0..2 {
@@ -130,11 +130,11 @@ fn each_request_has_one_reply() {
     next(&mut handler, &busy);
     assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
 
-    handler.hear(News::Noted(vec![Reason::new("film", "it broke")]));
+    handler.on_news(News::Noted(vec![Reason::new("film", "it broke")]));
     for request in [cycle::Request::Reset, cycle::Request::Hold] {
         let mut refused = send(&sender, 7, What::Table(request));
         assert_eq!(asked(&mut handler, &idle), Some(request));
-        handler.hear(News::Refused(request, Refusal::NotNow));
+        handler.on_news(News::Refused(request, Refusal::NotNow));
         let reply = refused.try_recv().expect("answered");
         assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
         assert_eq!(handler.noted.len(), 1, "a refusal changes nothing");
@@ -152,12 +152,12 @@ fn a_reset_that_fails_at_once_tells_what_was_found() {
     let failed = || News::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
     let found = || News::Noted(vec![Reason::new("scanner", "the worker stays down")]);
     let codes = |reasons: &[Reason]| reasons.iter().map(|reason| reason.code.clone()).collect::<Vec<_>>();
-    handler.hear(News::Noted(vec![Reason::new("film", "it broke")]));
+    handler.on_news(News::Noted(vec![Reason::new("film", "it broke")]));
 
     let mut reset = send(&sender, 7, What::Table(cycle::Request::Reset));
     assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
-    handler.hear(found());
-    handler.hear(failed());
+    handler.on_news(found());
+    handler.on_news(failed());
     let reply = reset.try_recv().expect("answered");
     assert_eq!((reply.answer, codes(&reply.reasons)), (Exit::Fault, vec!["camera".into(), "scanner".into()]));
     assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
@@ -167,8 +167,8 @@ fn a_reset_that_fails_at_once_tells_what_was_found() {
     let mut disc = send(&sender, 7, What::NewDisc);
     assert!(matches!(next(&mut handler, &stopped), Some(What::NewDisc)));
     assert_eq!(reset.try_recv().expect("answered").answer, Exit::Done, "it was taken");
-    handler.hear(found());
-    handler.hear(failed());
+    handler.on_news(found());
+    handler.on_news(failed());
     assert!(disc.try_recv().is_err(), "it is no reset");
     assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
 }
@@ -205,7 +205,7 @@ fn a_lost_thread_is_told_to_the_loop() {
 fn the_state_tells_how_far_the_work_is() {
     let (_sender, mut handler) = handler();
     (handler.panel, handler.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
-    handler.hear(News::Filmed(12.5));
+    handler.on_news(News::Filmed(12.5));
     let told = |handler: &RequestHandler, state: State| handler.reply(Exit::Done, vec![], &state);
     let films = told(&handler, at(At::Execute(Phase::Inspect)));
     assert_eq!((films.film_s, films.waypoint, films.panel.as_deref()), (Some(12.5), None, Some("wing")));

@@ -8,7 +8,7 @@ use crate::daemon::reply::Reply;
 use crate::daemon::request::What;
 use crate::history::{Query, summary};
 use crate::record::{Front, Who};
-use crate::sparkplug::{CellView, KeptView, LoopView};
+use crate::sparkplug::{CellView, LoopView, StoreView};
 use crate::store::{Store, StoreError, free_mb};
 use crate::verdict::Verdict;
 use std::time::{Duration, Instant};
@@ -23,7 +23,7 @@ const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Reads the cell repeatedly, until no receiver is left.
 pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellView>>) {
-    let (mut kept, mut read) = (KeptView::default(), None::<(Instant, LoopView)>);
+    let (mut kept, mut read) = (StoreView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
         let reply = parts.gateway.request(What::State, Who::by(Front::Sparkplug)).await;
         let now = loop_view(reply);
@@ -65,18 +65,18 @@ fn loop_view(reply: Reply) -> LoopView {
 
 /// Returns the data of the store and the disk; runs on the calling thread, which may wait for the disk. If the
 /// store cannot be read, none of its data is reported.
-fn kept_view(parts: &FrontParts) -> KeptView {
+fn kept_view(parts: &FrontParts) -> StoreView {
     parts.look();
     match parts.people.read(|store| read(store, &parts.alarms)) {
         Ok(view) => view,
         Err(error) => {
             tracing::warn!("MQTT Sparkplug cannot report data of the store: {error}");
-            KeptView::default()
+            StoreView::default()
         }
     }
 }
 
-fn read(store: &Store, alarms: &Alarms) -> Result<KeptView, StoreError> {
+fn read(store: &Store, alarms: &Alarms) -> Result<StoreView, StoreError> {
     let now_unix_s = now_unix_ms() / 1_000;
     let newest = store.last_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
     let newest = newest.as_ref();
@@ -88,7 +88,7 @@ fn read(store: &Store, alarms: &Alarms) -> Result<KeptView, StoreError> {
         Ok(store.last_verification(subject)?.map(|last| (now_unix_s - last.at_unix_s).div_euclid(3_600)))
     };
     let counts = store.cycle_counts()?;
-    Ok(KeptView {
+    Ok(StoreView {
         serial: newest.and_then(|newest| newest.part.serial.clone()),
         work_order: newest.and_then(|newest| newest.part.order.clone()),
         failed_grids: newest.and_then(|newest| newest.films.failed_at_end.clone()),

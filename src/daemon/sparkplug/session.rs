@@ -123,7 +123,7 @@ impl Session<'_> {
                 }
                 _ = look.tick() => self.looked().await,
                 packet = self.packets.recv() => match packet {
-                    Some(Ok(event)) => self.heard(event).await,
+                    Some(Ok(event)) => self.on_event(event).await,
                     Some(Err(error)) => Some(Ended::Lost(words(&error))),
                     None => Some(Ended::Lost(BROKEN.to_owned())),
                 },
@@ -140,7 +140,7 @@ impl Session<'_> {
         self.perform(acts).await
     }
 
-    async fn heard(&mut self, event: rumqttc::Event) -> Option<Ended> {
+    async fn on_event(&mut self, event: rumqttc::Event) -> Option<Ended> {
         match event {
             rumqttc::Event::Incoming(Packet::ConnAck(_)) => {
                 let topics = self.node.subscriptions();

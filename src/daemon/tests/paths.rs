@@ -6,7 +6,7 @@ use crate::cell::CorrectionNumbers;
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
-use crate::path::routes::{self, Standing};
+use crate::path::routes::{self, StartState};
 use crate::path::{self, Kinematics, Plan, panel_reach};
 use std::sync::Arc;
 
@@ -97,7 +97,7 @@ impl OnOneGrid {
         let grids = ["r2c3".parse().expect("a grid")];
         let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
         let (arm, flange_from_tool) = (Kinematics::new(cell.arm()), calibrations.flange_from_tool);
-        let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
+        let stand = panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
         let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
         let plan = panel_reach::turned(&plan, reached.spin);
         OnOneGrid { setup, place, flange_from_tool, plan, joints: reached.travel.joints }
@@ -111,7 +111,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::new(&Fake::new(Scene::Good));
     let (job, joints) = (&setup, joints[0]);
     let standing =
-        Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
+        StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), job.recipe.path());
     assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement());
@@ -240,7 +240,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
     let (job, (_, corners)) = (&setup, taught);
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
     let at = |corners: &[usize], obstacles: Option<&Arc<Obstacles>>| {
-        job.tour().stand(&arm, &Approach { base_from_panel: place, corners, obstacles })
+        job.tour().reach_setup(&arm, &Approach { base_from_panel: place, corners, obstacles })
     };
     assert_eq!(job.tour().corners_in_reach(&arm, place, 2).expect("in reach"), [0, 1]);
     for (chosen, last) in [(&[0, 1][..], 1), (&[0], 0)] {
@@ -290,12 +290,12 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let job = &setup;
         let arm = Kinematics::new(cell.arm());
         let flange_from_tool = calibrations.flange_from_tool;
-        let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
+        let stand = panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
         let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
         let plan = panel_reach::turned(&plan, reached.spin);
         let joints = reached.travel.joints[0];
         let standing =
-            Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
+            StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
         let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());

@@ -58,7 +58,7 @@ impl Requester for Script {
         Ok(next.map(|(_, what)| Request::new(what, Who::by(Front::Socket))))
     }
 
-    fn hear(&mut self, news: News) {
+    fn on_news(&mut self, news: News) {
         match news {
             News::Refused(request, refusal) => self.refusals.push((request, refusal)),
             News::Unable(reasons) => self.unable.extend(reasons.iter().map(|reason| reason.code.to_string())),

@@ -62,7 +62,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let (kinematics, base_from_panel) =
         (Kinematics::new(&job.cell.arm), story.outcome.base_from_panel.expect("found"));
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
-    let stand = job.tour().stand(&kinematics, &panel_stands).expect("in reach");
+    let stand = job.tour().reach_setup(&kinematics, &panel_stands).expect("in reach");
     let taught = crate::surface::fit(panel, recipe.surface()).expect("a surface");
     let fit = survey::today((panel, &taught), &todays_points(&fake_again), recipe.surface()).fit;
     let tool = ToolState {

@@ -56,7 +56,7 @@ pub(super) async fn page(
             }
             h3 { (word("cycle.signatures")) }
             @if signatures.is_empty() { p { (word("cycle.unsigned")) } }
-            ul { @for (unix_ms, signature) in &signatures { li { (said(signature)) ", " (local(*unix_ms)) } } }
+            ul { @for (unix_ms, signature) in &signatures { li { (signature_text(signature)) ", " (local(*unix_ms)) } } }
             @if visitor.may(Permission::Sign) && is_over { (form(&visitor, id)) }
         }
         section.card { (scene::shown(words, Some(id))) }
@@ -66,7 +66,7 @@ pub(super) async fn page(
         .page(&body))
 }
 
-fn said(signature: &PersonSignature) -> String {
+fn signature_text(signature: &PersonSignature) -> String {
     let PersonSignature { name, user, meaning, remark, .. } = signature;
     let remark = remark.as_ref().map_or(String::new(), |remark| format!(": {remark}"));
     format!("{name} ({user}): {}{remark}", meaning.words())

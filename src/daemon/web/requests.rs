@@ -17,7 +17,7 @@ use serde_json::json;
 use std::sync::Arc;
 
 /// What came of a request, for the page.
-fn told(visitor: &Visitor, reply: &Reply) -> Response {
+fn to_response(visitor: &Visitor, reply: &Reply) -> Response {
     let status = match reply.answer {
         Exit::Done => StatusCode::OK,
         Exit::Refused => StatusCode::CONFLICT,
@@ -32,7 +32,7 @@ fn told(visitor: &Visitor, reply: &Reply) -> Response {
 }
 
 async fn requested(web: &Web, visitor: &Visitor, what: What) -> Response {
-    told(visitor, &web.front.gateway.request(what, visitor.who()).await)
+    to_response(visitor, &web.front.gateway.request(what, visitor.who()).await)
 }
 
 macro_rules! table_requests {
@@ -97,7 +97,7 @@ pub(super) async fn hold(
         let line = AuditEntry { subject: Some(subject), ..entry(&visitor, "hold") };
         blocking(move || web.audit(&line)).await;
     }
-    told(&visitor, &reply)
+    to_response(&visitor, &reply)
 }
 
 #[derive(Debug, Deserialize)]

@@ -45,10 +45,10 @@ pub(super) async fn paths(
         return Err(not_found().await);
     }
     let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
-    Ok(Json(told(&record, &paths, points.is_some())).into_response())
+    Ok(Json(scene_json(&record, &paths, points.is_some())).into_response())
 }
 
-fn told(record: &CycleRecord, paths: &[ScenePath], has_points: bool) -> Value {
+fn scene_json(record: &CycleRecord, paths: &[ScenePath], has_points: bool) -> Value {
     let of_path = |path: &ScenePath| {
         let at = path.waypoints.iter().flat_map(|(at, _)| at.map(|mm| (f64::from(mm) * 100.0).round() / 100.0));
         let contact: Vec<u8> = path.waypoints.iter().map(|(_, contact)| u8::from(*contact)).collect();

@@ -16,7 +16,7 @@ use crate::daemon::background::step_back;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::record_source::RecordSource;
-use crate::daemon::slots::Heard;
+use crate::daemon::slots::ActivityHandle;
 use crate::disk;
 use axum::Router;
 use axum::extract::{ConnectInfo, Request};
@@ -194,7 +194,7 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
                 let (acceptor, router) = (acceptor.clone(), router.clone());
                 let mut place = places.acquire(owner(from.ip()));
                 tokio::spawn(async move {
-                    let heard = place.heard();
+                    let heard = place.activity_handle();
                     tokio::select! {
                         () = attend(stream, from, acceptor, (router, heard)) => {}
                         () = async {
@@ -212,7 +212,7 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
 }
 
 /// The pages of one connection, and the handle that marks it as active.
-type Heeded = (Router, Heard<IpAddr>);
+type Heeded = (Router, ActivityHandle<IpAddr>);
 
 async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Heeded) {
     let socket = socket2::SockRef::from(&stream);

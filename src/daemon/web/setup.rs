@@ -66,7 +66,7 @@ pub(super) async fn recipe(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(name): Path<String>,
-    Query(Taken { offer: taken }): Query<Taken>,
+    Query(OfferQuery { offer: taken }): Query<OfferQuery>,
 ) -> Answer {
     let (source, asked) = (web.front.setup.clone(), name.clone());
     let read = blocking(move || {
@@ -118,7 +118,7 @@ pub(super) async fn recipe(
 /// The offer of the office that is in the form, by the hash of its text.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Taken {
+pub(super) struct OfferQuery {
     offer: String,
 }
 

@@ -139,13 +139,13 @@ pub(super) struct PageFixture {
 
 /// A response, read to its end.
 #[derive(Debug)]
-pub(super) struct Told {
+pub(super) struct FullResponse {
     pub status: StatusCode,
     pub headers: HeaderMap,
     pub body: String,
 }
 
-impl Told {
+impl FullResponse {
     /// The session's cookie that was set.
     pub fn cookie(&self) -> Option<String> {
         let set = self.headers.get_all("set-cookie").iter().filter_map(|value| value.to_str().ok());
@@ -223,7 +223,7 @@ impl PageFixture {
     }
 
     /// Sends a request with these headers.
-    pub async fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Told {
+    pub async fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> FullResponse {
         let mut request = Request::builder().method(method).uri(path);
         if !headers.iter().any(|(name, _)| *name == "host") {
             request = request.header("host", "127.0.0.1:8090");
@@ -238,16 +238,16 @@ impl PageFixture {
         let is_endless = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
         let body = if is_endless { Default::default() } else { to_bytes(body, 1 << 24).await.expect("whole") };
         let body = String::from_utf8_lossy(&body).into_owned();
-        Told { status: parts.status, headers: parts.headers, body }
+        FullResponse { status: parts.status, headers: parts.headers, body }
     }
 
-    pub async fn get(&self, browser: &Browser, path: &str) -> Told {
+    pub async fn get(&self, browser: &Browser, path: &str) -> FullResponse {
         let cookie = browser.cookie.clone().unwrap_or_default();
         self.send("GET", path, &[("cookie", &cookie)], "").await
     }
 
     /// A change as the page's own script sends it.
-    pub async fn post(&self, browser: &Browser, path: &str, body: &str) -> Told {
+    pub async fn post(&self, browser: &Browser, path: &str, body: &str) -> FullResponse {
         let cookie = browser.cookie.clone().unwrap_or_default();
         let headers = [
             ("cookie", cookie.as_str()),
@@ -258,7 +258,7 @@ impl PageFixture {
         self.send("POST", path, &headers, body).await
     }
 
-    pub async fn log_in(&self, name: &str, password: &str) -> Result<Browser, Told> {
+    pub async fn log_in(&self, name: &str, password: &str) -> Result<Browser, FullResponse> {
         let body = format!("{{\"name\":\"{name}\",\"password\":\"{password}\"}}");
         let told = self.post(&Browser::default(), "/login", &body).await;
         let Some(cookie) = told.cookie().filter(|_| told.status == StatusCode::OK) else { return Err(told) };

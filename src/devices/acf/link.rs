@@ -65,7 +65,7 @@ impl AcfLink {
     pub fn start(tool: &CompliantTool, address: &ToolAddress) -> Result<Self, AcfStartError> {
         let (sign, watched) = supervised("compliant tool", HEARTBEAT_TIMEOUT);
         let shared = Arc::new(Shared::default());
-        let kept = Kept {
+        let kept = LinkThread {
             address: address.clone(),
             limits: session_limits(tool),
             shared: shared.clone(),
@@ -113,14 +113,14 @@ impl Drop for AcfLink {
 }
 
 /// What the thread has.
-struct Kept {
+struct LinkThread {
     address: ToolAddress,
     limits: SessionLimits,
     shared: Arc<Shared>,
     since: Instant,
 }
 
-impl Kept {
+impl LinkThread {
     fn now(&self) -> Time {
         Time::after_start(self.since.elapsed())
     }

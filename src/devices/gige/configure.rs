@@ -25,7 +25,7 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
             let told = match all.is_empty() {
                 true => format!(
                     "none answered; cameras answer in this computer's subnets, {}, and one with another address may not",
-                    subnet::told(&subnets_here())
+                    subnet::describe(&subnets_here())
                 ),
                 false => format!("there is {}", told.join(", ")),
             };

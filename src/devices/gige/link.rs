@@ -29,7 +29,7 @@ const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The state of the camera's link.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Standing {
+pub enum LinkStatus {
     /// The first search continues.
     Searching,
     /// It delivers.
@@ -46,7 +46,7 @@ enum CameraRequest {
 
 #[derive(Debug)]
 struct Shared {
-    standing: Standing,
+    standing: LinkStatus,
     /// Of the present connection and all before it.
     statistics: Statistics,
 }
@@ -73,7 +73,7 @@ impl GigeCamera {
     /// If the system cannot start a thread.
     pub fn open(settings: Settings) -> std::io::Result<Self> {
         let (asks, asked) = mpsc::channel();
-        let standing = Standing::Searching;
+        let standing = LinkStatus::Searching;
         let shared = Arc::new(Mutex::new(Shared { standing, statistics: Statistics::default() }));
         let search = SEARCH_TIMEOUT + WARM_UP * settings.patience();
         let longest = RELEASE_TIMEOUT + MAX_ATTEMPTS * settings.patience();
@@ -110,7 +110,7 @@ impl GigeCamera {
                 Ok(picture) => return picture,
                 Err(RecvTimeoutError::Disconnected) => return Err(lost()),
                 Err(RecvTimeoutError::Timeout) => {
-                    if let Standing::Away(why) = self.standing() {
+                    if let LinkStatus::Away(why) = self.standing() {
                         return Err(why);
                     }
                     if asked.elapsed() > self.longest {
@@ -128,19 +128,19 @@ impl GigeCamera {
     pub fn check(&mut self) -> Result<(), GigeError> {
         loop {
             match self.standing() {
-                Standing::Connected => return Ok(()),
-                Standing::Away(why) => return Err(why),
-                Standing::Searching if self.opened.elapsed() > self.search => {
+                LinkStatus::Connected => return Ok(()),
+                LinkStatus::Away(why) => return Err(why),
+                LinkStatus::Searching if self.opened.elapsed() > self.search => {
                     let found = format!("it has been searched for {} s", self.search.as_secs());
                     return Err(GigeError::NotFound { wanted: self.which.clone(), found });
                 }
-                Standing::Searching => std::thread::sleep(Duration::from_millis(5)),
+                LinkStatus::Searching => std::thread::sleep(Duration::from_millis(5)),
             }
         }
     }
 
     /// Returns the link's present state.
-    pub fn standing(&self) -> Standing {
+    pub fn standing(&self) -> LinkStatus {
         lock(&self.shared).standing.clone()
     }
 
@@ -161,7 +161,7 @@ pub struct Gauge(Arc<Mutex<Shared>>);
 
 impl Gauge {
     /// Returns the link's present state.
-    pub fn standing(&self) -> Standing {
+    pub fn standing(&self) -> LinkStatus {
         lock(&self.0).standing.clone()
     }
 
@@ -238,7 +238,7 @@ impl Link {
     fn picture(&mut self) -> Result<Frame, GigeError> {
         let Some(connected) = &mut self.connected else {
             let away = match &lock(&self.shared).standing {
-                Standing::Away(why) => why.clone(),
+                LinkStatus::Away(why) => why.clone(),
                 _ => GigeError::Lost { why: "it is searched for".to_owned() },
             };
             return Err(away);
@@ -257,7 +257,7 @@ impl Link {
                 self.connected = Some(connected);
                 self.before.connections += 1;
                 self.pause = MIN_SEARCH_INTERVAL;
-                lock(&self.shared).standing = Standing::Connected;
+                lock(&self.shared).standing = LinkStatus::Connected;
                 self.publish();
                 if let Some(since) = self.away_since.take() {
                     let away_s = since.elapsed().as_secs_f64();
@@ -297,7 +297,7 @@ impl Link {
             }
             self.away_since = Some(Instant::now());
         }
-        lock(&self.shared).standing = Standing::Away(why);
+        lock(&self.shared).standing = LinkStatus::Away(why);
     }
 
     fn publish(&mut self) {

@@ -43,7 +43,7 @@ pub use camera::Frame;
 pub use error::GigeError;
 pub use format::PixelFormat;
 #[cfg(feature = "gige")]
-pub use link::{Gauge, GigeCamera, Standing};
+pub use link::{Gauge, GigeCamera, LinkStatus};
 #[cfg(feature = "gige")]
 pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback, Register};
 pub use search::{FoundCamera, search};

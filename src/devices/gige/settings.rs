@@ -224,7 +224,7 @@ mod tests {
         }
     }
 
-    fn told(settings: &Settings, nodes: &[&str]) -> Vec<String> {
+    fn planned_steps(settings: &Settings, nodes: &[&str]) -> Vec<String> {
         let steps = plan(settings, &|node| nodes.contains(&node)).expect("all nodes are there");
         let told = |step: Step| match step {
             Step::Command(node) => format!("{node}()"),
@@ -259,7 +259,7 @@ mod tests {
             "TriggerSoftware",
         ];
         assert_eq!(
-            told(&settings(), &nodes),
+            planned_steps(&settings(), &nodes),
             [
                 "UserSetSelector=Default",
                 "UserSetLoad()",
@@ -289,7 +289,7 @@ mod tests {
         let nodes = ["PixelFormat", "ExposureTimeAbs", "TriggerMode", "AcquisitionFrameRate"];
         let free = Settings { gain_db: None, exposing: Exposing::Freely { frames_per_s: 10.0 }, ..settings() };
         assert_eq!(
-            told(&free, &nodes),
+            planned_steps(&free, &nodes),
             [
                 "PixelFormat=BayerRG8",
                 "AcquisitionFrameRate<=10",

@@ -54,12 +54,12 @@ pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
     Some(format!(
         "{address}{by_itself} is in none of this computer's subnets, {}; give the port that the camera is plugged into a fixed \
          address in the camera's subnet, or the camera one in the port's",
-        told(subnets)
+        describe(subnets)
     ))
 }
 
 /// The subnets in words.
-pub fn told(subnets: &[Subnet]) -> String {
+pub fn describe(subnets: &[Subnet]) -> String {
     match subnets {
         [] => "of which there are none".to_owned(),
         some => some.iter().map(Subnet::to_string).collect::<Vec<_>>().join(", "),
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_neighbour_is_reached_and_another_subnet_is_named() {
         let subnets = subnets(ROUTES);
-        assert_eq!(told(&subnets), "eth0 172.31.1.0/24, eth1 192.168.64.0/20");
+        assert_eq!(describe(&subnets), "eth0 172.31.1.0/24, eth1 192.168.64.0/20");
         for near in ["172.31.1.20", "192.168.70.9", "192.168.79.9", "127.0.0.1", "camera.local"] {
             assert_eq!(out_of_reach(near, &subnets), None, "{near}");
         }

@@ -162,7 +162,7 @@ impl Controller {
         self.interpret();
         self.step_arm();
         if submit_runs {
-            self.tell();
+            self.publish_changes();
         }
     }
 

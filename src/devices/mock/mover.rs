@@ -84,7 +84,7 @@ impl Mover {
     }
 
     /// Nothing planned and nothing in motion.
-    pub(super) fn stands(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         self.place == MotionState::Standing && self.planned.is_empty()
     }
 
@@ -240,12 +240,12 @@ impl Mover {
         let mut share = 1.0;
         for halving in 0..=HALVINGS {
             let Some(pose) = pose_ahead(&legs, self.gone + further_mm * share) else { break };
-            let next = self.stand(&pose, &flange_from_tool).map_err(Blocked::Unreachable)?;
+            let next = self.joints_at(&pose, &flange_from_tool).map_err(Blocked::Unreachable)?;
             match self.too_fast(&next, step_s) {
                 None => {
                     self.speed = if halving == 0 { speed } else { further_mm * share / step_s };
                     self.joints = next;
-                    let same_leg = self.go_on(&legs, further_mm * share, done).map_err(Blocked::Unreachable)?;
+                    let same_leg = self.advance(&legs, further_mm * share, done).map_err(Blocked::Unreachable)?;
                     self.ahead = same_leg.then_some(legs);
                     return Ok(());
                 }
@@ -256,7 +256,7 @@ impl Mover {
         Ok(())
     }
 
-    fn stand(&self, pose: &Pose, flange_from_tool: &Rigid<Flange, Tool>) -> Result<Joints, Unreachable> {
+    fn joints_at(&self, pose: &Pose, flange_from_tool: &Rigid<Flange, Tool>) -> Result<Joints, Unreachable> {
         self.arm.nearest(&(*pose * flange_from_tool.inverse()), &self.joints)
     }
 
@@ -267,7 +267,7 @@ impl Mover {
     }
 
     /// Advances along the legs, from one to the next at their ends. Returns true if it is still on the first.
-    fn go_on(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
+    fn advance(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
         self.gone += further_mm;
         for (index, leg) in legs.iter().enumerate() {
             self.pass_middle(leg, done)?;
@@ -315,7 +315,7 @@ impl Mover {
         }
         if let Some(lin) = passing.take() {
             let middle = leg.pose_at(leg.length_mm() / 2.0);
-            let joints = self.stand(&middle, &lin.flange_from_tool)?;
+            let joints = self.joints_at(&middle, &lin.flange_from_tool)?;
             done.push(Done { step: Move::Lin(lin), joints, starved: false });
         }
         Ok(())

@@ -65,7 +65,7 @@ impl Controller {
     /// Jogs the arm to these angles, as a person does; it is there at once. Not possible while anything is planned.
     /// Returns whether it was done.
     pub fn jog(&mut self, joints: Joints) -> bool {
-        let stands = self.mover.stands();
+        let stands = self.mover.is_idle();
         if stands {
             self.mover.jog(joints);
         }

@@ -22,7 +22,7 @@ impl Controller {
         if !self.safety.motion_possible() {
             return;
         }
-        if self.mover.stands() && self.contact.wants_retract() {
+        if self.mover.is_idle() && self.contact.wants_retract() {
             let mover = &self.mover;
             if let Some(away) =
                 self.contact.begin_retract(|flange_from_tool| mover.base_from_flange() * *flange_from_tool)
@@ -73,7 +73,7 @@ impl Controller {
             }
             wire::SET_DIGOUT if r1 == 1.0 && self.mover.switch_at_end((number(n1), n2 == 1)) => {}
             // These stop the advance run.
-            _ if !self.mover.stands() => return Ok(false),
+            _ if !self.mover.is_idle() => return Ok(false),
             wire::SET_BASE => {
                 self.epoch.base = self.troubles.spoil(command).map(kuka_pose).or(self.epoch.base);
             }
@@ -137,7 +137,7 @@ impl Controller {
         }
         self.contact.heads_for(self.mover.front());
         self.count_done();
-        let dwells = self.epoch.open && self.mover.stands() && self.epoch.ring.is_empty();
+        let dwells = self.epoch.open && self.mover.is_idle() && self.epoch.ring.is_empty();
         if dwells && self.contact.touches(None) {
             self.underruns += 1;
             self.stop(StopCause::Underrun, String::new());
@@ -185,7 +185,7 @@ impl Controller {
             let next = self.epoch.ring.front();
             let waits = next.is_some_and(|next| ![wire::MOVE_J, wire::MOVE_LIN].contains(&next.operation));
             // A standstill in contact is counted where it is detected.
-            let in_contact = lin.contact && next.is_none() && self.mover.stands();
+            let in_contact = lin.contact && next.is_none() && self.mover.is_idle();
             if !waits && !in_contact {
                 self.underruns += 1;
             }

@@ -251,7 +251,7 @@ impl Controller {
     }
 
     fn is_busy(&self) -> bool {
-        !self.epoch.ring.is_empty() || !self.mover.stands()
+        !self.epoch.ring.is_empty() || !self.mover.is_idle()
     }
 
     /// Ends the epoch: switches tool and water off, brakes, discards, and retracts from the panel if the tool

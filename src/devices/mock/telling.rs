@@ -14,7 +14,7 @@ const ACK_INTERVAL_MS: u64 = 500;
 
 impl Controller {
     /// At the end of a tick: what has changed, or is due.
-    pub(super) fn tell(&mut self) {
+    pub(super) fn publish_changes(&mut self) {
         let ack = self.ack();
         let due =
             self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_INTERVAL_MS);

@@ -38,7 +38,7 @@ impl Controller {
 
     /// Whether the arm moves, or has something planned.
     pub fn is_moving(&self) -> bool {
-        !self.mover.stands() || self.contact.wants_retract()
+        !self.mover.is_idle() || self.contact.wants_retract()
     }
 
     /// The override that a person has set, %.

@@ -74,7 +74,7 @@ impl ReportQueue {
         self.lock().unread_since.map_or(Duration::ZERO, |since| since.elapsed())
     }
 
-    pub(super) fn told(&self) -> u64 {
+    pub(super) fn reported_count(&self) -> u64 {
         self.lock().told
     }
 
@@ -105,6 +105,6 @@ mod tests {
         }
         let taken: Vec<Report> = std::iter::from_fn(|| queue.pop().ok()).collect();
         assert_eq!(taken, [progress(2), opened, progress(9)]);
-        assert_eq!(queue.told(), 6);
+        assert_eq!(queue.reported_count(), 6);
     }
 }

@@ -253,7 +253,9 @@ impl Link {
             // Without a connection the controller has stopped by itself.
             LinkRequest::Stop => self.session.stop_now(),
             // With an answer under way, or a report that the asker has not seen, no more time may pass.
-            LinkRequest::Grant { told } if told == self.reports.told() && !self.session.awaits_answer() => {
+            LinkRequest::Grant { told }
+                if told == self.reports.reported_count() && !self.session.awaits_answer() =>
+            {
                 self.session.heartbeat(self.now());
             }
             LinkRequest::Grant { .. } => {}

@@ -76,7 +76,7 @@ impl Follower {
     }
 
     /// A message of the controller.
-    pub fn hear(&self, state: &State) {
+    pub fn on_state(&self, state: &State) {
         let outputs = {
             let mut told = self.lock();
             let before_ms = match told.last {

@@ -54,7 +54,7 @@ impl Signal {
     }
 
     /// Returns the feedback: for the spray whether it is off, for everything else whether it runs.
-    pub fn says(&self, now_ms: u64) -> bool {
+    pub fn is_feedback_on(&self, now_ms: u64) -> bool {
         self.runs(now_ms) != (self.output == Output::Spray)
     }
 
@@ -80,22 +80,22 @@ mod tests {
     fn what_is_switched_off_before_it_ran_never_ran() {
         let mut tool = Signal::new(Output::Tool, 5, 4);
         tool.switch(true, 100);
-        assert!(!tool.says(1_099));
+        assert!(!tool.is_feedback_on(1_099));
         tool.switch(false, 600);
-        assert!((600..3_000).all(|now_ms| !tool.says(now_ms)));
+        assert!((600..3_000).all(|now_ms| !tool.is_feedback_on(now_ms)));
         tool.switch(true, 3_000);
-        assert!(!tool.says(3_999) && tool.says(4_000));
+        assert!(!tool.is_feedback_on(3_999) && tool.is_feedback_on(4_000));
         tool.switch(false, 5_000);
-        assert!(tool.says(5_599) && !tool.says(5_600), "it runs down");
+        assert!(tool.is_feedback_on(5_599) && !tool.is_feedback_on(5_600), "it runs down");
     }
 
     #[test]
     fn the_spray_says_that_it_is_off() {
         let mut spray = Signal::new(Output::Spray, 2, 1);
-        assert!(spray.says(0));
+        assert!(spray.is_feedback_on(0));
         spray.switch(true, 10);
-        assert!(!spray.says(10));
+        assert!(!spray.is_feedback_on(10));
         spray.switch(false, 5_000);
-        assert!(!spray.says(5_199) && spray.says(5_200));
+        assert!(!spray.is_feedback_on(5_199) && spray.is_feedback_on(5_200));
     }
 }

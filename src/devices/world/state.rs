@@ -125,9 +125,9 @@ impl State {
             return Some(set);
         }
         if self.tool_stands == Some(number) {
-            return Some(!self.signal(Output::Tool).says(time_ms));
+            return Some(!self.signal(Output::Tool).is_feedback_on(time_ms));
         }
-        self.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.says(time_ms))
+        self.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.is_feedback_on(time_ms))
     }
 }
 

@@ -68,7 +68,7 @@ struct RawSize {
 
 #[repr(C)]
 #[derive(Default)]
-struct RawTaken {
+struct RawShotInfo {
     size: RawSize,
     exposed_ns: u64,
     throttled_ms: f64,
@@ -114,9 +114,9 @@ struct Functions {
     connect: unsafe extern "C" fn(Session, *const c_char, *const c_char, *mut RawIdentity, *mut Message) -> Status,
     settings_scan: unsafe extern "C" fn(Session, *const c_char, *mut u32, *mut RawSize, *mut Message) -> Status,
     settings_picture: unsafe extern "C" fn(Session, *const c_char, *mut u32, *mut RawSize, *mut Message) -> Status,
-    scan: unsafe extern "C" fn(Session, u32, *mut RawTaken, *mut Message) -> Status,
+    scan: unsafe extern "C" fn(Session, u32, *mut RawShotInfo, *mut Message) -> Status,
     copy_scan: unsafe extern "C" fn(Session, *mut f32, *mut u8, *mut f32, usize, *mut Message) -> Status,
-    picture: unsafe extern "C" fn(Session, u32, *mut RawTaken, *mut Message) -> Status,
+    picture: unsafe extern "C" fn(Session, u32, *mut RawShotInfo, *mut Message) -> Status,
     copy_picture: unsafe extern "C" fn(Session, *mut u8, usize, *mut Message) -> Status,
     intrinsics: unsafe extern "C" fn(Session, u32, *mut RawLens, *mut Message) -> Status,
     state: unsafe extern "C" fn(Session, *mut RawTemperatures, *mut Message) -> Status,
@@ -242,7 +242,7 @@ impl Sensor for Sdk {
     }
 
     fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
-        let mut taken = RawTaken::default();
+        let mut taken = RawShotInfo::default();
         let into = &raw mut taken;
         // SAFETY: what is pointed at outlives the call.
         self.call(|functions, session, message| unsafe { (functions.scan)(session, slot.0, into, message) })?;
@@ -259,7 +259,7 @@ impl Sensor for Sdk {
     }
 
     fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal> {
-        let mut taken = RawTaken::default();
+        let mut taken = RawShotInfo::default();
         let into = &raw mut taken;
         // SAFETY: what is pointed at outlives the call.
         self.call(|functions, session, message| unsafe { (functions.picture)(session, slot.0, into, message) })?;
@@ -327,7 +327,7 @@ impl RawSize {
     }
 }
 
-impl RawTaken {
+impl RawShotInfo {
     fn read(&self) -> Result<Exposed, Refusal> {
         let lens_c = Some(self.lens_c).filter(|celsius| celsius.is_finite());
         let throttled_ms = if self.throttled_ms.is_finite() { self.throttled_ms } else { 0.0 };

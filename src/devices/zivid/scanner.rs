@@ -128,7 +128,7 @@ impl ZividScanner {
         warmth(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
     }
 
-    fn told(&mut self, taken: &ShotInfo, exposure_us: Option<f64>) {
+    fn update_conditions(&mut self, taken: &ShotInfo, exposure_us: Option<f64>) {
         let throttled_ms = Some(taken.throttled_ms);
         self.conditions = Conditions { exposure_us, camera_c: taken.lens_c, throttled_ms };
     }
@@ -187,7 +187,7 @@ impl ZividScanner {
         match self.ask(CameraRequest::Scan)? {
             CameraAnswer::Scan(Delivery { taken, came_ns, .. }, planes) => {
                 let Size { width, height } = taken.size;
-                self.told(&taken, self.exposures_us[0]);
+                self.update_conditions(&taken, self.exposures_us[0]);
                 let crossed_ms = came_ns.saturating_sub(taken.ready_ns) as f64 * 1e-6;
                 let cloud = OrganizedCloud::new(width, height, planes.points_mm, planes.colors)
                     .map_err(|error| unexpected(&error))?;
@@ -272,7 +272,7 @@ impl ZividScanner {
     fn picture_of(&mut self, ask: CameraRequest) -> Result<ZividPicture, ZividFault> {
         match self.ask(ask)? {
             CameraAnswer::Picture(Delivery { taken, .. }, rgb) => {
-                self.told(&taken, self.exposures_us[1]);
+                self.update_conditions(&taken, self.exposures_us[1]);
                 let Size { width, height } = self.size;
                 Ok(ZividPicture { picture: ColorPicture { width, height, rgb }, taken })
             }

@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     /// Each half minute from `from_s` to 900 s.
-    fn told(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<Reading> {
+    fn readings(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<Reading> {
         let times = (0..=30).map(|half| f64::from(half) * 30.0).filter(|at_s| *at_s >= from_s);
         times.map(|at_s| Reading { at_s, lens_c: lens_c(at_s) }).collect()
     }
@@ -155,7 +155,7 @@ mod tests {
     /// 99,000 s², its root 314.64 s; the least error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C a minute.
     #[test]
     fn a_straight_rise_is_found_with_its_error() {
-        let line = told(600.0, |at_s| 30.0 + 0.001 * at_s);
+        let line = readings(600.0, |at_s| 30.0 + 0.001 * at_s);
         let (rise_c, error_c) = rise(&line).expect("eleven");
         assert!((rise_c - 0.06).abs() < 1e-9 && (error_c - 0.01101).abs() < 1e-5, "{rise_c} {error_c}");
         assert_eq!(rise(&line[..2]), None);
@@ -167,30 +167,30 @@ mod tests {
     fn a_camera_is_warm_when_it_changes_no_more() {
         let warming = |at_s: f64| 40.0 - 15.0 * (-at_s / 150.0_f64).exp();
         assert!(
-            matches!(warmth(&told(0.0, warming), 900.0), Warmth::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
+            matches!(warmth(&readings(0.0, warming), 900.0), Warmth::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
         );
         // The same, seen ten minutes earlier on its way.
-        let early = warmth(&told(0.0, |at_s| warming(at_s - 600.0)), 900.0);
+        let early = warmth(&readings(0.0, |at_s| warming(at_s - 600.0)), 900.0);
         assert!(matches!(early, Warmth::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
         assert!(early.to_string().starts_with("it still warms up, by "), "{early}");
-        let film = warmth(&told(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
+        let film = warmth(&readings(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
         assert!(film.to_string().starts_with("it still cools down, by 0.30 °C a minute (limit 0.1 °C a minute)"));
     }
 
     #[test]
     fn what_is_not_known_is_told() {
         let steady = |_: f64| 36.0;
-        let short = warmth(&told(330.0, steady), 900.0);
+        let short = warmth(&readings(330.0, steady), 900.0);
         assert_eq!(short, Warmth::NotFollowed { followed_s: 570.0 });
         assert!(short.to_string().ends_with("followed for 9 of 10 min"), "{short}");
         assert_eq!(warmth(&[], 900.0), Warmth::NotFollowed { followed_s: 0.0 });
         // The last one is three minutes old; or there is a gap of three minutes before the last five.
-        assert_eq!(warmth(&told(0.0, steady), 1_080.0), Warmth::NotFollowed { followed_s: 0.0 });
-        let mut gap = told(0.0, steady);
+        assert_eq!(warmth(&readings(0.0, steady), 1_080.0), Warmth::NotFollowed { followed_s: 0.0 });
+        let mut gap = readings(0.0, steady);
         gap.retain(|reading| !(430.0..=580.0).contains(&reading.at_s));
         assert_eq!(warmth(&gap, 900.0), Warmth::NotFollowed { followed_s: 300.0 });
         // 0.1 °C a minute lies on the limit.
-        let edge = warmth(&told(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
+        let edge = warmth(&readings(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
         assert!(matches!(edge, Warmth::Unclear { .. }), "{edge:?}");
         assert!(edge.to_string().contains("changes by 0.10 ± 0.01 °C a minute"), "{edge}");
     }

@@ -17,7 +17,7 @@ fn pressing(low_n: f64, high_n: f64) -> Expected {
 }
 
 /// The first reason, and when: one reading each 50 ms.
-fn told(readings: impl Fn(u64) -> (Reading, f64, Expected)) -> Option<(u64, String)> {
+fn first_reason(readings: impl Fn(u64) -> (Reading, f64, Expected)) -> Option<(u64, String)> {
     let mut watch = Watch::default();
     (0..=2_000).step_by(50).find_map(|ms| {
         let (reading, contact_n, expected) = readings(ms);
@@ -33,14 +33,15 @@ fn at(ms: u64, code: &str) -> Option<(u64, String)> {
 /// By hand: a band of 5 N around 20 N includes 15 and 25; 25.1 N from 500 ms on is reported at 650 ms.
 #[test]
 fn a_force_out_of_its_band_is_told_once_it_lasts() {
-    let force =
-        |contact_n: f64| told(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)));
+    let force = |contact_n: f64| {
+        first_reason(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)))
+    };
     assert_eq!((force(25.0), force(15.0)), (None, None));
     assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
     // Short peaks are not reported, however many there are.
-    assert_eq!(told(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))), None);
+    assert_eq!(first_reason(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))), None);
     // While it ramps from 5 N, all between is as it should be.
-    assert_eq!(told(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);
+    assert_eq!(first_reason(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);
 }
 
 #[test]
@@ -48,15 +49,19 @@ fn contact_stroke_and_errors_are_told() {
     let lost = Reading { contact: false, ..PRESSED };
     let from_500 =
         |reading: Reading| move |ms| (if ms < 500 { PRESSED } else { reading }, 20.0, pressing(20.0, 20.0));
-    assert_eq!(told(from_500(lost)), at(700, "no_contact"));
-    assert_eq!(told(|_| (lost, 0.0, pressing(20.0, 20.0))), at(200, "no_contact"), "a path that never touched");
+    assert_eq!(first_reason(from_500(lost)), at(700, "no_contact"));
+    assert_eq!(
+        first_reason(|_| (lost, 0.0, pressing(20.0, 20.0))),
+        at(200, "no_contact"),
+        "a path that never touched"
+    );
     // By hand: the middle two thirds of 30 mm are 5 to 25 mm.
     for (position_mm, found) in
         [(5.01, None), (24.99, None), (4.9, at(650, "tool_stroke")), (25.1, at(650, "tool_stroke"))]
     {
-        assert_eq!(told(from_500(Reading { position_mm, ..PRESSED })), found, "{position_mm}");
+        assert_eq!(first_reason(from_500(Reading { position_mm, ..PRESSED })), found, "{position_mm}");
     }
-    assert_eq!(told(from_500(Reading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
+    assert_eq!(first_reason(from_500(Reading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
 }
 
 /// Landing: less than the set-point, and none, is on its way; too much is too much.
@@ -64,13 +69,16 @@ fn contact_stroke_and_errors_are_told() {
 fn landing_may_have_no_contact_yet_and_never_too_much() {
     let landing = Expected { aim: Aim::Landing, between_n: [5.0, 5.0] };
     let air = Reading { contact: false, ..PRESSED };
-    assert_eq!(told(|_| (air, 0.0, landing)), None);
-    assert_eq!(told(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
+    assert_eq!(first_reason(|_| (air, 0.0, landing)), None);
+    assert_eq!(first_reason(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
     // By hand: a sixth of 30 mm is 5 mm; it has 600 ms to get there.
     let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
     let out = Reading { position_mm: 5.1, ..air };
-    assert_eq!(told(|_| (out, 0.0, held)), at(600, "tool_stuck"));
-    assert_eq!(told(|ms| (if ms < 500 { out } else { Reading { position_mm: 5.0, ..air } }, 0.0, held)), None);
+    assert_eq!(first_reason(|_| (out, 0.0, held)), at(600, "tool_stuck"));
+    assert_eq!(
+        first_reason(|ms| (if ms < 500 { out } else { Reading { position_mm: 5.0, ..air } }, 0.0, held)),
+        None
+    );
 }
 
 #[test]
@@ -88,5 +96,5 @@ fn a_path_begins_with_a_tool_that_is_back() {
 fn contact_in_the_air_is_told() {
     let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
     let touches = Reading { position_mm: 5.0, contact: true, ..PRESSED };
-    assert_eq!(told(|_| (touches, 200.0, held)), at(600, "contact_in_air"));
+    assert_eq!(first_reason(|_| (touches, 200.0, held)), at(600, "contact_in_air"));
 }

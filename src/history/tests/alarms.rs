@@ -22,14 +22,14 @@ fn past(findings: Vec<Finding>, end: &[&'static str]) -> (CycleRecord, AlarmTime
     (record, AlarmTimes { findings_unix_ms: times, settled_unix_ms: None })
 }
 
-type Told = (String, Option<Kind>, i64, Option<i64>);
+type AlarmSummary = (String, Option<Kind>, i64, Option<i64>);
 
-fn told(record: &CycleRecord, times: &AlarmTimes) -> Vec<Told> {
+fn summaries(record: &CycleRecord, times: &AlarmTimes) -> Vec<AlarmSummary> {
     let all = alarms(record, times, &[]).into_iter();
     all.map(|alarm| (alarm.code, alarm.phase, alarm.raised_unix_ms, alarm.gone_unix_ms)).collect()
 }
 
-fn alarm(code: &str, phase: Option<Kind>, raised: i64, gone: Option<i64>) -> Told {
+fn alarm(code: &str, phase: Option<Kind>, raised: i64, gone: Option<i64>) -> AlarmSummary {
     (code.to_owned(), phase, raised, gone)
 }
 
@@ -44,7 +44,7 @@ fn an_alarm_lasts_until_its_phase_no_longer_gives_it() {
     ];
     let (record, times) = past(findings, &[]);
     assert_eq!(
-        told(&record, &times),
+        summaries(&record, &times),
         [
             alarm("low_overlap", Some(Kind::Locate), 1_010_000, Some(1_040_000)),
             alarm("light", Some(Kind::Inspect), 1_020_000, Some(1_090_000)),
@@ -57,7 +57,7 @@ fn an_alarm_lasts_until_its_phase_no_longer_gives_it() {
 #[test]
 fn the_reasons_of_the_verdict_last_beyond_the_end() {
     let (record, mut times) = past(vec![gave(Kind::Locate, &["no_panel", "blurred"])], &["no_panel", "stopped"]);
-    let lasting = told(&record, &times);
+    let lasting = summaries(&record, &times);
     assert_eq!(
         lasting,
         [
@@ -68,7 +68,7 @@ fn the_reasons_of_the_verdict_last_beyond_the_end() {
         "each code once"
     );
     times.settled_unix_ms = Some(1_095_000);
-    let gone: Vec<Option<i64>> = told(&record, &times).into_iter().map(|told| told.3).collect();
+    let gone: Vec<Option<i64>> = summaries(&record, &times).into_iter().map(|told| told.3).collect();
     assert_eq!(gone, [Some(1_095_000), Some(1_090_000), Some(1_095_000)]);
 }
 
@@ -76,14 +76,14 @@ fn the_reasons_of_the_verdict_last_beyond_the_end() {
 fn while_a_cycle_runs_its_alarms_last() {
     let (mut record, times) = past(vec![gave(Kind::Locate, &["low_overlap"])], &[]);
     (record.judgement, record.ended_unix_s) = (None, None);
-    assert_eq!(told(&record, &times), [alarm("low_overlap", Some(Kind::Locate), 1_010_000, None)]);
+    assert_eq!(summaries(&record, &times), [alarm("low_overlap", Some(Kind::Locate), 1_010_000, None)]);
 }
 
 /// An earlier program kept no times: its findings count from the begin of the cycle.
 #[test]
 fn findings_without_a_time_count_from_the_begin() {
     let (record, _) = past(vec![gave(Kind::Locate, &["low_overlap"])], &[]);
-    let told = told(&record, &AlarmTimes::default());
+    let told = summaries(&record, &AlarmTimes::default());
     assert_eq!(told, [alarm("low_overlap", Some(Kind::Locate), 1_000_000, Some(1_090_000))]);
 }
 
@@ -99,7 +99,7 @@ fn a_refused_request_is_an_alarm_of_its_moment() {
         findings: None,
     };
     record.asked = vec![asked(Answer::Refused, "not_now"), asked(Answer::Done, "not_told")];
-    assert_eq!(told(&record, &times), [alarm("not_now", None, 1_020_500, Some(1_020_500))]);
+    assert_eq!(summaries(&record, &times), [alarm("not_now", None, 1_020_500, Some(1_020_500))]);
 }
 
 /// The same code raised again is another alarm, which no one has seen.

@@ -70,7 +70,7 @@ pub struct Saved {
 }
 
 /// The storage of labels.
-pub trait Keep: Send + Sync {
+pub trait LabelStorage: Send + Sync {
     /// Returns the data kept until now.
     ///
     /// # Errors
@@ -101,7 +101,7 @@ pub struct Sheet {
     /// The grids to show, if they are known.
     pub grids: Vec<GridOutline>,
     /// The storage of labels.
-    pub keep: Arc<dyn Keep>,
+    pub keep: Arc<dyn LabelStorage>,
 }
 
 struct Inside {

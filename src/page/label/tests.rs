@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 #[derive(Default)]
 struct Memory(Mutex<(Statement, u32)>);
 
-impl Keep for Memory {
+impl LabelStorage for Memory {
     fn now(&self) -> Result<Now, String> {
         let (said, saved) = self.0.lock().expect("nobody failed").clone();
         Ok(Now { said, saved_at: (saved > 0).then(|| "today".to_owned()), is_draft: saved == 0, note: None })

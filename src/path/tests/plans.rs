@@ -97,7 +97,7 @@ fn a_path_that_is_not_finite_is_never_followed() {
     plan.paths[1].waypoints[7].feed_mm_s = 0.0;
     let cell = crate::cell::Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
     let arm = Kinematics::new(cell.arm());
-    let stand = panel_reach::Stand {
+    let stand = panel_reach::ReachSetup {
         arm: &arm,
         flange_from_tool: Rigid::claim(nalgebra::Isometry3::identity()),
         base_from_panel: Rigid::claim(nalgebra::Isometry3::identity()),

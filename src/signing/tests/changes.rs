@@ -136,7 +136,7 @@ fn each_kind_of_change_is_named() {
 fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     let (mut export, head) = exported();
     let mut forged = Statement::read(&export.statements["cycle-6.json"]).expect("read");
-    let Said::Cycle(cycle) = &mut forged.says else { panic!("a cycle") };
+    let StatementContent::Cycle(cycle) = &mut forged.says else { panic!("a cycle") };
     cycle.record["panel"] = json!("fin");
     let bytes = forged.canonical().expect("JSON");
     export.statements.insert("cycle-6.sig".to_owned(), key().sign(&bytes).to_vec());

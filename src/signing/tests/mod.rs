@@ -48,7 +48,7 @@ fn record(id: i64) -> CycleRecord {
     }
 }
 
-fn statement(number: u64, previous: &str, says: Said) -> Statement {
+fn statement(number: u64, previous: &str, says: StatementContent) -> Statement {
     Statement {
         form: FORM.to_owned(),
         number,
@@ -69,7 +69,7 @@ fn exported() -> (Export, Signed) {
     let (key, mut export) = (key(), Export { files: Some(BTreeMap::new()), ..Export::default() });
     let (mut pdfs, mut pages) = (BTreeMap::new(), BTreeMap::new());
     let (mut number, mut previous) = (0, BEGIN.to_owned());
-    let mut add = |stem: &dyn Fn(u64) -> String, says: Said| {
+    let mut add = |stem: &dyn Fn(u64) -> String, says: StatementContent| {
         number += 1;
         let bytes = statement(number, &previous, says).canonical().expect("JSON");
         export.statements.insert(format!("{}.sig", stem(number)), key.sign(&bytes).to_vec());
@@ -81,13 +81,13 @@ fn exported() -> (Export, Signed) {
     for id in 1..=6 {
         let cycle = SignedCycle::new(&record(id), part()).expect("JSON");
         files.extend(exported_files(&cycle).into_iter().map(|(_, hash)| (hash.clone(), hash)));
-        let record_hash = add(&|_| cycle_stem(CycleId(id)), Said::Cycle(cycle));
+        let record_hash = add(&|_| cycle_stem(CycleId(id)), StatementContent::Cycle(cycle));
         let signs = record_hash.clone();
         if id > 1 {
             let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
             let meaning = Meaning::InspectedAndReleased;
             let says = PersonSignature { cycle: CycleId(id), record_hash, name, user, meaning, remark: None };
-            add(&|number| person_stem(CycleId(id), number), Said::Person(says));
+            add(&|number| person_stem(CycleId(id), number), StatementContent::Person(says));
         }
         let (cycle, shows) = (CycleId(id), if id > 1 { 2 * id - 1 } else { 1 } as u64);
         let (pdf, stem) = (format!("%PDF of cycle {id}"), page_stem(cycle));
@@ -146,7 +146,7 @@ fn a_pass_that_its_findings_forbid_is_refused() {
             reasons: vec![],
             findings: Some(findings),
         }));
-        let bytes = statement(1, BEGIN, Said::Cycle(SignedCycle::new(&record, None).expect("JSON")));
+        let bytes = statement(1, BEGIN, StatementContent::Cycle(SignedCycle::new(&record, None).expect("JSON")));
         let bytes = bytes.canonical().expect("JSON");
         let signature = key().sign(&bytes).to_vec();
         let statements = [("cycle-1.json".to_owned(), bytes), ("cycle-1.sig".to_owned(), signature)].into();
@@ -206,7 +206,7 @@ fn a_whole_export_is_found_whole() {
     let verified = verify_export(&export, &[key().public()], Some(&head));
     assert_eq!(verified.found, [] as [String; 0]);
     assert_eq!(verified.statements.len(), 11);
-    let Said::Cycle(first) = &verified.statements[&1].0.says else { panic!("the first is a cycle") };
+    let StatementContent::Cycle(first) = &verified.statements[&1].0.says else { panic!("the first is a cycle") };
     assert_eq!((first.id, &first.part), (CycleId(1), &part()));
     assert_eq!(first.record["findings"][0]["numbers"][0]["value"], json!(0.1 + 0.2), "to the bit");
     assert_eq!(verified.gaps, []);

@@ -41,7 +41,7 @@ impl Trial {
             self.place = placed(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
             // What is out of view may be out of the box as well.
             let axes = if wrong == Some(Wrong::OutOfView) { 0..1 } else { 0..3 };
-            if !self.stands(&self.place, &lattice, axes) {
+            if !self.is_valid_place(&self.place, &lattice, axes) {
                 continue;
             }
             self.slabs = beside(random, &self.place);
@@ -88,7 +88,12 @@ impl Trial {
     }
 
     /// Whether a panel at this place is in the box along these axes and before the fixture, and looks at the camera.
-    pub(super) fn stands(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]], axes: Range<usize>) -> bool {
+    pub(super) fn is_valid_place(
+        &self,
+        place: &Rigid<Base, Panel>,
+        lattice: &[[f64; 2]],
+        axes: Range<usize>,
+    ) -> bool {
         let [low, high] = TRIAL_BOX_MM;
         let is_inside = |&at: &[f64; 2]| {
             let p = (*place * self.taught.point(at)).mm;

@@ -68,8 +68,8 @@ impl Trial {
             let about = Translation3::from(middle.coords + aside) * turn * Translation3::from(-middle.coords);
             Rigid::claim(about * self.place.isometry())
         };
-        (0..MAX_DRAWS)
-            .map(draw)
-            .find(|place| self.stands(place, &lattice, 0..3) && self.hidden_at(place, &lattice) < MAX_HIDDEN)
+        (0..MAX_DRAWS).map(draw).find(|place| {
+            self.is_valid_place(place, &lattice, 0..3) && self.hidden_at(place, &lattice) < MAX_HIDDEN
+        })
     }
 }

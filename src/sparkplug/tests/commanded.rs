@@ -14,7 +14,7 @@ fn yes(name: &str) -> Vec<u8> {
     written(Some(name), None, Some(Wire::Boolean(true)))
 }
 
-fn told(node: &mut EdgeNode, payload: &[u8], ms: u64) -> Vec<Act> {
+fn send_command(node: &mut EdgeNode, payload: &[u8], ms: u64) -> Vec<Act> {
     node.step(Event::Received { topic: "spBv1.0/G/NCMD/cell", payload, is_retained: false }, at(ms))
 }
 
@@ -29,14 +29,14 @@ fn allowed_commands_are_asked_for() {
     for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
         let (name, yes) = (command.name(), Some(Wire::Boolean(true)));
         for (name, alias) in [(Some(name), None), (None, Some(alias)), (Some(name), Some(alias))] {
-            let acts = told(&mut born(true), &written(name, alias, yes.clone()), 1);
+            let acts = send_command(&mut born(true), &written(name, alias, yes.clone()), 1);
             assert_eq!(acts, [Act::Ask { command, is_noted: true }]);
         }
-        let why = refusal(&told(&mut born(false), &self::yes(name), 1));
+        let why = refusal(&send_command(&mut born(false), &self::yes(name), 1));
         assert!(why.contains("is not allowed here") && why.contains(name), "{why}");
     }
     for name in ["Node Control/Start", "Node Control/Reset", "Node Control/Clear", "Node Control/Unhold", "Start"] {
-        let why = refusal(&told(&mut born(true), &yes(name), 1));
+        let why = refusal(&send_command(&mut born(true), &yes(name), 1));
         assert!(why.contains("valid: Node Control/Rebirth, Node Control/Hold"), "{why}");
     }
 }
@@ -45,14 +45,14 @@ fn allowed_commands_are_asked_for() {
 fn a_rebirth_tells_everything_again_under_the_same_number() {
     let mut node = born(false);
     node.step(Event::Seen(shown("held")), at(10));
-    let acts = told(&mut node, &yes("Node Control/Rebirth"), 20);
+    let acts = send_command(&mut node, &yes("Node Control/Rebirth"), 20);
     let [(kind, birth)] = &published(&acts)[..] else { panic!("{acts:?}") };
     assert_eq!((kind.as_str(), birth.seq), ("NBIRTH", Some(0)));
     assert!(birth.metrics.iter().any(|one| one.value == Some(Wire::Text("held".to_owned()))));
     assert!(matches!(&acts[1], Act::Note(AuditNote { what, refused: None, .. }) if what == "rebirth"), "{acts:?}");
 
     // A second request immediately afterwards waits, and no data are sent before it.
-    assert_eq!(told(&mut node, &yes("Node Control/Rebirth"), 30), []);
+    assert_eq!(send_command(&mut node, &yes("Node Control/Rebirth"), 30), []);
     assert_eq!(node.step(Event::Seen(shown("idle")), at(500)), []);
     let acts = node.step(Event::Seen(shown("idle")), at(1_020));
     assert_eq!(published(&acts).iter().map(|(kind, _)| kind.as_str()).collect::<Vec<_>>(), ["NBIRTH"]);
@@ -86,11 +86,11 @@ fn other_messages_are_refused() {
         (written(None, Some(999), Some(Wire::Boolean(true))), "with the alias 999"),
     ];
     for (payload, words) in cases {
-        let why = refusal(&told(&mut born(true), &payload, 1));
+        let why = refusal(&send_command(&mut born(true), &payload, 1));
         assert!(why.contains(words), "{words}: {why}");
     }
     let long = "\u{1b}[31m".repeat(1_000);
-    let why = refusal(&told(&mut born(true), &yes(&long), 1));
+    let why = refusal(&send_command(&mut born(true), &yes(&long), 1));
     assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
 }
 
@@ -127,8 +127,8 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
         }
     };
     for ms in 0..10_000 {
-        keep(told(&mut node, &yes(NodeCommand::Stop.name()), ms), ms);
-        keep(told(&mut node, b"nonsense", ms), ms);
+        keep(send_command(&mut node, &yes(NodeCommand::Stop.name()), ms), ms);
+        keep(send_command(&mut node, b"nonsense", ms), ms);
         if ms % 500 == 0 {
             keep(node.step(Event::Seen(shown("idle")), at(ms)), ms);
         }
@@ -142,7 +142,7 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
     let acts = node.step(Event::Seen(shown("idle")), at(60_000));
     let why = refusal(&acts);
     assert!(why.starts_with("9980 further messages"), "{why}");
-    assert!(told(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
+    assert!(send_command(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
 }
 
 /// A command that waits for its time ends with its connection, and is not passed on in a later one.
@@ -151,12 +151,12 @@ fn what_waits_ends_with_the_connection() {
     for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {
         let mut node = born(true);
         let asked = |acts: &[Act]| acts.iter().filter(|act| matches!(act, Act::Ask { .. })).count();
-        assert_eq!(asked(&told(&mut node, &yes(command.name()), 1)), 1);
-        assert_eq!(asked(&told(&mut node, &yes(command.name()), 500)), 0, "it waits");
+        assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 1)), 1);
+        assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 500)), 0, "it waits");
         node.step(Event::Lost, at(600));
         node.step(Event::Connecting, at(100_000));
         let acts = [node.step(Event::Subscribed, at(100_000)), node.step(Event::Seen(shown("idle")), at(180_000))];
         assert_eq!(asked(&acts.concat()), 0, "{command:?} of minutes ago");
-        assert_eq!(asked(&told(&mut node, &yes(command.name()), 180_001)), 1, "a new one is passed on");
+        assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 180_001)), 1, "a new one is passed on");
     }
 }

@@ -275,7 +275,7 @@ fn the_mode_is_not_guessed() {
 /// A value that is not a number is published as null.
 #[test]
 fn a_number_that_is_none_is_null() {
-    let kept = KeptView { disc_worn_mm2: Some(f64::NAN), free_mb: Some(1_799), ..KeptView::default() };
+    let kept = StoreView { disc_worn_mm2: Some(f64::NAN), free_mb: Some(1_799), ..StoreView::default() };
     let all = values(&CellView { kept, ..CellView::default() });
     let of = |name: &str| &all[METRICS.iter().position(|one| one.name == name).expect("it is there")];
     assert_eq!((of("Disc/worn_mm2"), of("Disk/free_MB")), (&Value::Null, &Value::Whole(1_700)));

@@ -13,7 +13,7 @@ fn path() -> ContactPath {
     ContactPath { id: Id(9), pass: 1, grids: vec![reached("r1c1", 2), reached("r1c2", 30)], wears_mm2: 900.0 }
 }
 
-fn told(store: &mut Store, cycle: CycleId, done: u32) {
+fn report_progress(store: &mut Store, cycle: CycleId, done: u32) {
     store.append(&Event::Told(Report::Progress { id: Id(9), done }), Some(cycle)).expect("written");
 }
 
@@ -28,10 +28,10 @@ fn an_open_contact_is_bounded_by_what_was_told_and_permitted() {
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     store.open_contact(&MOTION, Some(id), (&path(), 16)).expect("opened");
     assert!(store.open_contact(&MOTION, Some(id), (&path(), 16)).is_err(), "one motion at a time");
-    told(&mut store, id, 4);
+    report_progress(&mut store, id, 4);
     store.append(&progress(77), Some(id)).expect("written");
     store.permit(20).expect("permitted");
-    told(&mut store, id, 7);
+    report_progress(&mut store, id, 7);
     drop(store);
     let mut store = Store::create(&folder.path().join("store")).expect("the next program");
     let motions = store.cycle(id).expect("there").motions;
@@ -50,7 +50,7 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     let begin = |store: &mut Store| store.begin_cycle(&super::cycles::start()).expect("begun");
     let one = begin(&mut store);
     store.open_contact(&MOTION, Some(one), (&path(), 16)).expect("opened");
-    told(&mut store, one, 1);
+    report_progress(&mut store, one, 1);
     store.conclude(one, Verdict::Aborted, &[]).expect("concluded");
     store.close_intent(&MOTION, Outcome::Cleared, 0).expect("cleared");
     let two = begin(&mut store);

@@ -1,7 +1,7 @@
 //! What is removed when it is old, and what never is.
 
 use super::*;
-use crate::cell::{Keep, KeepFor};
+use crate::cell::{KeepFor, Retention};
 use crate::record::{CycleId, Finding, KeptFile, Kind, Picture};
 use crate::verdict::{Judgement, Verdict};
 use std::time::{Duration, SystemTime};
@@ -30,9 +30,9 @@ fn kept(folder: &TempDir, files: &[String]) -> usize {
     files.iter().filter(|hash| folder.path().join("store/blobs").join(hash).exists()).count()
 }
 
-fn newest(cycles: usize, failed: usize) -> Keep {
+fn newest(cycles: usize, failed: usize) -> Retention {
     let of = |cycles| KeepFor { cycles: Some(cycles), days: None };
-    Keep { passed: of(cycles), failed: of(failed) }
+    Retention { passed: of(cycles), failed: of(failed) }
 }
 
 #[test]
@@ -42,7 +42,7 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     let ended = [Verdict::Pass, Verdict::Fail, Verdict::Review, Verdict::Pass, Verdict::Aborted, Verdict::Pass];
     let cycles: Vec<_> =
         (0..).zip(ended).map(|(number, verdict)| cycle(&mut store, number, Some(verdict))).collect();
-    assert_eq!(Store::prune(&path, &Keep::default()).expect("nothing"), Pruned::default());
+    assert_eq!(Store::prune(&path, &Retention::default()).expect("nothing"), Pruned::default());
     let there = |number: usize| kept(&folder, &cycles[number].1);
 
     // Beside the writer, which holds the store.
@@ -105,7 +105,7 @@ fn days_are_counted_to_the_newest_cycle() {
     const DAY: Duration = Duration::from_secs(86_400);
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
-    let keep = Keep { passed: KeepFor { days: Some(30), cycles: None }, failed: KeepFor::default() };
+    let keep = Retention { passed: KeepFor { days: Some(30), cycles: None }, failed: KeepFor::default() };
     store.clock = || SystemTime::now() - 40 * DAY;
     let (_, old) = cycle(&mut store, 0, Some(Verdict::Pass));
     let (_, failed) = cycle(&mut store, 1, Some(Verdict::Fail));

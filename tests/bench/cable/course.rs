@@ -33,7 +33,7 @@ impl Course<'_> {
             Moment::Connect => self.at_connect()?,
             Moment::Idle => {
                 self.person.reach_idle()?;
-                self.tell()?;
+                self.inject()?;
             }
             Moment::Clear => self.at_clear()?,
             moment => self.within_a_cycle(moment)?,
@@ -51,9 +51,9 @@ impl Course<'_> {
             thread::sleep(POLL_INTERVAL);
         }
         if self.begins_late() {
-            return self.tell();
+            return self.inject();
         }
-        self.tells(Instant::now())
+        self.wait_for_end(Instant::now())
     }
 
     /// Returns whether a lie of this kind needs an existing connection.
@@ -67,14 +67,14 @@ impl Course<'_> {
         let (truth, scenario) = (self.truth, self.scenario);
         self.person.until(MOMENT_TIMEOUT, |look| is_reached(Moment::Free, (truth, scenario), look))?;
         thread::sleep(Duration::from_millis(self.scenario.after_ms));
-        self.person.say("abort")?;
+        self.person.request("abort")?;
         self.person.until_aborted()?;
         self.begin();
         let since = Instant::now();
         while !self.liar.is_over() || since.elapsed() < Duration::from_millis(400) {
             let look = self.person.look()?;
             if look.word != "idle" || self.scenario.lie.of_orders {
-                self.person.go_on(&look.word, NO_BREAK)?;
+                self.person.proceed(&look.word, NO_BREAK)?;
             }
             thread::sleep(POLL_INTERVAL);
         }
@@ -89,12 +89,12 @@ impl Course<'_> {
             self.person.reach_idle()?;
             self.person.start(film)?;
             if moment == Moment::Start {
-                return self.tell();
+                return self.inject();
             }
             let around = (self.truth, self.scenario);
             self.person.until(MOMENT_TIMEOUT, |look| is_reached(awaited, around, look) || look.rests())?;
             if !self.person.look()?.rests() {
-                return self.tell();
+                return self.inject();
             }
         }
         Ok(())
@@ -112,18 +112,18 @@ impl Course<'_> {
         }
     }
 
-    fn tell(&mut self) -> Result<(), String> {
+    fn inject(&mut self) -> Result<(), String> {
         thread::sleep(Duration::from_millis(self.scenario.after_ms));
         let since = Instant::now();
         self.begin();
-        self.tells(since)
+        self.wait_for_end(since)
     }
 
     /// Until the lie is over, and what the person presses meanwhile.
-    fn tells(&mut self, since: Instant) -> Result<(), String> {
+    fn wait_for_end(&mut self, since: Instant) -> Result<(), String> {
         if let Some((word, after_ms)) = self.scenario.press {
             thread::sleep(Duration::from_millis(after_ms).saturating_sub(since.elapsed()));
-            self.person.say(word)?;
+            self.person.request(word)?;
         }
         let lasts = Duration::from_millis(self.scenario.lie.lasts_ms);
         while !self.liar.is_over() && since.elapsed() < lasts {

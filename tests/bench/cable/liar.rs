@@ -22,7 +22,7 @@ pub enum Piece {
 }
 
 #[derive(Debug)]
-struct Told {
+struct ActiveLie {
     lie: Lie,
     since: Instant,
     left: u64,
@@ -32,7 +32,7 @@ struct Told {
 
 #[derive(Debug)]
 struct Inside {
-    told: Option<Told>,
+    told: Option<ActiveLie>,
     /// How often something was changed on its way.
     count: u64,
     memory: [VecDeque<Vec<u8>>; 4],
@@ -74,7 +74,7 @@ impl Liar {
             }
         }
         inside.told =
-            Some(Told { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
+            Some(ActiveLie { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
     }
 
     /// From now on everything is as it is.
@@ -140,7 +140,7 @@ impl Liar {
     }
 }
 
-impl Told {
+impl ActiveLie {
     fn is_late(&self) -> bool {
         self.since.elapsed() >= Duration::from_millis(self.lie.lasts_ms)
     }
@@ -156,7 +156,7 @@ fn now(bytes: Vec<u8>) -> Piece {
 }
 
 impl Inside {
-    fn change(&mut self, told: &mut Told, document: Vec<u8>) -> Vec<Piece> {
+    fn change(&mut self, told: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
         let lie = &told.lie;
         let amount = Duration::from_millis(lie.amount_ms);
         self.count += 1;
@@ -205,7 +205,7 @@ impl Inside {
         document
     }
 
-    fn change_meaning(&mut self, told: &mut Told, document: Vec<u8>) -> Vec<Piece> {
+    fn change_meaning(&mut self, told: &mut ActiveLie, document: Vec<u8>) -> Vec<Piece> {
         let lie = &told.lie;
         let text = String::from_utf8_lossy(&document).into_owned();
         let kept = told.kept.get_or_insert_with(|| text.clone());

@@ -98,7 +98,7 @@ impl<'c> Person<'c> {
         Ok(done)
     }
 
-    pub fn say(&mut self, word: &str) -> Result<bool, String> {
+    pub fn request(&mut self, word: &str) -> Result<bool, String> {
         self.order(&json!({ "ask": word }))
     }
 
@@ -131,11 +131,11 @@ impl<'c> Person<'c> {
     }
 
     /// What a person does in a state of rest, to get the next cycle started.
-    pub fn go_on(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
+    pub fn proceed(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
         match word {
             "aborted" => self.clear().map(drop),
-            "stopped" | "complete" => self.say("reset").map(drop),
-            "held" => self.say("stop").map(drop),
+            "stopped" | "complete" => self.request("reset").map(drop),
+            "held" => self.request("stop").map(drop),
             "idle" => self.start(film).map(drop),
             _ => Ok(()),
         }
@@ -150,7 +150,7 @@ impl<'c> Person<'c> {
                 _ if since.elapsed() > RECOVERY_TIMEOUT => {
                     return Err(format!("never idle: {} ({})", look.word, self.refusal));
                 }
-                word => self.go_on(word, NO_BREAK)?,
+                word => self.proceed(word, NO_BREAK)?,
             }
             thread::sleep(POLL_INTERVAL);
         }
@@ -181,7 +181,7 @@ impl<'c> Person<'c> {
                 let waited_s = RECOVERY_TIMEOUT.as_secs();
                 return Err(format!("not back after {waited_s} s: {} {} ({})", look.word, look.text, self.refusal));
             }
-            self.go_on(&look.word, NO_BREAK)?;
+            self.proceed(&look.word, NO_BREAK)?;
             thread::sleep(POLL_INTERVAL);
         }
         self.until(CYCLE_TIMEOUT, |look| look.rests())?;

@@ -231,7 +231,7 @@ impl Held {
                 list = text;
             }
         }
-        self.told(&pictures, &list)
+        self.classify(&pictures, &list)
     }
 
     /// One of the clip's pictures, damaged before it became a file.
@@ -239,10 +239,10 @@ impl Held {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
         let which = one_of(pictures.len(), draw);
         pictures[which] = Arc::new(spoilt(&pictures[which], damage, draw));
-        self.told(&pictures, &self.list)
+        self.classify(&pictures, &self.list)
     }
 
-    fn told(&self, pictures: &[Arc<ColorPicture>], list: &str) -> Found {
+    fn classify(&self, pictures: &[Arc<ColorPicture>], list: &str) -> Found {
         match self.inspect(pictures, list) {
             None => Found::Refused,
             Some(Verdict::Pass) => Found::Passed,

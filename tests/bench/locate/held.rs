@@ -19,7 +19,7 @@ const STATED_SHARE: f64 = 0.9;
 
 /// The information that a person gives about the panel.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Said {
+pub(super) enum PriorKnowledge {
     Nothing,
     Held,
     Outline,
@@ -29,57 +29,72 @@ pub(super) enum Said {
 struct Kind {
     words: &'static str,
     trial: fn(u64, usize) -> Trial,
-    said: Said,
+    said: PriorKnowledge,
     /// The share that must be accepted.
     floor: f64,
 }
 
 const KINDS: [Kind; 10] = [
-    Kind { words: "flat", trial: Trial::flat, said: Said::Nothing, floor: ACCEPTED },
-    Kind { words: "flat, outline drawn", trial: Trial::flat, said: Said::Outline, floor: ACCEPTED },
+    Kind { words: "flat", trial: Trial::flat, said: PriorKnowledge::Nothing, floor: ACCEPTED },
+    Kind { words: "flat, outline drawn", trial: Trial::flat, said: PriorKnowledge::Outline, floor: ACCEPTED },
     Kind {
         words: "flat, held, nothing said",
         trial: |s, r| Trial::flat(s, r).held(),
-        said: Said::Nothing,
+        said: PriorKnowledge::Nothing,
         floor: 0.0,
     },
-    Kind { words: "flat, held", trial: |s, r| Trial::flat(s, r).held(), said: Said::Held, floor: ACCEPTED },
+    Kind {
+        words: "flat, held",
+        trial: |s, r| Trial::flat(s, r).held(),
+        said: PriorKnowledge::Held,
+        floor: ACCEPTED,
+    },
     Kind {
         words: "flat, held, outline drawn",
         trial: |s, r| Trial::flat(s, r).held(),
-        said: Said::Both,
+        said: PriorKnowledge::Both,
         floor: ACCEPTED,
     },
-    Kind { words: "bent, held", trial: |s, r| Trial::good(s, r).held(), said: Said::Held, floor: ACCEPTED },
+    Kind {
+        words: "bent, held",
+        trial: |s, r| Trial::good(s, r).held(),
+        said: PriorKnowledge::Held,
+        floor: ACCEPTED,
+    },
     Kind {
         words: "flat, held, points missing, outline drawn",
         trial: |s, r| Trial::flat(s, r).held().patchy(MISSING),
-        said: Said::Both,
+        said: PriorKnowledge::Both,
         floor: MISSING_ACCEPTED,
     },
-    Kind { words: "flat, marks", trial: |s, r| Trial::flat(s, r).marked(), said: Said::Nothing, floor: ACCEPTED },
+    Kind {
+        words: "flat, marks",
+        trial: |s, r| Trial::flat(s, r).marked(),
+        said: PriorKnowledge::Nothing,
+        floor: ACCEPTED,
+    },
     Kind {
         words: "flat, marks, held, outline drawn",
         trial: |s, r| Trial::flat(s, r).marked().held(),
-        said: Said::Both,
+        said: PriorKnowledge::Both,
         floor: ACCEPTED,
     },
     Kind {
         words: "flat, marks, held, points missing, outline drawn",
         trial: |s, r| Trial::flat(s, r).marked().held().patchy(MISSING),
-        said: Said::Both,
+        said: PriorKnowledge::Both,
         floor: ACCEPTED,
     },
 ];
 
 /// Returns the keys of the recipe's `[panel]` with the person's information.
-pub(super) fn keys(trial: &Trial, said: Said) -> String {
+pub(super) fn keys(trial: &Trial, said: PriorKnowledge) -> String {
     let mut keys = String::new();
-    if matches!(said, Said::Outline | Said::Both) {
+    if matches!(said, PriorKnowledge::Outline | PriorKnowledge::Both) {
         let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
         keys += &format!(", outline_px = {corners:?}");
     }
-    if matches!(said, Said::Held | Said::Both) {
+    if matches!(said, PriorKnowledge::Held | PriorKnowledge::Both) {
         let held: Vec<[[f64; 2]; 4]> =
             trial.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
         keys += &format!(", held_px = {held:?}");

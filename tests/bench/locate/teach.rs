@@ -1,7 +1,7 @@
 //! Teaching from scans with large parts missing: how many panels are taught, and how far the edges of their grids
 //! lie from those that the whole scan teaches, at the same pixels.
 
-use super::held::{Said, keys};
+use super::held::{PriorKnowledge, keys};
 use super::{recipe, reduction, row, share};
 use panelprep::panel::{LearnError, TaughtPanel};
 use panelprep::sim::Trial;
@@ -45,6 +45,6 @@ fn kind(words: &str, trial: fn(u64, usize) -> Trial, missing: f64, seeds: &Range
 }
 
 fn learnt(trial: &Trial) -> Result<TaughtPanel, LearnError> {
-    let recipe = recipe(trial, &keys(trial, Said::Outline));
+    let recipe = recipe(trial, &keys(trial, PriorKnowledge::Outline));
     TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe)
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 pub const WATCHDOG_TIMEOUT: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
-struct Heard {
+struct WatchdogStats {
     signs: u64,
     last: Option<Instant>,
     largest_gap: Duration,
@@ -17,7 +17,7 @@ struct Heard {
 
 /// What was heard so far.
 #[derive(Debug, Clone, Default)]
-pub struct Watchdog(Arc<Mutex<Heard>>);
+pub struct Watchdog(Arc<Mutex<WatchdogStats>>);
 
 impl Watchdog {
     /// Listens at this path until the program ends. The time is taken when a datagram is read, so a late reader
@@ -32,14 +32,14 @@ impl Watchdog {
                 let text = String::from_utf8_lossy(&bytes[..count]);
                 // systemd counts from the moment when the service is ready.
                 if text.lines().any(|line| line == "WATCHDOG=1" || line == "READY=1") {
-                    heard.heard(Instant::now());
+                    heard.record(Instant::now());
                 }
             }
         });
         watchdog
     }
 
-    fn heard(&self, now: Instant) {
+    fn record(&self, now: Instant) {
         let mut heard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         heard.signs += 1;
         heard.largest_gap = heard.largest_gap.max(heard.last.map_or(Duration::ZERO, |last| now - last));

@@ -60,7 +60,7 @@ impl Operator<'_> {
         }
     }
 
-    fn say(&self, word: &str) -> bool {
+    fn request(&self, word: &str) -> bool {
         self.order(&json!({ "ask": word })).is_some_and(|answer| answer["answer"] == "done")
     }
 
@@ -81,7 +81,7 @@ impl Operator<'_> {
             "idle" if !is_line => self.start(),
             "complete" if is_line && self.since.elapsed() < LINE_RESET_TIMEOUT => {}
             "complete" | "stopped" => {
-                self.say("reset");
+                self.request("reset");
             }
             "aborted" => {
                 self.order(&json!({ "ask": "clear", "step": state["step"] }));
@@ -118,7 +118,7 @@ impl Operator<'_> {
     /// A result that is for a person, or a hold of their own.
     fn answer(&self, state: &Value) {
         if state["reasons"].to_string().contains("disc") {
-            self.say("new-disc");
+            self.request("new-disc");
         }
         let step = &state["step"];
         let accepted = self.order(&json!({ "ask": "accept", "step": step }));
@@ -137,7 +137,7 @@ impl Operator<'_> {
         if state["phase"] == phase || (state["phase"] == "inspect" && !is_line) {
             self.disturbed = cycle;
             if let Some(word) = wanted {
-                self.say(word);
+                self.request(word);
             }
         }
     }

@@ -161,7 +161,7 @@ impl Cell {
             }
             let Cell { session, controller, now_ms, heard_ms, .. } = &*self;
             let insides = Insides { session, controller, now_ms: *now_ms, heard_ms: *heard_ms, stalled: false };
-            watch.told(&report, &insides);
+            watch.on_report(&report, &insides);
             self.reports.push_back(report);
         }
     }

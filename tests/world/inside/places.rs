@@ -1,7 +1,7 @@
 //! The true place of the arm, independent of the reports: a person jogs it, its measured pose is off, its override
 //! is another one.
 
-use super::super::fixture::{Fixture, Stands};
+use super::super::fixture::{CellContents, Fixture};
 use super::super::sabotage::Sabotage;
 use super::super::script::{self, Fault};
 use super::{Inside, LOW_MM, START};
@@ -135,7 +135,7 @@ impl Inside {
         let epoch = Epoch(controller.epoch().cast_unsigned());
         let is_by_axes = self.places.by_axes.contains(&(epoch, under_way));
         let moves = moved && is_by_axes && !controller.is_stopped();
-        if !moves || self.is_strange() || self.places_lie || self.stands == Stands::Nothing {
+        if !moves || self.is_strange() || self.places_lie || self.stands == CellContents::Nothing {
             return;
         }
         self.counts.judged("no motion from an unknown place");

@@ -79,8 +79,8 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the program leaves while the cell works",
         RUN,
-        "TakenUp::Leave if self.state.at.rests() => return Ok(None),",
-        "TakenUp::Leave if self.state.at.rests() || self.state.due.is_some() => return Ok(None),",
+        "RequestOutcome::Leave if self.state.at.rests() => return Ok(None),",
+        "RequestOutcome::Leave if self.state.at.rests() || self.state.due.is_some() => return Ok(None),",
     ),
     change(
         "a full disk does not hold the cell",

@@ -2,7 +2,7 @@
 
 use super::board::NamedBoard;
 use super::camera::CameraName;
-use crate::cli::args::{Simulation, said};
+use crate::cli::args::{Simulation, parse_non_empty};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -74,9 +74,9 @@ pub struct StrikeOut {
     #[arg(value_name = "NUMBER")]
     pub number: i64,
     /// Who strikes it out.
-    #[arg(long, value_name = "NAME", value_parser = said)]
+    #[arg(long, value_name = "NAME", value_parser = parse_non_empty)]
     pub by: String,
     /// Why.
-    #[arg(long, value_name = "TEXT", value_parser = said)]
+    #[arg(long, value_name = "TEXT", value_parser = parse_non_empty)]
     pub why: String,
 }

@@ -83,7 +83,7 @@ pub fn run(
         return Ok(());
     }
     let mut tour = Tour { single: &mut single, cell, arm: Kinematics::new(cell.cell.arm()) };
-    let first = tour.stands()?.base_from_flange.to_rigid();
+    let first = tour.flange_pose()?.base_from_flange.to_rigid();
     look(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
     let mut variations = ABOUT.iter().map(|change| varied(&first, about_mm, change));
@@ -120,7 +120,7 @@ struct Tour<'t, 's> {
 
 impl Tour<'_, '_> {
     /// The arm's pose, as the controller computes it.
-    fn stands(&self) -> Result<ReportedFlange, Fault> {
+    fn flange_pose(&self) -> Result<ReportedFlange, Fault> {
         reported(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
 
@@ -152,7 +152,7 @@ const MAX_TURN_DEG: f64 = 90.0;
 
 fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
     let (picture, _) = view.capture()?;
-    session.keep(&picture, Some(&tour.stands()?))
+    session.keep(&picture, Some(&tour.flange_pose()?))
 }
 
 /// The distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of the

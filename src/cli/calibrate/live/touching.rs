@@ -21,18 +21,18 @@ use std::path::Path;
 const FIRST: usize = 4;
 
 /// What a person answers to a question for a pose.
-enum Said {
+enum PoseAnswer {
     Here(ReportedFlange),
     Axis,
     Done,
 }
 
 /// The person's input: `axis` if it is possible, `done`, or only Enter for a pose.
-fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
+fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer, Fault> {
     loop {
         match answer()?.as_deref() {
-            None | Some("done") => return Ok(Said::Done),
-            Some("axis") if may_be_axis => return Ok(Said::Axis),
+            None | Some("done") => return Ok(PoseAnswer::Done),
+            Some("axis") if may_be_axis => return Ok(PoseAnswer::Axis),
             Some("") => {}
             Some(other) => {
                 tell(&format!("\"{other}\" is no answer: press Enter alone, or write done"));
@@ -41,7 +41,7 @@ fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
         }
         let before = poses.now();
         if let Some(flange) = poses.known_or_asked(before, None)? {
-            return Ok(Said::Here(flange));
+            return Ok(PoseAnswer::Here(flange));
         }
         tell("Press Enter again when the arm is at rest; write done when these are enough.");
     }
@@ -78,10 +78,10 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
                 "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of it; write done to end."
             ),
         });
-        match said(&poses, table == "poses")? {
-            Said::Done => break,
-            Said::Axis => table = "axis",
-            Said::Here(flange) => {
+        match read_answer(&poses, table == "poses")? {
+            PoseAnswer::Done => break,
+            PoseAnswer::Axis => table = "axis",
+            PoseAnswer::Here(flange) => {
                 text += &format!("[[{table}]]\n{}\n", pose_keys(&flange));
                 disk::write_through(&file, &text)?;
                 if table == "poses" && number >= FIRST {
@@ -126,7 +126,7 @@ pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome
         tell(&format!(
             "Touch the board's inner corner [{column}, {row}] with the tip, at about X {x}, Y {y}, Z {z} mm in the robot's base, and press Enter."
         ));
-        let Said::Here(flange) = said(&poses, false)? else { break };
+        let PoseAnswer::Here(flange) = read_answer(&poses, false)? else { break };
         let tip =
             (flange.base_from_flange.to_rigid::<Base, Flange>() * flange_from_tool * Point::at(0.0, 0.0, 0.0)).mm;
         let number = index + 1;

@@ -1,6 +1,6 @@
 //! The cameras' commands and answers in a recording.
 
-use super::recordable::{Heard, Recordable, read, told, value};
+use super::recordable::{Recordable, RecordedAnswer, read, to_json, value};
 use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, Picture2d};
 use crate::daemon::replay::queue::Recorder;
 use crate::eki::Time;
@@ -43,15 +43,15 @@ pub fn of_film(said: &Value) -> (bool, bool) {
 }
 
 impl Recordable for CameraCommand {
-    fn said(&self) -> Option<(Topic, Value)> {
-        Some((Topic::Camera, told(self)))
+    fn recorded_command(&self) -> Option<(Topic, Value)> {
+        Some((Topic::Camera, to_json(self)))
     }
 
-    fn heard(answer: &Self::Answer, recorder: &Recorder) -> Option<Heard> {
+    fn recorded_answer(answer: &Self::Answer, recorder: &Recorder) -> Option<RecordedAnswer> {
         let ok = |heard: Value| value(json!({ "Ok": heard }));
         let taken = |shot: Shot, time_s| {
             let form = ShotForm { size_px: shot.size_px(), time_s };
-            Some(Heard { value: json!({ "Ok": form }), shot: Some(shot) })
+            Some(RecordedAnswer { value: json!({ "Ok": form }), shot: Some(shot) })
         };
         match answer {
             Ok(CameraAnswer::Scan(cloud)) => taken(Shot::Points(Arc::new(cloud.clone())), None),
@@ -65,13 +65,13 @@ impl Recordable for CameraCommand {
             Ok(CameraAnswer::FilmBegan(time_s)) => ok(json!(time_s)),
             Ok(CameraAnswer::FilmEnded(dropped)) => ok(json!(dropped)),
             Ok(CameraAnswer::Checked(faults)) => {
-                value(told(&faults.iter().map(FaultForm::from).collect::<Vec<_>>()))
+                value(to_json(&faults.iter().map(FaultForm::from).collect::<Vec<_>>()))
             }
             Err(fault) => value(json!({ "Err": FaultForm::from(fault) })),
         }
     }
 
-    fn answer(&self, mut heard: Heard) -> Result<Self::Answer, serde_json::Error> {
+    fn answer(&self, mut heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error> {
         let shot = heard.shot.take();
         let fault = CameraFault::from;
         Ok(match self {

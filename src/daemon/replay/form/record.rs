@@ -1,7 +1,7 @@
 //! The record's commands and answers in a recording.
 
-use super::recordable::{Heard, Recordable, read, told, value};
-use crate::daemon::ports::{Kept, Note, RecordAnswer, RecordCommand, RecordError};
+use super::recordable::{Recordable, RecordedAnswer, read, to_json, value};
+use crate::daemon::ports::{Note, RecordAnswer, RecordCommand, RecordError, StoredPicture};
 use crate::daemon::replay::queue::Recorder;
 use crate::daemon::replay::switch::RecordingSwitch;
 use crate::eki::Time;
@@ -14,10 +14,10 @@ use serde_json::{Value, json};
 const ABRADED_BEFORE: &str = "abraded_before";
 
 impl Recordable for RecordCommand {
-    fn said(&self) -> Option<(Topic, Value)> {
+    fn recorded_command(&self) -> Option<(Topic, Value)> {
         let said = match self {
-            RecordCommand::Note(Note::Finding(finding)) => return Some((Topic::Finding, told(finding))),
-            RecordCommand::Event(event) => return Some((Topic::Event, told(event))),
+            RecordCommand::Note(Note::Finding(finding)) => return Some((Topic::Finding, to_json(finding))),
+            RecordCommand::Event(event) => return Some((Topic::Event, to_json(event))),
             RecordCommand::Note(note) => note_form(note),
             // How many waypoints are permitted follows from what the robot reports.
             RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => {
@@ -43,7 +43,7 @@ impl Recordable for RecordCommand {
         Some((Topic::Store, said))
     }
 
-    fn heard(answer: &Self::Answer, _: &Recorder) -> Option<Heard> {
+    fn recorded_answer(answer: &Self::Answer, _: &Recorder) -> Option<RecordedAnswer> {
         let ok = |heard: Value| value(json!({ "Ok": heard }));
         match answer {
             Ok(RecordAnswer::Done) => ok(Value::Null),
@@ -58,8 +58,8 @@ impl Recordable for RecordCommand {
         }
     }
 
-    fn answer(&self, heard: Heard) -> Result<Self::Answer, serde_json::Error> {
-        fn kept<T: DeserializeOwned>(heard: Heard) -> Result<Result<T, RecordError>, serde_json::Error> {
+    fn answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error> {
+        fn kept<T: DeserializeOwned>(heard: RecordedAnswer) -> Result<Result<T, RecordError>, serde_json::Error> {
             let kept: Result<T, String> = read(heard)?;
             Ok(kept.map_err(|words| RecordError(words.into())))
         }
@@ -104,13 +104,13 @@ fn note_form(note: &Note) -> Value {
     let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.word() } });
     let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });
     match note {
-        Note::Finding(finding) => told(finding),
+        Note::Finding(finding) => to_json(finding),
         Note::Picture(name, _) => json!({ "picture": name }),
-        Note::Kept(Kept::Shot(shot)) => json!({ "picture": shot.name }),
+        Note::Kept(StoredPicture::Shot(shot)) => json!({ "picture": shot.name }),
         Note::Frame(_, time_s, phase) => frame(*time_s, *phase),
-        Note::Kept(Kept::Frame(kept)) => frame(kept.time_s, kept.phase),
+        Note::Kept(StoredPicture::Frame(kept)) => frame(kept.time_s, kept.phase),
         Note::Figure(drawn) => figure(&drawn.name, &drawn.caption),
-        Note::Kept(Kept::Figure(drawn)) => figure(&drawn.name, &drawn.caption),
+        Note::Kept(StoredPicture::Figure(drawn)) => figure(&drawn.name, &drawn.caption),
         Note::Budget(measured) => json!({ "budget": measured }),
     }
 }

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 /// What came back from a port.
 #[derive(Debug, Default)]
-pub struct Heard {
+pub struct RecordedAnswer {
     pub value: Value,
     pub shot: Option<Shot>,
 }
@@ -20,13 +20,13 @@ pub struct Heard {
 pub trait Recordable: Command {
     /// Returns the command's topic, and its form in the recording; null if the loop only listens. `None` if the
     /// command is not recorded, since it follows from the data that the loop receives.
-    fn said(&self) -> Option<(Topic, Value)>;
+    fn recorded_command(&self) -> Option<(Topic, Value)>;
 
     /// Returns the answer in the recording; `None` if an answer such as this one is not recorded.
-    fn heard(answer: &Self::Answer, recorder: &Recorder) -> Option<Heard>;
+    fn recorded_answer(answer: &Self::Answer, recorder: &Recorder) -> Option<RecordedAnswer>;
 
     /// The answer that the recording has.
-    fn answer(&self, heard: Heard) -> Result<Self::Answer, serde_json::Error>;
+    fn answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
 
     /// Returns the answer if the recording has none: the command is not recorded, nothing came, or the replay has
     /// parted from the recording. `now` is the clock's last reading.
@@ -50,14 +50,14 @@ pub trait Recordable: Command {
 }
 
 /// Returns a value as it is written down; null if it cannot be written.
-pub(in crate::daemon::replay) fn told(value: &impl Serialize) -> Value {
+pub(in crate::daemon::replay) fn to_json(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or(Value::Null)
 }
 
-pub(super) fn value(value: Value) -> Option<Heard> {
-    Some(Heard { value, shot: None })
+pub(super) fn value(value: Value) -> Option<RecordedAnswer> {
+    Some(RecordedAnswer { value, shot: None })
 }
 
-pub(super) fn read<T: DeserializeOwned>(heard: Heard) -> Result<T, serde_json::Error> {
+pub(super) fn read<T: DeserializeOwned>(heard: RecordedAnswer) -> Result<T, serde_json::Error> {
     serde_json::from_value(heard.value)
 }

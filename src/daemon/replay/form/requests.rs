@@ -1,6 +1,6 @@
 //! Requests, and the reports about them, in a recording.
 
-use super::recordable::{Heard, Recordable, value};
+use super::recordable::{Recordable, RecordedAnswer, value};
 use crate::cycle;
 use crate::daemon::ports::{News, RequestAnswer, RequestCommand};
 use crate::daemon::replay::queue::Recorder;
@@ -12,7 +12,7 @@ use crate::tape::Topic;
 use serde_json::{Value, json};
 
 impl Recordable for RequestCommand {
-    fn said(&self) -> Option<(Topic, Value)> {
+    fn recorded_command(&self) -> Option<(Topic, Value)> {
         Some(match self {
             RequestCommand::Next(_) => (Topic::Request, Value::Null),
             RequestCommand::LetsIn(_) => (Topic::Result, Value::Null),
@@ -27,7 +27,7 @@ impl Recordable for RequestCommand {
         })
     }
 
-    fn heard(answer: &RequestAnswer, _: &Recorder) -> Option<Heard> {
+    fn recorded_answer(answer: &RequestAnswer, _: &Recorder) -> Option<RecordedAnswer> {
         match answer {
             RequestAnswer::Next(Ok(Some(Request { what, .. }))) => value(match what {
                 What::Table(request) => json!({ "for": request }),
@@ -49,7 +49,7 @@ impl Recordable for RequestCommand {
         }
     }
 
-    fn answer(&self, heard: Heard) -> Result<RequestAnswer, serde_json::Error> {
+    fn answer(&self, heard: RecordedAnswer) -> Result<RequestAnswer, serde_json::Error> {
         Ok(match self {
             RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(*result)),
             RequestCommand::Tell(_) => RequestAnswer::Told,

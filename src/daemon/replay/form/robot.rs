@@ -1,6 +1,6 @@
 //! The robot's commands and answers in a recording.
 
-use super::recordable::{Heard, Recordable, read, told, value};
+use super::recordable::{Recordable, RecordedAnswer, read, to_json, value};
 use crate::daemon::ports::{RobotAnswer, RobotCommand};
 use crate::daemon::replay::queue::Recorder;
 use crate::eki::{QueueError, Time};
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::time::Duration;
 
 impl Recordable for RobotCommand {
-    fn said(&self) -> Option<(Topic, Value)> {
+    fn recorded_command(&self) -> Option<(Topic, Value)> {
         Some(match self {
             RobotCommand::Send(command) => (Topic::Command, json!({ "send": command })),
             RobotCommand::Path { points, .. } => (Topic::Command, json!({ "path": points })),
@@ -21,23 +21,23 @@ impl Recordable for RobotCommand {
         })
     }
 
-    fn heard(answer: &RobotAnswer, recorder: &Recorder) -> Option<Heard> {
+    fn recorded_answer(answer: &RobotAnswer, recorder: &Recorder) -> Option<RecordedAnswer> {
         match answer {
-            RobotAnswer::Queued(queued) => value(told(queued)),
-            RobotAnswer::Epoch(opened) => value(told(opened)),
-            RobotAnswer::Done(done) => value(told(done)),
-            RobotAnswer::Report(Ok(Some(report))) => value(told(report)),
+            RobotAnswer::Queued(queued) => value(to_json(queued)),
+            RobotAnswer::Epoch(opened) => value(to_json(opened)),
+            RobotAnswer::Done(done) => value(to_json(done)),
+            RobotAnswer::Report(Ok(Some(report))) => value(to_json(report)),
             RobotAnswer::Report(_) => None,
             RobotAnswer::Time(now) => {
                 let since = now.since_start();
                 let is_new = recorder.clock(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX));
                 // By the wall clock each reading counts, even if two are the same: a replay gives one for each.
-                if is_new || !recorder.is_lock_step() { value(told(&since)) } else { None }
+                if is_new || !recorder.is_lock_step() { value(to_json(&since)) } else { None }
             }
         }
     }
 
-    fn answer(&self, heard: Heard) -> Result<RobotAnswer, serde_json::Error> {
+    fn answer(&self, heard: RecordedAnswer) -> Result<RobotAnswer, serde_json::Error> {
         Ok(match self {
             RobotCommand::Send(_) | RobotCommand::Path { .. } => RobotAnswer::Queued(read(heard)?),
             RobotCommand::OpenEpoch(_) => RobotAnswer::Epoch(read(heard)?),

@@ -1,6 +1,6 @@
 //! The compliant tool's commands and answers in a recording.
 
-use super::recordable::{Heard, Recordable, read, told, value};
+use super::recordable::{Recordable, RecordedAnswer, read, to_json, value};
 use crate::daemon::ports::{ToolAnswer, ToolCommand};
 use crate::daemon::replay::queue::Recorder;
 use crate::eki::Time;
@@ -8,21 +8,21 @@ use crate::tape::Topic;
 use serde_json::Value;
 
 impl Recordable for ToolCommand {
-    fn said(&self) -> Option<(Topic, Value)> {
+    fn recorded_command(&self) -> Option<(Topic, Value)> {
         Some(match self {
-            ToolCommand::Press(_) => (Topic::Tool, told(self)),
+            ToolCommand::Press(_) => (Topic::Tool, to_json(self)),
             ToolCommand::News => (Topic::Tool, Value::Null),
         })
     }
 
-    fn heard(answer: &ToolAnswer, _: &Recorder) -> Option<Heard> {
+    fn recorded_answer(answer: &ToolAnswer, _: &Recorder) -> Option<RecordedAnswer> {
         match answer {
             ToolAnswer::Told => value(Value::Null),
-            ToolAnswer::News(news) => news.as_ref().and_then(|news| value(told(news))),
+            ToolAnswer::News(news) => news.as_ref().and_then(|news| value(to_json(news))),
         }
     }
 
-    fn answer(&self, heard: Heard) -> Result<ToolAnswer, serde_json::Error> {
+    fn answer(&self, heard: RecordedAnswer) -> Result<ToolAnswer, serde_json::Error> {
         Ok(match self {
             ToolCommand::Press(_) => ToolAnswer::Told,
             ToolCommand::News => ToolAnswer::News(Some(read(heard)?)),

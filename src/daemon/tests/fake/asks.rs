@@ -70,7 +70,7 @@ impl Requester for Asks {
         Ok(what.map(|what| Request::new(what, Who::by(Front::Command))))
     }
 
-    fn hear(&mut self, news: News) {
+    fn on_news(&mut self, news: News) {
         if let News::Refused(request, refusal) = news {
             self.refusals.push((request, refusal));
         }

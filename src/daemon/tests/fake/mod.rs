@@ -238,7 +238,7 @@ impl Cell {
         let start = LoopStart { cell, cycle: None, state: State::NEW, before: Begin::Boot };
         run(start, ports).unwrap_or_else(|error| panic!("{error}"));
         if let Some(recorded) = recording.finish() {
-            assert_eq!(recorded.is, Stands::Whole, "{}", recorded.message);
+            assert_eq!(recorded.is, RecordingStatus::Whole, "{}", recorded.message);
         }
         record
     }

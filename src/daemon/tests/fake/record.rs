@@ -74,7 +74,9 @@ impl Port<RecordCommand> for Memory {
         match command {
             RecordCommand::Note(Note::Finding(finding)) => self.findings.push(finding),
             RecordCommand::Note(Note::Figure(Figure { name, .. }))
-            | RecordCommand::Note(Note::Kept(Kept::Figure(Picture { name, .. }))) => self.figures.push(name),
+            | RecordCommand::Note(Note::Kept(StoredPicture::Figure(Picture { name, .. }))) => {
+                self.figures.push(name)
+            }
             RecordCommand::Note(Note::Budget(measured)) => self.budget = self.budget.renewed(measured),
             RecordCommand::Note(Note::Picture(name, picture)) => {
                 let flange = self.world.borrow().base_from_flange;

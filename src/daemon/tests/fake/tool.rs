@@ -116,7 +116,7 @@ impl AtContact {
         }
         let Running { state, perception, abrasion, pending, deadlines, robot_state, .. } = running;
         let pending = pending.unwrap_or_else(|| panic!("no contact: {:?}", state.at));
-        let armed = deadlines.told();
+        let armed = deadlines.to_recording();
         let world = cell.world.borrow().clone();
         AtContact { cell: cell.files().0, setup, world, state, perception, abrasion, pending, armed, robot_state }
     }

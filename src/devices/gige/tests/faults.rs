@@ -25,7 +25,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
     loopback.lose_packets(0.03);
     let (mut whole, mut refused) = (0, 0);
     for _ in 0..12 {
-        wait_for("the camera", || camera.standing() == Standing::Connected);
+        wait_for("the camera", || camera.standing() == LinkStatus::Connected);
         match camera.picture() {
             Ok(frame) => {
                 exposure_of(&frame, &picture());
@@ -49,11 +49,11 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
     // Each that failed let the camera go, to be set anew.
     assert_eq!(
         (counted.losses, counted.connections),
-        (refused, refused + u64::from(camera.standing() == Standing::Connected))
+        (refused, refused + u64::from(camera.standing() == LinkStatus::Connected))
     );
     // The packet loss has no lasting effect.
     loopback.lose_packets(0.0);
-    wait_for("the camera", || camera.standing() == Standing::Connected);
+    wait_for("the camera", || camera.standing() == LinkStatus::Connected);
     for _ in 0..3 {
         let before = loopback.exposures();
         let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
@@ -73,14 +73,14 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
     drop(first);
     let lost = camera.picture().expect_err("it is gone");
     assert!(matches!(lost, GigeError::Lost { .. } | GigeError::Timeout { .. }), "{lost}");
-    wait_for("the loss", || matches!(gauge.standing(), Standing::Away(_)));
+    wait_for("the loss", || matches!(gauge.standing(), LinkStatus::Away(_)));
     let begun = Instant::now();
     assert!(camera.picture().is_err() && camera.check().is_err());
     assert!(begun.elapsed() < Duration::from_secs(1), "nobody waits for a camera that is away");
     assert_eq!(gauge.statistics().losses, 1);
 
     let second = loopback(SIZE, FORMAT, numbered(picture()));
-    wait_for("the camera", || gauge.standing() == Standing::Connected);
+    wait_for("the camera", || gauge.standing() == LinkStatus::Connected);
     let before = second.exposures();
     let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(exposure_of(&frame, &picture()), before);
@@ -100,7 +100,7 @@ fn a_camera_that_gives_no_picture_is_set_anew() {
     assert!(matches!(refused, GigeError::Timeout { .. } | GigeError::Refused { .. }), "{refused}");
     assert_eq!(camera.check(), Err(refused), "it is away for this reason");
     loopback.lose_packets(0.0);
-    wait_for("the camera", || camera.standing() == Standing::Connected);
+    wait_for("the camera", || camera.standing() == LinkStatus::Connected);
     let before = loopback.exposures();
     let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(exposure_of(&frame, &picture()), before);
@@ -114,7 +114,7 @@ fn a_camera_that_dies_unused_is_noticed() {
     let first = loopback(SIZE, FORMAT, numbered(picture()));
     let camera = opened();
     drop(first);
-    wait_for("the loss", || matches!(camera.standing(), Standing::Away(_)));
+    wait_for("the loss", || matches!(camera.standing(), LinkStatus::Away(_)));
     assert_eq!(camera.statistics().losses, 1);
 }
 
@@ -155,10 +155,10 @@ fn a_wrong_camera_is_refused_in_words() {
     assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
     // Another program has it: here the same one, twice.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    wait_for("the camera", || first.standing() == Standing::Connected);
+    wait_for("the camera", || first.standing() == LinkStatus::Connected);
     let second = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    wait_for("a refusal", || matches!(second.standing(), Standing::Away(_)));
-    assert!(matches!(second.standing(), Standing::Away(GigeError::Controlled { .. })), "{:?}", second.standing());
+    wait_for("a refusal", || matches!(second.standing(), LinkStatus::Away(_)));
+    assert!(matches!(second.standing(), LinkStatus::Away(GigeError::Controlled { .. })), "{:?}", second.standing());
     // The first keeps it.
     exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }

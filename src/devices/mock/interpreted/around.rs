@@ -34,7 +34,7 @@ impl Host for Around<'_> {
     }
 
     fn arm_stands(&self) -> bool {
-        self.controller.mover.stands()
+        self.controller.mover.is_idle()
     }
 
     fn planned(&self) -> usize {
@@ -75,7 +75,7 @@ impl Host for Around<'_> {
         let mover = &self.controller.mover;
         self.controller.contact.stop(mover.front(), false);
         self.controller.mover.brake();
-        if self.controller.mover.stands() {
+        if self.controller.mover.is_idle() {
             self.sequences.clear();
         }
     }

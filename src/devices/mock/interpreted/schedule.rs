@@ -200,7 +200,7 @@ impl Running {
 
     /// One interpolation step of the arm.
     fn step_arm(&mut self, controller: &mut Controller) {
-        if controller.mover.stands() {
+        if controller.mover.is_idle() {
             self.values.released = false;
         }
         let waits = self.programs.meaning.lone_approximation_waits && !self.values.released;
@@ -216,7 +216,7 @@ impl Running {
             self.values.gave_up = Some(super::super::log::words(&blocked));
             self.stop_program(controller);
         }
-        if controller.mover.stands() {
+        if controller.mover.is_idle() {
             self.sequences.clear();
         }
         controller.contact.heads_for(controller.mover.front());
@@ -231,7 +231,7 @@ impl Running {
                 true => self.draw.random_range(0..3) * TICK_MS,
                 false => 0,
             };
-            let lost = self.programs.meaning.triggers_get_lost && controller.mover.stands();
+            let lost = self.programs.meaning.triggers_get_lost && controller.mover.is_idle();
             if lost && self.draw.random_bool(0.3) {
                 self.robot.forget_triggers(sequence);
             } else if self.robot.has_trigger(sequence) {

@@ -16,7 +16,7 @@ fn follower() -> Follower {
 }
 
 /// A message: outputs as bits in the order of their numbers, light first, tool last.
-fn told(time_ms: u32, outputs: u32, base_from_tcp: KukaPose) -> State {
+fn state_message(time_ms: u32, outputs: u32, base_from_tcp: KukaPose) -> State {
     State {
         time_ms,
         sequence: 1,
@@ -59,10 +59,10 @@ const SHUT_INPUT: u16 = 2;
 #[test]
 fn the_tool_goes_straight_from_one_message_to_the_next() {
     let follower = follower();
-    follower.hear(&told(1_000, 0, at(0.0)));
-    follower.hear(&told(1_100, TOOL, at(10.0)));
+    follower.on_state(&state_message(1_000, 0, at(0.0)));
+    follower.on_state(&state_message(1_100, TOOL, at(10.0)));
     assert_eq!(follower.trace(9_999).len(), 1, "where it was before the tool ran does not count");
-    follower.hear(&told(1_200, TOOL, at(16.0)));
+    follower.on_state(&state_message(1_200, TOOL, at(16.0)));
     let trace = follower.trace(9_999);
     let places: Vec<f64> = trace.iter().map(|sample| sample.base_from_tool.origin().mm.x).collect();
     assert_eq!(places.len(), 7);
@@ -71,9 +71,9 @@ fn the_tool_goes_straight_from_one_message_to_the_next() {
     }
     assert!((trace[6].base_from_flange.origin().mm.z + 120.0).abs() < 1e-9);
     assert_eq!(follower.trace(1_100).len(), 1, "only up to that moment");
-    follower.hear(&told(1_900, TOOL, at(60.0)));
+    follower.on_state(&state_message(1_900, TOOL, at(60.0)));
     assert_eq!(follower.trace(9_999).len(), 8, "a way of 700 ms is not known");
-    follower.hear(&told(2_000, 0, at(70.0)));
+    follower.on_state(&state_message(2_000, 0, at(70.0)));
     assert_eq!(follower.trace(9_999).len(), 8, "the tool is off");
 }
 
@@ -81,15 +81,15 @@ fn the_tool_goes_straight_from_one_message_to_the_next() {
 fn outputs_act_on_the_world_and_time_goes_on() {
     let follower = follower();
     assert!(follower.moment().is_none());
-    follower.hear(&told(1_000, 0, at(0.0)));
-    follower.hear(&told(1_100, SPRAY, at(0.0)));
+    follower.on_state(&state_message(1_000, 0, at(0.0)));
+    follower.on_state(&state_message(1_100, SPRAY, at(0.0)));
     assert_eq!(follower.world.violations(), [(1_000, Violation::SprayOnLens)]);
-    follower.hear(&told(1_200, SPRAY, at(0.0)));
+    follower.on_state(&state_message(1_200, SPRAY, at(0.0)));
     assert_eq!(follower.world.violations().len(), 1, "told once");
     std::thread::sleep(std::time::Duration::from_millis(20));
     assert!(follower.moment().expect("told").time_ms() >= 1_220);
     // The controller starts again and counts from zero: for the world time never goes back.
-    follower.hear(&told(50, 0, at(0.0)));
+    follower.on_state(&state_message(50, 0, at(0.0)));
     assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
 }
 
@@ -99,14 +99,14 @@ fn outputs_act_on_the_world_and_time_goes_on() {
 fn a_lens_whose_feedback_is_told_is_open() {
     let follower = follower();
     let is_shut = |time_ms: u32| follower.world.terminals().input(SHUT_INPUT, u64::from(time_ms)) == Some(true);
-    follower.hear(&told(1_000, 0, at(0.0)));
-    follower.hear(&told(1_100, SHUTTER, at(0.0)));
+    follower.on_state(&state_message(1_000, 0, at(0.0)));
+    follower.on_state(&state_message(1_100, SHUTTER, at(0.0)));
     assert!(is_shut(2_000));
-    follower.hear(&told(2_000, SHUTTER, at(0.0)));
-    [2_100, 2_200, 2_300].into_iter().for_each(|time_ms| follower.hear(&told(time_ms, 0, at(0.0))));
+    follower.on_state(&state_message(2_000, SHUTTER, at(0.0)));
+    [2_100, 2_200, 2_300].into_iter().for_each(|time_ms| follower.on_state(&state_message(time_ms, 0, at(0.0))));
     assert!(!is_shut(2_300));
     // After late messages, the time of the change is unknown.
-    follower.hear(&told(9_000, SHUTTER, at(0.0)));
+    follower.on_state(&state_message(9_000, SHUTTER, at(0.0)));
     assert!(!is_shut(8_899) && is_shut(8_900));
 }
 
@@ -125,8 +125,9 @@ fn what_the_messages_tell_abrades() {
     };
     let share = |height_mm: f64| {
         let follower = Follower { told: Arc::default(), ..follower.clone() };
-        let state = |time_ms| State { active_base: KukaPose::default(), ..told(time_ms, TOOL, along(height_mm)) };
-        [0, 100, 200].into_iter().for_each(|time_ms| follower.hear(&state(time_ms)));
+        let state =
+            |time_ms| State { active_base: KukaPose::default(), ..state_message(time_ms, TOOL, along(height_mm)) };
+        [0, 100, 200].into_iter().for_each(|time_ms| follower.on_state(&state(time_ms)));
         Touched::by(&follower.trace(9_999), &truth, 200.0).share_of(spot)
     };
     assert!((share(0.0) - 1.0).abs() < 1e-12);
@@ -135,6 +136,6 @@ fn what_the_messages_tell_abrades() {
 
 #[test]
 fn a_controller_that_is_no_mock_is_not_followed() {
-    assert!(Follower::may_follow(&told(0, 0, at(0.0))));
-    assert!(!Follower::may_follow(&State { boot: 813_715_200, ..told(0, 0, at(0.0)) }));
+    assert!(Follower::may_follow(&state_message(0, 0, at(0.0))));
+    assert!(!Follower::may_follow(&State { boot: 813_715_200, ..state_message(0, 0, at(0.0)) }));
 }
