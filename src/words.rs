@@ -149,7 +149,8 @@ mod tests {
         assert_eq!(apart(0.5, 0.5, 1), ["0.5", "0.5"], "the limit itself, where it is not allowed");
     }
 
-    /// From `date -u -d @…`: leap days, of a century that is a leap year as well, and the last second before 1970.
+    /// Expected values from `date -u -d @…`: leap days, also in a century year that is a leap year, and the last
+    /// second before 1970.
     #[test]
     fn times_are_those_of_the_calendar() {
         for (unix_s, words) in [

@@ -14,7 +14,7 @@ use tokio_postgres::{Client, Row};
 
 /// Records that are read at a time.
 const BATCH_RECORDS: i64 = 500;
-/// Messages of one cell; the rest is counted.
+/// The maximum number of messages for one cell; further ones are only counted.
 const MAX_MESSAGES: usize = 200;
 
 /// A cell's list of its records.

@@ -66,7 +66,7 @@ pub enum BackupError {
     NotReplaced {
         /// The paths that exist already.
         paths: Vec<PathBuf>,
-        /// The word that allows it.
+        /// The value of `--replace` that permits the replacement.
         option: &'static str,
     },
     /// The cell's file in the archive names places elsewhere.

@@ -33,7 +33,7 @@ pub(super) struct Smooth {
 /// The ring's radius, px.
 const RING_PX: f64 = 4.0;
 const RING: usize = 32;
-/// How alike opposite places of the ring must be: the correlation.
+/// The minimum correlation between opposite places of the ring.
 const ALIKE: f64 = 0.55;
 /// Half contrasts below this are no corner, grey levels, nor are those below this multiple of the noise that is
 /// left.

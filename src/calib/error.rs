@@ -91,7 +91,7 @@ pub enum CalibError {
         /// Why the first unusable one is.
         first_reason: Option<String>,
     },
-    /// Touched points that make no frame.
+    /// Touched points that do not define a frame.
     #[error("{0}")]
     Points(String),
     /// Robot poses that turn too little.

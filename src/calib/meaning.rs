@@ -52,7 +52,7 @@ pub struct Reading {
     pub next_mm: f64,
 }
 
-/// The unit that a factor on lengths speaks of.
+/// The unit of length that a scale factor indicates.
 fn unit_of(ratio: f64) -> Option<&'static str> {
     let units = [("metres", 1e-3), ("centimetres", 0.1), ("inches", 1.0 / 25.4), ("micrometres", 1e3)];
     units.into_iter().find(|(_, unit)| (ratio / unit - 1.0).abs() < 0.02).map(|(name, _)| name)

@@ -45,7 +45,7 @@ pub struct ArmView {
     pub camera_from_board: Isometry3<f64>,
     /// The information of that pose: the inverse of its covariance, in rad and mm.
     pub information: Matrix6<f64>,
-    /// How far off its corners are, rms, px.
+    /// The residual of its corners, rms, px.
     pub rms_px: f64,
 }
 

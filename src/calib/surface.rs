@@ -18,7 +18,7 @@ const MIN_OUTLIER_PX: f64 = 0.9;
 pub(super) const KNOWN_PX: f64 = 0.2;
 /// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
-/// … and after that, px.
+/// The largest standard deviation that a corner may have after it was combined with the surface, px.
 const KNOWN_AT_LAST_PX: f64 = 0.17;
 /// A corner that the model places worse is looked for by its print as well, px.
 pub(super) const WELL_PX: f64 = 0.08;

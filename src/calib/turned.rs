@@ -147,7 +147,8 @@ mod tests {
     use crate::cell::ScannerMount;
     use crate::sim::{BoardCell, BoardPrint, RobotNoise};
 
-    /// Every picture begins with another of the corners that look like the first: the mount is as good as if none did.
+    /// In each picture the numbering starts at a different one of the corners that look like the first corner. The
+    /// mount is as accurate as if it always started at the first corner.
     #[test]
     fn boards_that_look_alike_from_several_sides_give_a_mount() {
         for (columns, rows, ways) in [(7, 7, 4), (8, 6, 2), (9, 6, 1)] {

@@ -1,7 +1,9 @@
-//! How far a simulated cycle was from the truth: the one reader of the truth besides tests. Nothing here decides.
+//! Compares the results of a simulated cycle with the true values of the simulation. Besides the tests, only this
+//! module reads the true values, and it makes no decisions.
 //!
-//! What was found is the record's, what was executed is the mock controller's own log, what is true is the world's. The
-//! log also shows that each waypoint of a path was executed once and acknowledged once: see [`contact_runs`].
+//! The measured values come from the record, the executed motions from the mock controller's own log, and the true
+//! values from the simulated world. The log also shows that each waypoint of a path was executed once and
+//! acknowledged once: see [`contact_runs`].
 
 use super::live::Simulated;
 use super::outcome::Outcome;

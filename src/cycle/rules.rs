@@ -23,7 +23,7 @@ pub(super) enum Rule {
     WaterOff,
     /// Tool off for every motion but contact, and for water.
     ToolOff,
-    /// No tool before the water was off for the drain time.
+    /// No start of the tool until the water has been off for the drain time.
     Drained,
     /// No tool without extraction that reports flow.
     Extraction,

@@ -93,7 +93,7 @@ impl Corners {
         if self.no_more { self.chosen.len().min(all) } else { all }
     }
 
-    /// The corners seen are the ones that hold the place from now on.
+    /// From now on, the chosen corners that were seen determine the panel's position.
     pub fn hold(&mut self) {
         self.held = self.chosen.clone();
         self.held.retain(|corner| self.seen.iter().any(|seen| seen.corner == *corner));

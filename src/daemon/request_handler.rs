@@ -263,7 +263,7 @@ impl RequestHandler {
         self.steps.push_back((state.step, words::shown(state)));
     }
 
-    /// A request that the loop is to act on.
+    /// Hands over a request on which the loop is to act.
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, What::Table(cycle::Request::Reset));

@@ -44,7 +44,7 @@ pub struct Ports<'a> {
     pub lock_step: bool,
 }
 
-/// The start of the loop.
+/// The inputs with which the loop starts.
 pub struct LoopStart {
     /// The cell.
     pub cell: Arc<CellSetup>,
@@ -65,7 +65,7 @@ pub struct LoopOutcome {
     pub verdict: Option<Verdict>,
     /// The place of the panel.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
-    /// The films, in order.
+    /// The inspections of the water film, in order.
     pub inspections: Vec<Arc<Inspection>>,
     /// The number of passes in which each grid was abraded, for the grids that were abraded.
     pub passes: Vec<(GridId, usize)>,

@@ -71,7 +71,7 @@ fn words(judgement: &Judgement) -> String {
 pub struct Line {
     /// The target of the tip, in `base`.
     pub to: KukaPose,
-    /// The base, in the robot's own.
+    /// The base frame (`$BASE`), given in the robot's world frame.
     pub base: KukaPose,
     /// The tool.
     pub tool: SetTcp,

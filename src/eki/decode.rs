@@ -91,7 +91,7 @@ pub enum DecodeError {
         #[serde(deserialize_with = "word")]
         needed: Word,
     },
-    /// A number that no controller can mean.
+    /// A number outside of the range that a controller can report.
     #[error("{field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// Its path.

@@ -47,7 +47,7 @@ pub enum PictureError {
         /// What the decoder met.
         problem: String,
     },
-    /// Damage could not be found, and a measurement depends on it.
+    /// Damage in the file would not be detected, and a measurement depends on the picture.
     #[error(
         "this is a {format} picture, and positions are measured in it: a {format} file has no checksum, so damaged \
          pixels would shift the measurement unnoticed; take the picture again and let the camera's program save it \

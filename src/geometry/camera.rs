@@ -136,7 +136,7 @@ impl PinholeCamera {
         (self.fx_px / depth_mm, self.fy_px / depth_mm)
     }
 
-    // Eq. 3.12 and 3.13
+    // Applies the lens distortion: Eq. 3.12 and 3.13 at the top of this file.
     fn distort(&self, undistorted: Vector2<f64>) -> Vector2<f64> {
         let (x, y) = (undistorted.x, undistorted.y);
         let r2 = x * x + y * y;

@@ -14,7 +14,7 @@ use crate::geometry::Mask;
 use crate::verdict::{Check, Judgement};
 use std::f64::consts::PI;
 
-/// No disc that sands is smaller, mm²: 25 mm in diameter.
+/// Area of the smallest sanding disc, mm²: 25 mm in diameter.
 const MIN_DISC_MM2: f64 = PI * 12.5 * 12.5;
 
 /// What a test found, with its verdict.

@@ -19,7 +19,7 @@ const MIN_NEVER_WET: f64 = 0.5;
 pub struct Dryness<'a> {
     /// Whether it broke, or was wet in no picture.
     pub is_suspect: &'a dyn Fn(usize) -> bool,
-    /// Whether it is looked at and was wet in no picture.
+    /// Whether the pixel is evaluated and was wet in no picture.
     pub never_wet: &'a dyn Fn(usize) -> bool,
     /// Whether it is looked at.
     pub sees: &'a dyn Fn(usize) -> bool,

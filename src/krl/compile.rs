@@ -39,8 +39,9 @@ pub struct Analysis {
     pub program: Program,
 }
 
-/// Checks files that belong together for a controller with this version of KSS, and makes a program of them. What a
-/// version lacks is a problem if the version is stated; else it is a warning if the lowest one lacks it.
+/// Checks files that belong together for a controller with this version of KSS, and makes a program of them. A
+/// feature that the stated version lacks is a problem. If no version is stated, a feature that the lowest version
+/// lacks is a warning.
 pub fn analyse(files: &[File], kss: Option<Kss>) -> Analysis {
     let mut compiler = Compiler::new(files, kss);
     compiler.program.files = files.iter().map(|file| file.name.clone()).collect();

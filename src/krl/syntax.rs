@@ -9,7 +9,7 @@ pub struct File {
     pub name: String,
     /// What a controller refuses in its text, in the order of the lines.
     pub problems: Vec<Problem>,
-    /// What was not read, in the order of the lines.
+    /// The parts of the file that were not read, in the order of the lines.
     pub warnings: Vec<Problem>,
     /// It is written for EthernetKRL 6 (iiQKA.OS2).
     pub(super) of_ethernet_krl_6: bool,

@@ -85,8 +85,8 @@ pub fn find(
     Ok(CornerFound { corner_px, nearest_px, contour, box_px, edges })
 }
 
-/// Finds the taught corner with this number, from 0. `expected` is its place before the camera, which gives the
-/// scale.
+/// Finds the taught corner with this number, counted from 0. `expected` is its expected position in the camera
+/// frame; its distance gives the scale.
 ///
 /// # Errors
 /// As [`find`].

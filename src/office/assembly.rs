@@ -19,7 +19,7 @@ pub struct Assembled<R> {
     pub cell: CellName,
     /// What.
     pub what: What,
-    /// Its bytes; those of a file have the hash that names it.
+    /// The bytes of the item. If it is a file, the hash of the bytes is the name of the file.
     pub bytes: Vec<u8>,
     /// The receipts of its parts.
     pub receipts: Vec<R>,

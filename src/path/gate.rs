@@ -70,7 +70,7 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
     Judgement::of_checks(&check_pad(settings, tool_error_mm))
 }
 
-/// Checks the error at the tool against the error that the pad absorbs; none if nothing is pressed in.
+/// Checks the error at the tool against the error that the pad absorbs; `None` if there is no press-in.
 pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
     let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
     let allowed_mm = ERROR_OF_STROKE * stroke_mm;

@@ -86,8 +86,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Returns the largest ratio of the longest to the shortest time under the disc, of all grids together and of
-    /// each grid, with the grid if the ratio is one grid's; `None` if nothing is treated.
+    /// Returns the largest ratio of the longest to the shortest time under the disc. It compares all grids together
+    /// and each grid, and returns the grid if the ratio is that of one grid; `None` if nothing is treated.
     pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
         let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));

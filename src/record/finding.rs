@@ -67,7 +67,7 @@ pub mod name {
     pub const REMOVED_MEAN: &str = "expected removal, mean";
     /// Largest deviation from the target for 95 % of the treated area, %.
     pub const REMOVED_EVEN: &str = "removal even within";
-    /// What no place of the part may come to, by its upper 95 % bound, over all passes so far, µm.
+    /// Largest removal at any place of the part over all passes so far, as the upper 95 % bound, µm.
     pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
     /// Contact force of a compliant tool at the poses that the robot reported on the panel, mean, N.
     pub const FORCE_MEAN: &str = "force in contact, mean";

@@ -158,7 +158,7 @@ fn left_out(
     })
 }
 
-/// The power of X, with its 95 %.
+/// The exponent of X, and the half-width of its 95 % interval.
 fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> [f64; 2] {
     let mean = exposure.iter().sum::<f64>() / exposure.len() as f64;
     let more = rows.clone().insert_column(2, 0.0);

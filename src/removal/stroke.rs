@@ -16,7 +16,7 @@ const MIN_STROKE_MM: f64 = 1e-9;
 /// The golden angle as a share of a turn.
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
-/// A disc that moves on by a straight stretch and orbits meanwhile.
+/// A disc that moves along a straight segment and orbits at the same time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stroke {
     /// The contact, in the tangent plane at the stretch's middle.

@@ -1,4 +1,5 @@
-//! Close pictures: the corner before and after its correction, and the film as a strip in time.
+//! Close-up pictures: the corner before and after its correction, and the water film as a strip of pictures in the
+//! order of time.
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
 use crate::geometry::{ColorPicture, Mask, Pixel};

@@ -162,7 +162,8 @@ impl RealArm {
 const IN_WORK_DEG: [[f64; 2]; 6] =
     [[-160.0, 160.0], [-180.0, 40.0], [-60.0, 150.0], [-120.0, 120.0], [-115.0, 115.0], [-340.0, 340.0]];
 
-/// From these poses another is looked for: before the panel, over a table, and with the flange up.
+/// Start values (axis angles) of the search for the axis angles of a pose: in front of the panel, over a table, and
+/// with the flange upward.
 const STARTS: [[f64; 6]; 4] = [
     [0.0, -120.0, 145.0, 0.0, -25.0, 90.0],
     [0.0, -75.0, 95.0, 0.0, 60.0, 0.0],

@@ -97,7 +97,8 @@ pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
     Rigid::claim(Isometry3::from_parts(Translation3::new(80.0, 4.0, 30.0), tilt))
 }
 
-/// The error of a calibrated mount: this long and this large, in a random direction.
+/// The error of a calibrated mount: a shift of this length and a rotation by this angle, each in a random
+/// direction.
 const MOUNT_ERROR_MM: f64 = 0.1;
 const MOUNT_ERROR_DEG: f64 = 0.01;
 

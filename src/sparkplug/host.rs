@@ -12,7 +12,7 @@ pub struct HostState {
 }
 
 impl HostState {
-    /// Reads it; `None` if it is not a host's statement.
+    /// Decodes a host's STATE message; `None` if the bytes are not one.
     pub fn read(bytes: &[u8]) -> Option<Self> {
         serde_json::from_slice(bytes).ok()
     }

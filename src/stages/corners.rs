@@ -262,7 +262,7 @@ impl Correction {
         Correction { refined, checks, judgement, wants_another_view }
     }
 
-    /// The same, with a check of the pictures themselves that is not kept.
+    /// The same result with an additional check of the pictures themselves, whose limit was not met.
     fn beside(mut self, of_pictures: Option<Check>) -> Self {
         if let Some(check) = of_pictures {
             self.judgement = self.judgement.and(Judgement::of_checks([&check]));

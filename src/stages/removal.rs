@@ -163,7 +163,8 @@ impl Removed {
         Drawing::new(name, caption, removal_map(&self.map.field(), &panel.region, self.limits_um))
     }
 
-    /// The checks of the executed path: the work that a path leaves when it is cut short is not its fault.
+    /// The checks of the executed path. If the path was cut short, the work that remains is not counted as an error
+    /// of the path.
     pub fn told_after(&self, is_whole: bool) -> Vec<Check> {
         let told = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),

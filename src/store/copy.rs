@@ -32,7 +32,7 @@ pub struct Copied {
 
 /// The files of a store beside `blobs/` that make it up.
 pub const ROW_FILES: [&str; 2] = [DATABASE, head::FILE];
-/// The folder of the files that rows name.
+/// The folder of the files to which the database rows refer.
 pub const BLOBS: &str = "blobs";
 
 impl Store {

@@ -115,7 +115,8 @@ impl Store {
         Path::new(self.connection.path().unwrap_or(DATABASE))
     }
 
-    /// Whether there is this table: a store of an earlier program that is open for reading lacks some.
+    /// Returns whether the table exists: a store of an earlier version of this program that is open read-only lacks
+    /// some tables.
     pub(super) fn has_table(&self, name: &str) -> Result<bool, StoreError> {
         let there = self.connection.table_exists(None, name);
         there.map_err(|error| self.failed("read the tables of", &error))

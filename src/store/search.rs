@@ -67,7 +67,7 @@ fn escaped(text: &str) -> String {
 /// Whether the path was run in the air: it was moved so …
 const MOVED_IN_AIR: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
-/// … or requested so, which stores of earlier programs do not record.
+/// … or the run in the air was requested, which stores of earlier versions of this program do not record.
 const ASKED_FOR_AIR: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
     AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
 

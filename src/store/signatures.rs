@@ -227,7 +227,8 @@ impl Store {
         Ok(is_written.then_some(row))
     }
 
-    /// All signatures of the cell, in order; a store of an earlier program has none.
+    /// All signatures of the cell, in order; a store that was written by an earlier version of this program has
+    /// none.
     ///
     /// # Errors
     /// If they cannot be read.

@@ -83,7 +83,7 @@ pub enum TapeError {
         /// When, s.
         from_s: f64,
     },
-    /// Bytes that are not what was written.
+    /// Bytes that differ from the written ones.
     #[error("the recording is damaged {from_s:.3} s after its beginning: {problem}")]
     Damaged {
         /// When, s.

@@ -281,7 +281,8 @@ pub fn archives() -> Vec<Vec<u8>> {
         tar.append_data(&mut header, name, bytes).expect("memory");
     }
     let tar = tar.into_inner().expect("memory");
-    // Level 1 packs it; a frame of raw blocks lets changes reach the archive.
+    // The first seed is compressed at level 1. The second is a frame of one raw block, so that the fuzzer's changes
+    // reach the tar archive itself.
     let packed = zstd::encode_all(&tar[..], 1).expect("memory");
     vec![packed, raw_frame(&tar)]
 }

@@ -311,7 +311,7 @@ impl Run<'_> {
     }
 }
 
-/// The number of an attribute that the session has written itself.
+/// The numeric value of an attribute that the session itself has written.
 fn number(text: &str, name: &str) -> i64 {
     let from = text.find(&format!(" {name}=\"")).expect("the attribute") + name.len() + 3;
     let until = text[from..].find('"').expect("quoted") + from;

@@ -9,12 +9,13 @@ use std::collections::BTreeMap;
 
 /// From full speed to standing.
 const BRAKE_MS: u64 = 260;
-/// And 50 mm away from the panel at 0.2 m/s; by an arm that is slowed to a fifth of that.
+/// Time limit for the retract by 50 mm from the panel at 0.2 m/s, after braking; the second value is for an arm
+/// that is slowed to a fifth of that speed.
 const RETRACT_MS: u64 = 800;
 const SLOW_RETRACT_MS: u64 = 1_600;
 /// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
 const END_MS: u64 = 400 + 400 + BRAKE_MS;
-/// A client that is silent loses its connection, and the epoch ends, at the latest, ms.
+/// The longest time after which the connection of a client that sends nothing is closed and the epoch ends, ms.
 const SILENCE_MS: u64 = 3_000 + 400;
 /// Off the surface after a stop in contact.
 const LEAVE_MS: u64 = 100;
@@ -79,7 +80,7 @@ pub struct Oracles {
 }
 
 impl Oracles {
-    /// Nothing seen yet; this is the largest delay of bytes.
+    /// Starts with nothing observed; `delay_ms` is the largest delay of bytes.
     pub fn new(delay_ms: u64) -> Self {
         Oracles { delay_ms, ..Oracles::default() }
     }

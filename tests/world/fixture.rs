@@ -88,7 +88,7 @@ impl Fixture {
         // The loop would prepare it in a thread of its own, for which a pool of this thread alone never has time.
         assert!(cycle.taught_model().is_ok(), "the taught panel can be located");
         let at = folder("template");
-        // A folder that an earlier process of this number left.
+        // Removes the folder that an earlier process with the same process ID may have left.
         let _ = std::fs::remove_dir_all(&at);
         drop(Store::create(&at).expect("a new store"));
         let store = files(&at, &at);

@@ -21,9 +21,9 @@ pub struct Wear {
 }
 
 impl Wear {
-    /// The record has acknowledged it. Returns the error in it, if the arm has executed this number of motions
-    /// since the path was opened. If the controller's places may have been false, a path may be counted as more
-    /// than it was, and never as less.
+    /// The record has acknowledged the command. Returns the error in the record's answer, given the number of
+    /// motions that the arm has executed since the path was opened. If the positions that the controller reported
+    /// may have been false, the record may count more wear for a path than there was, and never less.
     pub fn acknowledged(
         &mut self,
         command: &RecordCommand,

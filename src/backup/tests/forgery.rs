@@ -122,7 +122,7 @@ impl ConcatAll for [&[Forged]; 2] {
     }
 }
 
-/// A store with changed rows, sealed anew: the chain shows the change, and nothing of the store is left.
+/// A store with changed rows and a new seal: the chain shows the change, and no file of the store is left behind.
 #[test]
 fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
     let cell = SmallCell::new();

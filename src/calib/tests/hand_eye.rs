@@ -129,8 +129,8 @@ fn the_stated_region_holds_the_truth() {
     assert!((34..=40).contains(&held), "{held} of 40");
 }
 
-/// By differences: a lens with a principal point that is 0.2 px off moves the mount by as much as a covariance of
-/// this one error predicts.
+/// Checked by a finite difference: a lens whose principal point is wrong by 0.2 px shifts the mount by the amount
+/// that the covariance of this one error predicts.
 #[test]
 fn a_lens_that_is_off_moves_the_mount_as_foretold() {
     let cell = cell(4, GOOD_ROBOT);

@@ -1,4 +1,4 @@
-//! Lenses from synthetic corners: what the data support is found, and nothing else is claimed.
+//! Lenses from synthetic corners: the calibration finds the parameters that the data support, and claims no others.
 
 use crate::calib::detect::Corners;
 use crate::calib::intrinsics::{LensModel, Options, View, calibrate};
@@ -57,9 +57,9 @@ fn size(lens: &PinholeCamera) -> (usize, usize) {
     (lens.width_px, lens.height_px)
 }
 
-/// A board that stays in the middle carries no information on the rim. Every model, also the fullest one, has a ray
-/// for each pixel. The chosen model keeps to the information from the middle, and the known part is around the
-/// middle.
+/// A board that stays in the middle of the picture gives no information about the rim. Every model, even the one
+/// with the most parameters, has a ray for each pixel. The chosen model has no more parameters than the data from
+/// the middle support, and the calibrated area of the picture lies around the middle.
 #[test]
 fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     let lens = PinholeCamera { k1: -0.12, k2: 0.1, ..LENS };

@@ -63,7 +63,7 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
         let same = other.signals().find(|theirs| theirs.variable() == signal.variable());
         if let Some(theirs) = same {
             let message = format!(
-                "{} is raised by {} in {other_file} too (line {})",
+                "{} is set by {} in {other_file} too (line {})",
                 signal.variable(),
                 theirs.cause(),
                 theirs.line

@@ -150,11 +150,11 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" Set_Flag=\"2\"/>"),
-            "6 RECEIVE ELEMENT[A]: $FLAG[2] is raised by the arrival of A/B too (line 6)",
+            "6 RECEIVE ELEMENT[A]: $FLAG[2] is set by the arrival of A/B too (line 6)",
         ),
         (
             received("<ELEMENT Tag=\"A/B\" Type=\"INT\" Set_Flag=\"1\"/>"),
-            "6 RECEIVE ELEMENT[A/B]: $FLAG[1] is raised by a connection too (line 4)",
+            "6 RECEIVE ELEMENT[A/B]: $FLAG[1] is set by a connection too (line 4)",
         ),
         (
             file(INTERNAL, "<RAW><ELEMENT Tag=\"B\" Type=\"STREAM\" Set_Flag=\"3\"/></RAW>", ""),
@@ -322,13 +322,13 @@ fn files_of_one_controller_are_held_against_each_other() {
         &[
             "4 CONFIGURATION/INTERNAL/PORT: is 54600, as in CELLCMD.xml; each channel needs a port of its own: while one of the two \
              is open, EKI_Open of the other fails",
-            "6 RECEIVE ELEMENT[A]: $FLAG[2] is raised by the arrival of A in b/TWO.xml too (line 6)",
+            "6 RECEIVE ELEMENT[A]: $FLAG[2] is set by the arrival of A in b/TWO.xml too (line 6)",
         ],
         &other,
     );
     assert_begins(
         &lines(&reports[2].problems),
-        &["6 RECEIVE ELEMENT[A]: $FLAG[2] is raised by the arrival of A in a/ONE.xml"],
+        &["6 RECEIVE ELEMENT[A]: $FLAG[2] is set by the arrival of A in a/ONE.xml"],
         &away,
     );
     assert_begins(

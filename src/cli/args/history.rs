@@ -62,7 +62,7 @@ pub enum EndName {
     Reject,
     Accept,
     Aborted,
-    /// Not at all so far.
+    /// The cycle has not ended yet.
     Running,
 }
 

@@ -48,8 +48,8 @@ impl OfficeStatus {
         self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
     }
 
-    /// What is wrong, for the alarms between cycles: a record that waits longer than `behind_min`, and an office
-    /// that has more than the cell.
+    /// Returns the problems for the alarms between cycles: a record that waits longer than `behind_min`, and an
+    /// office that has more records than the cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
         let StatusData { waiting, more, offers: _ } = self.change(|stands| stands.clone());
         let late = waiting.late(behind_min, now_unix_ms, WORDS);

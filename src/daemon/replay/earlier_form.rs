@@ -71,7 +71,8 @@ mod tests {
         Check::new("shift", "mm", 12.5)
     }
 
-    /// As an earlier program wrote it: another order, and of each number four values alone.
+    /// The numbers as an earlier version of this program wrote them: in another order, and with only four values
+    /// for each number.
     fn earlier() -> Value {
         let mut recorded = found([]);
         recorded["numbers"] = json!([
@@ -106,7 +107,7 @@ mod tests {
         assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), shift(), more])), ["numbers"], "one is added");
     }
 
-    /// A recording of this program is compared whole, order, codes and all.
+    /// A recording of this program is compared completely, including order and codes.
     #[test]
     fn a_recording_of_today_is_compared_whole() {
         let recorded = found([rms(0.1, 0.25), shift()]);

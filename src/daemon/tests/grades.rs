@@ -93,8 +93,8 @@ fn an_air_run_is_judged_by_its_motion_alone() {
     );
 }
 
-/// Each measured pose in contact is held against the path: 20 mm off is no matter of a grade at its end. The path
-/// is left at once.
+/// In contact, each measured pose is compared with the path. With a deviation of 20 mm the motion is aborted at
+/// once; the deviation is not only graded when the path has ended.
 #[test]
 fn an_arm_far_off_its_path_leaves_it_at_once() {
     let story = Fake::new(Scene::Good).step_by_step().that_is_off_plan(20.0, [20, 30]).run(Asks::one_cycle());

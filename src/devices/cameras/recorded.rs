@@ -172,7 +172,7 @@ impl FlangeCamera for RecordedFlangeCamera {
     }
 }
 
-/// A picture of the wrong size is reported as a shot of the camera, all else as a fault of the file.
+/// A picture of the wrong size is reported as an error of the camera, any other problem as an error of the file.
 fn fitting(
     file: &Path,
     which: Which,

@@ -100,7 +100,7 @@ pub enum Step {
 pub struct NoNode {
     /// What is wanted.
     pub wanted: &'static str,
-    /// The nodes that would do.
+    /// The nodes that were looked for; one of them is sufficient.
     pub nodes: Vec<&'static str>,
     /// What to do.
     pub advice: &'static str,

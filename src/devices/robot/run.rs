@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 
-/// Between two attempts to connect: doubled each time, up to the last.
+/// Delay between two attempts to connect: it starts at the minimum and is doubled after each attempt, up to the
+/// maximum.
 const MIN_RECONNECT_DELAY: Duration = Duration::from_millis(100);
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(1);
 /// Time limit for sending an abort when the link is closed.

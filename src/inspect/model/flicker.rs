@@ -6,7 +6,8 @@
 //!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  if Δₖ Δₖ₋₁ < 0,                                                                          (1)
 //! and a lamp flickers if a quarter of the pictures has a swing of [`MIN_SWING`] or more.
 
-/// A lamp that flickers changes by this much from picture to picture and back, and at least this many times.
+/// A lamp that flickers changes by at least `MIN_SWING` from picture to picture and back, and does so at least
+/// `MIN_SWINGS` times.
 const MIN_SWING: f64 = 0.02;
 const MIN_SWINGS: u32 = 3;
 

@@ -186,8 +186,8 @@ mod tests {
         assert!((nothing.global - 0.9).abs() < 1e-12, "the light of before");
     }
 
-    /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres go from
-    /// one to the other.
+    /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres are
+    /// interpolated.
     #[test]
     fn light_goes_smoothly_from_tile_to_tile() {
         let light = Light { tiles: vec![1.0, 2.0], ..Light::even(2, 1) };

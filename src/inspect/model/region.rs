@@ -8,7 +8,7 @@ use std::ops::Range;
 pub(super) const LIGHT_ROW_STRIDE: usize = 2;
 pub(super) const EXPOSED_ROW_STRIDE: usize = 4;
 
-/// The region in a window's blocks.
+/// The region's pixels in the tiles and blocks of a window.
 #[derive(Debug)]
 pub struct Region {
     /// Of each tile its pixels in the rows that are used for the light.

@@ -29,7 +29,7 @@ pub(super) struct EdgeLocation {
 pub(super) struct Edge {
     /// From the profile's middle along the normal, px.
     pub(super) offset_px: f32,
-    /// The largest step as a share of the whole way.
+    /// The largest step as a share of the edge's contrast.
     pub(super) sharpness: f32,
     pub(super) contrast: f32,
 }

@@ -102,7 +102,7 @@ const SAID: &str = r#"{"author":"","clean":false,"breaks":[{"closes_s":null,"sha
 fn what_is_drawn_is_kept_and_what_is_right_is_saved() {
     let page = open();
     for (file, words) in
-        [("", "What broke in"), ("label.js", "pointerdown"), ("label.css", ".corner"), ("film.js", "picture/")]
+        [("", "Breaks in"), ("label.js", "pointerdown"), ("label.css", ".corner"), ("film.js", "picture/")]
     {
         let (status, text) = page.ask("GET", file, "");
         assert!(status == 200 && text.contains(words), "{file}: {status}");

@@ -5,7 +5,7 @@ use crate::record::{CycleRecord, Finding, Kind, abraded};
 use crate::verdict::Verdict;
 use std::collections::BTreeSet;
 
-/// What became of a grid.
+/// The result of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GridState {
     /// No film that counts shows it.

@@ -113,7 +113,7 @@ impl Trial {
         })
     }
 
-    /// The place that a person marks as held in the taught scan's picture.
+    /// The area that a person marks in the taught scan's picture because the holder touches the panel there.
     pub fn held_px(&self) -> Vec<[Pixel; 4]> {
         if !self.is_held {
             return Vec::new();

@@ -46,7 +46,8 @@ pub fn verify(folder: &TempDir) -> Verified {
     Store::verify(&store_in(folder), true).expect("verified")
 }
 
-/// Another program writes to the database; its file's own hash is not what gives it away.
+/// Changes the database as another program would; the tests do not count the hash of the database file, which also
+/// shows the change.
 pub fn behind_its_back(folder: &TempDir, sql: &str) {
     let connection = Connection::open(store_in(folder).join(DATABASE)).expect("opens");
     connection.pragma_update(None, "foreign_keys", "OFF").expect("set");

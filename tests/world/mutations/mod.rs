@@ -55,7 +55,7 @@ impl Mutation {
         Mutation { beside: Some(Edit { file, ships, changed }), ..self }
     }
 
-    /// Of the controller's programs, which one world of eight executes.
+    /// Marks a mutation of the controller's programs, which only one of eight worlds executes.
     const fn of_programs(self) -> Self {
         Mutation { seeds: (5, 8), ..self }
     }

@@ -13,7 +13,7 @@ use crate::geometry::{Flange, KukaPose, Rigid, Tool};
 use crate::tape::Armed;
 use std::sync::Arc;
 
-/// What is before the tool.
+/// The simulated panel in front of the tool.
 struct FakePanel {
     world: Shared,
     stroke_mm: f64,

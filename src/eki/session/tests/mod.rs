@@ -291,7 +291,7 @@ fn speed(speed_m_s: f64) -> Command {
     })
 }
 
-/// A straight path of points so far apart.
+/// A straight path with this number of points at this spacing.
 fn path(points: usize, step_mm: f64) -> Vec<MoveLin> {
     let point = |index: usize| {
         let pose = KukaPose { x_mm: step_mm * index as f64, ..KukaPose::default() };
