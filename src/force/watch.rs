@@ -1,7 +1,7 @@
 //! Compares the readings with their expected values while the arm is on a contact path.
 //!
 //! Each deviation counts from the reading that first shows it, and is reported once it has lasted longer than the
-//! limit of the cell's file; a tool that does not go back has a limit of its own, `GOES_BACK`. Deviations are: a
+//! limit of the cell's file; a tool that does not go back has a limit of its own, `RETRACT_TIMEOUT`. Deviations are: a
 //! force out of its band around the set-point; no contact although the tool presses; a position outside of the
 //! middle two thirds of the stroke; a tool that does not go back. Error bits and a lost link count at once. While
 //! the set-point ramps, the band includes its values of the last moment, by which the tool may follow later.

@@ -25,7 +25,7 @@ use super::script::{self, CameraHarm, Entry, Power, Press};
 use super::tamper::Tampering;
 use super::terminals::{Around, Terminals};
 use panelprep::cycle::At;
-use panelprep::devices::mock::{Clock, Controller, Programs, Sample, Setup};
+use panelprep::devices::mock::{Clock, Controller, Executed, Programs, Sample, Setup};
 use panelprep::devices::robot::link_limits;
 use panelprep::eki::{CommandId, Epoch, LinkLimits, MoveLin, Pace, Session};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
@@ -367,7 +367,7 @@ impl Inside {
     fn judge_permits(&mut self) {
         let Some((before, permitted)) = self.permitted.filter(|_| !self.is_strange()) else { return };
         self.counts.judged("permits");
-        let executed = self.cell.controller.executed().len().saturating_sub(before);
+        let executed = self.executed_since(before);
         if executed > permitted as usize {
             self.wrong(
                 "permits",
@@ -388,7 +388,16 @@ impl Inside {
     /// something.
     pub fn executed_on_path(&self) -> Option<usize> {
         let (before, _) = self.permitted.filter(|_| !self.is_strange())?;
-        Some(self.cell.controller.executed().len().saturating_sub(before))
+        Some(self.executed_since(before))
+    }
+
+    /// The number of executed commands of the present contact path, which follow the first `before` executed ones. A path may be open on
+    /// the record while later motions are executed, if the disk refused its end.
+    fn executed_since(&self, before: usize) -> usize {
+        let Some((epoch, first)) = self.contact else { return 0 };
+        let is_on_path =
+            |step: &&Executed| step.epoch.cast_unsigned() == epoch.0 && step.id.cast_unsigned() >= first.0;
+        self.cell.controller.executed().iter().skip(before).filter(is_on_path).count()
     }
 
     /// Tool and water go off when the controller has heard nothing of its client for the watchdog's time.

@@ -6,7 +6,7 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 16] = [
+const FOUND_ONCE: [(u64, &str, &str); 17] = [
     (
         949326,
         r#"[{"place":"abrade","visit":1,"after_ms":2383,"fault":{"Press":"Hold"}},{"place":"holding","visit":1,"after_ms":0,"fault":{"Controller":"drives/2355ms"}}]"#,
@@ -86,6 +86,11 @@ const FOUND_ONCE: [(u64, &str, &str); 16] = [
         30001108,
         r#"[{"place":"abrade","visit":1,"after_ms":180,"fault":{"Disk":{"writing":7,"harm":"Io","times":30}}}]"#,
         "an arm whose tip was 100 mm off the panel, and whose tool 39 mm, was expected to go to its park pose without a jog",
+    ),
+    (
+        41010845,
+        r#"[{"place":"abrade","visit":1,"after_ms":2489,"fault":{"Disk":{"writing":21,"harm":"Io","times":30}}},{"place":"abrade","visit":1,"after_ms":2116,"fault":{"Controller":"override=99/534ms"}}]"#,
+        "motions after a contact path, the end of which the disk refused, were counted as its waypoints",
     ),
 ];
 
