@@ -75,12 +75,12 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
     Kind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(say_mount) }
 }
 
-/// What files are checked for.
+/// What the files are checked for.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
     /// A cell's file must state all that this purpose needs. `None`: only what commands on files need.
     pub purpose: Option<Purpose>,
-    /// Files that the cell names and that are not there yet are a warning, not a problem.
+    /// Missing files that the cell names are a warning, not a problem.
     pub may_lack_files: bool,
     /// Reads the files that the cell names.
     pub read: ReadNamed<'a>,
@@ -96,7 +96,7 @@ pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<File
     check_files_for(files, &checked_for)
 }
 
-/// [`check_files`], and what the cell's files are for.
+/// Checks configuration files as [`check_files`] does, and also against the purpose of the cell's files.
 pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> Vec<FileReport> {
     let mut channels = Vec::new();
     let mut programs = Vec::new();
@@ -149,12 +149,12 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
     reports
 }
 
-/// The places of the files of this kind.
+/// Returns the indices of the files of this kind.
 fn of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
     (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
 }
 
-/// The one cell among the files, with its place, if there is one and it is right by itself.
+/// Returns the only cell among the files with its index, if there is exactly one and it has no problem of its own.
 fn the_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
     let [place] = of_kind(CELL, reports)[..] else { return None };
     Some((place, Cell::check(files[place].0, files[place].1).ok()?))
@@ -171,7 +171,7 @@ fn hold_recipes_against_the_cell(files: &[(&str, &str)], read: ReadNamed<'_>, re
     }
 }
 
-/// Checks the text of any configuration file by itself, for no purpose; `name` is the file's name in messages.
+/// Checks the text of any configuration file by itself, without a purpose; `name` is the file's name in messages.
 pub fn check_file(name: &str, text: &str) -> FileReport {
     check_files(&[(name, text)], None).swap_remove(0)
 }
@@ -217,7 +217,7 @@ fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileRepor
 
 /// The kind that is checked for a purpose.
 const CELL: &str = "cell";
-/// The kind that is held against a cell.
+/// The kind that is checked against a cell.
 const RECIPE: &str = "recipe";
 
 /// Finds what the purpose needs and a cell's file does not state, each at its line; the first problem names the
@@ -236,7 +236,7 @@ fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Pr
     (problems, files_to_be_made(text, missing).into_iter().collect())
 }
 
-/// One warning for all files that are not there, at the line of the first.
+/// Returns one warning for all missing files, at the line of the first one.
 fn files_to_be_made(text: &str, missing: Vec<Unmet>) -> Option<Problem> {
     let lines = missing.iter().map(|unmet| config::line_of_key(text, &unmet.key));
     let line = lines.min()?;
@@ -260,7 +260,8 @@ fn kind_of(top: &[String]) -> Option<&'static Kind> {
     let right = |kind: &Kind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
     let meant: Vec<&str> = top.iter().filter_map(|key| config::nearest(key, &all)).map(|(name, _)| name).collect();
     let near = |kind: &Kind| meant.iter().filter(|name| kind.keys.contains(name)).count();
-    // A file that has all names of one kind and no other is of that kind, though a larger kind may know them as well.
+    // A file with all names of one kind and no other names is of that kind, even if a larger kind has these names
+    // too.
     let is_whole = |kind: &Kind| top.len() == kind.keys.len() && right(kind) == top.len();
     match KINDS.iter().find(|kind| is_whole(kind)) {
         Some(kind) => Some(kind),
@@ -284,7 +285,7 @@ mod tests {
         check_file(name, text).problems.into_iter().map(|problem| problem.message).collect()
     }
 
-    /// What the sample calls a default is one.
+    /// Each default that the sample states is the real default.
     #[test]
     fn the_samples_state_the_defaults() {
         let text = include_str!("../config/cell.toml");
@@ -323,7 +324,7 @@ mod tests {
         }
     }
 
-    /// The lists of names at the top are those that the checks know.
+    /// The lists of names at the top are equal to the names that the checks accept.
     #[test]
     fn the_kinds_know_their_own_keys() {
         for kind in &KINDS {
@@ -345,13 +346,13 @@ mod tests {
               base_from_board (base_from_board); robot_correction (robot_correction); removal (removal); \
               archive (broker, database, files, fleet)"]
         );
-        // Whatever it is called.
+        // The kind does not depend on the file's name.
         assert_eq!(check_file("a.toml", "\u{feff}\n<ETHERNETKRL/>").kind, Some("EthernetKRL"));
         assert_eq!(check_file("CELLCMD.XML", "x = 3").kind, Some("EthernetKRL"));
     }
 
-    /// By hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°.
-    /// A recipe alone is right; beside a cell it must be what its tool can do.
+    /// Calculated by hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°. A recipe by itself is correct;
+    /// checked with a cell, it must be possible for the cell's tool.
     #[test]
     fn recipes_are_held_against_the_cell() {
         let recipe = ("panel.toml", include_str!("../config/panels/example.toml"));

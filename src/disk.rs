@@ -16,7 +16,8 @@ pub const MAX_BYTES: u64 = 512 << 20;
 /// # Errors
 /// If the file does not exist, is a folder, a pipe, a socket or a device, or if the system refuses.
 pub fn open(file: &Path) -> Result<File> {
-    // Opening a device may already do something, so its name is looked at first; then what was opened.
+    // Opening a device may already have an effect. Therefore the type of the named file is checked first, then that
+    // of the opened file.
     is_regular(file.metadata()?.file_type())?;
     let without_waiting = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
     let opened = OpenOptions::new().read(true).custom_flags(without_waiting).open(file)?;
@@ -27,7 +28,7 @@ pub fn open(file: &Path) -> Result<File> {
 /// Returns the bytes of a regular file of at most [`MAX_BYTES`].
 ///
 /// # Errors
-/// As [`open`], and if the file is larger.
+/// The errors of [`open`], and a larger file.
 pub fn read(file: &Path) -> Result<Vec<u8>> {
     read_at_most(file, MAX_BYTES)
 }
@@ -43,7 +44,7 @@ fn read_at_most(file: &Path, most_bytes: u64) -> Result<Vec<u8>> {
         return Err(too_large(stated));
     }
     let mut bytes = Vec::with_capacity(usize::try_from(stated).unwrap_or_default());
-    // It may grow while it is read.
+    // The file may grow while it is read.
     opened.take(most_bytes + 1).read_to_end(&mut bytes)?;
     match bytes.len() as u64 {
         found if found > most_bytes => Err(too_large(found)),

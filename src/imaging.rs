@@ -1,7 +1,7 @@
-//! OpenCV's filters and contours over our own pictures.
+//! OpenCV's filters and contours for our own pictures.
 //!
-//! OpenCV's matrices are views or results here and are never handed on. OpenCV computes; pictures are read and written
-//! elsewhere. Its filters give the same bits for any number of threads.
+//! OpenCV's matrices are views or results here and are never passed on. OpenCV only computes; pictures are read and
+//! written elsewhere. Its filters return the same bits for any number of threads.
 
 use crate::geometry::{GrayPicture, Mask, Pixel};
 use opencv::core::{
@@ -9,7 +9,7 @@ use opencv::core::{
 };
 use opencv::imgproc;
 
-/// OpenCV refused its input; which operation, and its own words.
+/// OpenCV refused its input: the operation and OpenCV's own message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("OpenCV could not compute {operation}: {words}")]
 pub struct ImagingError {
@@ -80,7 +80,7 @@ pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingE
     let mut labels = Mat::default();
     let neighbours = if by_corners { 8 } else { 4 };
     let count = named(OPERATION, imgproc::connected_components(&source, &mut labels, neighbours, CV_32S))?;
-    // The label 0 is what lies outside of the mask.
+    // The label 0 is the area outside of the mask.
     let mut pieces = vec![Vec::new(); usize::try_from(count).unwrap_or_default().saturating_sub(1)];
     for (index, &label) in named(OPERATION, labels.data_typed::<i32>())?.iter().enumerate() {
         let piece = usize::try_from(label).ok().and_then(|label| pieces.get_mut(label.checked_sub(1)?));

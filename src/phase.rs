@@ -2,7 +2,7 @@
 
 use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 
-/// A phase of the test, in the order in which they follow.
+/// A phase of the test, in the order of the test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Display, EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
@@ -15,10 +15,10 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// All of them, in order.
+    /// All phases, in order.
     pub const ALL: &'static [Phase] = <Self as VariantArray>::VARIANTS;
 
-    /// The word in `clip.csv`.
+    /// The phase's keyword in `clip.csv`.
     pub fn word(self) -> &'static str {
         self.into()
     }

@@ -26,7 +26,7 @@ use crate::cycle::{Path, Request};
 use crate::verdict::{Judgement, Verdict};
 use serde::{Deserialize, Serialize};
 
-/// The error at the tool, by its parts, mm, 95 %.
+/// The parts of the error at the tool, mm, 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Budget {
     /// Hand-eye calibration.
@@ -42,13 +42,13 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// The root of the sum of squares, the parts being independent; `None` while one is not measured.
+    /// Returns the root of the sum of squares, since the parts are independent; `None` if a part is not measured.
     pub fn total_mm(&self) -> Option<f64> {
         let parts = [self.hand_eye_mm?, self.locate_mm?, self.fit_mm?, self.robot_mm?];
         Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
-    /// Without the parts that are no number: they were not measured.
+    /// Returns the budget without parts that are not finite: these were not measured.
     pub fn finite(self) -> Budget {
         let part = |mm: Option<f64>| mm.filter(|mm| mm.is_finite());
         Budget {
@@ -72,16 +72,17 @@ impl Budget {
     }
 }
 
-/// Code of the reason by which a cycle ends that may not abrade again what broke: the part has its result.
+/// Code of the reason for the end of a cycle that may not abrade again the areas where the film broke: the part has
+/// its result.
 pub const PASSES_USED: &str = "passes_used";
 /// The name of the kept text in which a start reports that the fixture holds another part than before.
 pub const ANOTHER_PART: &str = "another_part";
 
-/// By which clock a cycle ran.
+/// The clock by which a cycle ran.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
-    /// By the wall clock, as every real cell does.
+    /// The wall clock, as in every real cell.
     Wall,
     /// By the simulated cell's own clock, which did not advance while nothing moved and ran as fast as the computer
     /// could.
@@ -101,18 +102,18 @@ pub enum RecordingFile {
     Named(String),
 }
 
-/// All that is kept of a cycle.
+/// Everything that is stored of a cycle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CycleRecord {
     /// Its number.
     pub id: CycleId,
-    /// When it began, s since 1970.
+    /// When the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When it ended, s since 1970; `None` while it runs.
+    /// When the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
-    /// The version of what was taught.
+    /// The version of the taught data.
     pub taught_version: String,
     /// The recipe's hash.
     pub recipe_hash: String,
@@ -120,7 +121,7 @@ pub struct CycleRecord {
     pub files: Vec<KeptFile>,
     /// The program's version.
     pub program_version: String,
-    /// How it ended; `None` while it runs.
+    /// How the cycle ended; `None` while it runs.
     pub judgement: Option<Judgement>,
     /// The error at the tool; `None` if the cycle never reached it.
     pub budget: Option<Budget>,
@@ -134,18 +135,18 @@ pub struct CycleRecord {
     pub asked: Vec<RequestRecord>,
     /// The clock at the start of the cycle and at its conclusion, if they were kept.
     pub clocks: [Option<Clock>; 2],
-    /// The file that it was recorded in.
+    /// The file in which the cycle is recorded.
     pub recording: Option<RecordingFile>,
-    /// Lines of the journal that belong to it.
+    /// Lines of the journal that belong to the cycle.
     pub events: u64,
 }
 
 impl CycleRecord {
-    /// What contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` the film
-    /// that is missing. None for another verdict.
+    /// Returns what contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` a
+    /// missing film. The list is empty for other verdicts.
     pub fn unearned(&self) -> Vec<String> {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };
-        // The verdict of a run in the air is of the motions.
+        // The verdict of a run in the air refers only to the motions.
         let needs_film = verdict == Verdict::Pass && !self.is_air_run();
         let no_film = (needs_film && !conclusion::is_shown_by_a_film(&self.findings)).then(|| {
             format!("cycle {} has the verdict pass, but its last film or abrasion is no film that passed", self.id)
@@ -168,7 +169,7 @@ impl CycleRecord {
 mod tests {
     use super::*;
 
-    /// A record that holds this and nothing else.
+    /// Returns a record with only this content.
     pub fn record(judgement: Judgement, findings: Vec<Finding>, asked: Vec<RequestRecord>) -> CycleRecord {
         CycleRecord {
             id: CycleId(3),
@@ -191,7 +192,7 @@ mod tests {
         }
     }
 
-    /// By hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
+    /// Calculated by hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
     #[test]
     fn the_budget_is_whole_only_when_every_part_is() {
         let part = |mm: f64| Some(mm);

@@ -34,12 +34,12 @@ pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
     }
 }
 
-/// [`unmet`], and of the files that the cell's file names those that are not there or not right.
+/// Returns the result of [`unmet`], and the files named in the cell's file that are missing or wrong.
 pub fn incomplete(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
     unmet(cell, purpose).into_iter().chain(named_files::unmet(cell, purpose, read)).collect()
 }
 
-/// The cameras with whether they are simulated.
+/// Returns the cameras, each with whether it is simulated.
 fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
     [
         ("scanner", matches!(cell.scanner(), Camera::Simulated)),
@@ -129,7 +129,7 @@ fn limits(cell: &Cell) -> Vec<Unmet> {
     in_metres("limits.box_max_mm", low, high).into_iter().collect()
 }
 
-/// No box in which a robot works is as small as this, mm: its numbers are metres.
+/// The working volume of a robot is never smaller than this, mm: the numbers of a smaller box are metres.
 const MIN_BOX_MM: f64 = 10.0;
 
 /// Reports a box with a longest edge so short that its numbers must be metres.

@@ -27,7 +27,7 @@ pub enum Failure {
     Panicked,
     /// It ended without a request to end.
     Ended,
-    /// It has not answered for so long.
+    /// The thread has not answered for this time.
     Silent(Duration),
 }
 
@@ -54,7 +54,7 @@ enum Sign {
     Works(Instant),
     /// It waits until it is given work; it may be silent.
     Rests,
-    /// It ended as it should.
+    /// The thread ended normally.
     Done,
     /// It ended otherwise.
     Lost,
@@ -88,7 +88,7 @@ impl Thread {
 #[derive(Debug)]
 pub struct Supervised(Arc<Thread>);
 
-/// The other end, for the [`Supervisor`].
+/// The thread's other end, for the [`Supervisor`].
 #[derive(Debug, Clone)]
 pub struct Watched(Arc<Thread>);
 
@@ -102,7 +102,7 @@ pub fn supervised(name: &'static str, longest_silence: Duration) -> (Supervised,
 }
 
 impl Supervised {
-    /// It works. Called in each round of what it does.
+    /// Reports that the thread works. Called in each round of its loop.
     pub fn works(&self) {
         *self.0.sign() = Sign::Works(Instant::now());
         #[cfg(debug_assertions)]
@@ -140,7 +140,7 @@ impl Watched {
 }
 
 thread_local! {
-    /// Whether a panic of this thread is none of the cell's.
+    /// Whether a panic of this thread is not a fault of the cell.
     static IS_APART: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -181,15 +181,15 @@ impl Supervisor {
         }));
     }
 
-    /// A thread of this name panicked.
+    /// Records that a thread of this name panicked.
     fn panicked(&self, thread: &str) {
         self.lock().panicked.get_or_insert_with(|| thread.to_owned());
     }
 
-    /// Whether all threads have answered.
+    /// Checks that all threads have answered.
     ///
     /// # Errors
-    /// The first fault that there is.
+    /// The first fault that is found.
     pub fn check(&self) -> Result<(), ThreadFault> {
         let inside = self.lock();
         if let Some(thread) = &inside.panicked {
@@ -303,7 +303,7 @@ mod tests {
         assert_eq!(supervisor.check(), Ok(()));
     }
 
-    /// A panic that the runtime of a thread catches is none the less a fault.
+    /// A panic is a fault even if the runtime of the thread catches it.
     #[test]
     fn a_panic_is_a_fault_whoever_catches_it() {
         let supervisor = Supervisor::default();

@@ -1,5 +1,5 @@
-//! Whom this program trusts on a network, and by what others know it: certificate authorities, its own certificate,
-//! and secrets, each from a file.
+//! What this program trusts on a network, and how others identify this program: certificate authorities, its own
+//! certificate, and secrets, each from a file.
 
 use crate::disk;
 use rustls::pki_types::pem::PemObject;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct TrustError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
+    /// What is wrong with the file.
     pub problem: String,
 }
 

@@ -8,7 +8,7 @@ use jiff::civil::DateTime;
 use jiff::tz::Offset;
 use std::fmt::{self, Display, Formatter};
 
-/// Digits after the point that are tried at most: a double has no more that matter here.
+/// Maximum number of digits after the point that are tried: further digits of a double have no effect here.
 const MAX_DECIMALS: usize = 15;
 
 /// Checks a name or a remark that is shown on a page as it is.
@@ -39,7 +39,7 @@ pub fn fixed(value: f64, decimals: usize) -> Fixed {
 }
 
 impl Display for Fixed {
-    /// A width is kept to, right-aligned as numbers are.
+    /// Uses the given width, right-aligned as for numbers.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let text = text(self.value, self.decimals);
         let width = f.width().unwrap_or(0);
@@ -83,34 +83,34 @@ pub fn apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     [found_text, trimmed(&limit_text).to_owned()]
 }
 
-/// Numbers in brackets, each as short as it reads back.
+/// Returns numbers in brackets, each as the shortest text that reads back as the same number.
 pub fn list(numbers: &[f64]) -> String {
     format!("[{}]", numbers.iter().map(|number| plain(*number)).collect::<Vec<_>>().join(", "))
 }
 
-/// The same of shares 0…1, in percent.
+/// Returns the same as [`apart`] for shares 0…1, in percent.
 pub fn percent_apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     apart(100.0 * found, 100.0 * limit, decimals)
 }
 
-/// Seconds since 1970 as a day, UTC: `2026-05-31`.
+/// Returns the UTC day of a time in seconds since 1970: `2026-05-31`.
 pub fn utc_day(unix_s: i64) -> String {
     civil(unix_s).date().to_string()
 }
 
-/// Seconds since 1970 as date and time, UTC: `2026-05-31 09:00:00 UTC`.
+/// Returns UTC date and time of a time in seconds since 1970: `2026-05-31 09:00:00 UTC`.
 pub fn utc(unix_s: i64) -> String {
     let time = civil(unix_s);
     format!("{} {} UTC", time.date(), time.time())
 }
 
-/// A time beyond the years ±9999 is the last or first one that there is.
+/// Converts to a calendar time; a time beyond the years ±9999 becomes the last or first possible one.
 fn civil(unix_s: i64) -> DateTime {
     let beyond = if unix_s < 0 { Timestamp::MIN } else { Timestamp::MAX };
     Offset::UTC.to_datetime(Timestamp::from_second(unix_s).unwrap_or(beyond))
 }
 
-/// Without zeros at the end of its fraction.
+/// Removes the zeros at the end of the number's fraction.
 fn trimmed(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
@@ -138,7 +138,7 @@ mod tests {
         assert_eq!(apart(f64::NAN, 0.25, 3), ["unknown", "0.25"]);
     }
 
-    /// By hand: 8.2 % beside 8 % needs a digit, 0.5004 beside 0.5 needs four.
+    /// Calculated by hand: 8.2 % compared with 8 % needs one digit, 0.5004 compared with 0.5 needs four.
     #[test]
     fn what_was_found_differs_from_what_is_allowed() {
         assert_eq!(percent_apart(0.082, 0.08, 0), ["8.2", "8"]);

@@ -1,4 +1,4 @@
-//! All integration tests: one binary, because each one links OpenCV.
+//! All integration tests in one binary, because each binary links OpenCV.
 
 mod arm;
 mod backup;

@@ -1,5 +1,5 @@
-//! `panelprep calibrate robot` as a user gives it: rendered boards, axis angles, touched corners of an arm that is
-//! not as drawn.
+//! `panelprep calibrate robot` as a user runs it: rendered boards, axis angles, and touched corners for an arm that
+//! differs from its nominal geometry.
 
 use crate::boards::Side;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -20,7 +20,7 @@ use std::process::Command;
 
 const BOARD: &str = "--board 9x6 --square-mm 25";
 const POSES: usize = 13;
-/// The arm reaches one in twelve of the poses that are drawn.
+/// Limit of draws: the arm reaches one in twelve of the drawn poses.
 const MAX_DRAWS: usize = 400;
 const TIP_MM: [f64; 3] = [2.0, -3.0, 140.0];
 
@@ -37,7 +37,7 @@ fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     (output.status.code().expect("an exit code"), object, words)
 }
 
-/// An arm that is off by up to the usual, and its numbers.
+/// Returns an arm with errors up to the usual size, and its parameters.
 fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
     let arm = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().clone();
     let mut random = Pcg64::seed_from_u64(seed);
@@ -101,7 +101,7 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> Stri
     let mut text = String::new();
     for (index, (column, row)) in [(0, 0), (8, 0), (8, 5), (0, 5), (4, 2), (2, 4)].into_iter().enumerate() {
         let corner = (cell.base_from_board() * board.corner(column, row).expect("a corner")).mm.coords;
-        // Tilted and turned differently each time, as the arm allows.
+        // The board is tilted and turned differently each time, as far as the arm allows.
         let turns = (0..200).map(|draw| {
             let angle = 1.7 * index as f64 + 0.9 * f64::from(draw);
             UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI)
@@ -123,8 +123,9 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> Stri
     text
 }
 
-/// From pictures of both cameras, axis angles and touched corners: the correction, what it leaves, how far off the
-/// tip may be, and the next pose; `check` accepts the file, and a mount by it fits better.
+/// From pictures of both cameras, axis angles and touched corners, the calibration returns the correction, its
+/// residual, the error of the tip, and the next pose. `check` accepts the file, and a mount calibrated with it fits
+/// better.
 #[test]
 fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
@@ -165,7 +166,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
     let mount = format!(
         "calibrate hand-eye --mount eye-to-hand {BOARD} --intrinsics fixed.toml --images fixed --poses both.toml --out mount.toml"
     );
-    // Hand-eye calibration wants the controller's poses as well: those of the arm as drawn.
+    // Hand-eye calibration also needs the controller's poses: those of the nominal arm.
     let poses = std::fs::read_to_string(folder.join("fixed/poses.toml")).expect("written");
     std::fs::write(folder.join("both.toml"), with_flange(&poses, &arm)).expect("written");
     let rms = |arguments: &str| panelprep(folder, arguments).1["rms_mm"].as_f64().expect("a mount");
@@ -199,7 +200,7 @@ fn a_touch_of_what_is_not_there_is_told() {
     }
 }
 
-/// The poses file with the flange of the arm as drawn beside the axes.
+/// Adds the flange poses of the nominal arm to the poses file, beside the axes.
 fn with_flange(poses: &str, arm: &Arm) -> String {
     let line = |line: &str| {
         let Some(list) = line.strip_prefix("axes_deg = [") else { return format!("{line}\n") };

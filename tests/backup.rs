@@ -1,4 +1,4 @@
-//! `panelprep backup` and `restore` as a user runs them: beside a service in the midst of a cycle, and on another machine.
+//! `panelprep backup` and `restore` as a user runs them: during a cycle of the service, and on another machine.
 
 use super::commands::json;
 use super::service::{START, Service, taught};
@@ -39,7 +39,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert_eq!(service.state(), "execute", "the cycle goes on meanwhile");
     service.reach("complete");
 
-    // In place: not while the service answers.
+    // A restore in place is refused while the service answers.
     let in_place = "restore first.tar.zst --cell cell/cell.toml --only store --replace store";
     let (exit, told) = json(folder, in_place);
     assert!(exit == 2 && told["reasons"].to_string().contains("a service answers on"), "{told}");
@@ -48,12 +48,12 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert!(second["links"].as_i64() > made["links"].as_i64(), "the rest of the cycle: {second} {made}");
     let (exit, told) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
     assert!(exit == 2 && told["reasons"].to_string().contains("is not overwritten"), "{told}");
-    // Before the signal, which the page of the last cycle names.
+    // Read before the signal, which appears on the page of the last cycle.
     let pages = [1, 2].map(|cycle| page(folder, "cell/cell.toml", cycle));
     service.signal(rustix::process::Signal::TERM);
     assert_eq!(service.ended().code(), Some(0));
 
-    // Elsewhere: the same rows, and the same pages from them.
+    // On another machine: the same rows, and the same pages from them.
     let (exit, told) = json(folder, "restore second.tar.zst --cell other/cell.toml");
     assert_eq!((exit, &told["links"]), (0, &second["links"]), "{told}");
     verify(folder, "other/cell.toml");
@@ -85,7 +85,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert_eq!(service.state(), "aborted", "{}", service.log());
 }
 
-/// One bit, as a person meets it: words, exit code 1, and nothing is changed.
+/// One changed bit, as a person meets it: a message, exit code 1, and nothing is changed.
 #[test]
 fn a_damaged_backup_is_told_and_changes_nothing() {
     let folder = super::commands::rendered("clean");

@@ -12,20 +12,20 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-/// What is hard about a picture.
+/// The difficulties of a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Hard {
-    /// Out of focus: the deviation of a Gauss blur, px.
+    /// Defocus: the standard deviation of a Gaussian blur, px.
     pub blur_px: f64,
-    /// Grey levels of noise, rms.
+    /// Noise, rms, grey levels.
     pub noise: f64,
-    /// White less black, grey levels.
+    /// White minus black, grey levels.
     pub contrast: f64,
-    /// A tenth of the board shines white.
+    /// Whether a tenth of the board shines white.
     pub glare: bool,
     /// Degrees.
     pub tilt_deg: f64,
-    /// Nothing but the board is lit.
+    /// Whether only the board is lit.
     pub dark: bool,
     /// The board's share of the picture's width, if it faces the camera.
     pub width_share: f64,
@@ -37,7 +37,7 @@ impl Hard {
     pub const EASY: Hard = Hard { blur_px: 0.6, noise: 2.0, contrast: 170.0, glare: false, tilt_deg: 25.0, dark: false, width_share: 0.5 };
 }
 
-/// A picture with its truth.
+/// A picture with its ground truth.
 pub struct Rendered {
     /// The picture.
     pub picture: GrayPicture,
@@ -63,7 +63,8 @@ pub fn camera(width_px: usize) -> PinholeCamera {
     }
 }
 
-/// Ink of a board at a place in squares from its upper left printed corner: 0 black, 1 white; `None` beside its rim.
+/// The ink of a board at a point in squares from its upper left printed corner: 0 black, 1 white; `None` beside its
+/// rim.
 struct Print {
     board: Board,
     cells: Vec<Vec<bool>>,
@@ -80,7 +81,7 @@ impl Print {
         Print { board: board.clone(), cells, squares: board.marker_squares(), corners: board.corners() }
     }
 
-    /// The printed part, mm.
+    /// Returns the corners of the printed part, mm.
     fn size(&self) -> ([f64; 2], [f64; 2]) {
         let side = self.board.square_mm();
         let by = |n: fn(&Point<BoardFrame>) -> f64| self.corners.iter().map(n).fold(0.0, f64::max);
@@ -162,7 +163,7 @@ fn place(print: &Print, camera: &PinholeCamera, hard: &Hard, random: &mut Pcg64)
     panic!("a board of this size fits into the picture somewhere")
 }
 
-/// Shapes of all greys behind the board.
+/// Draws shapes of all greys behind the board.
 fn clutter(camera: &PinholeCamera, random: &mut Pcg64) -> Vec<f32> {
     let (width, height) = (camera.width_px, camera.height_px);
     let mut ground = vec![0.35f32; width * height];
@@ -178,7 +179,7 @@ fn clutter(camera: &PinholeCamera, random: &mut Pcg64) -> Vec<f32> {
     ground
 }
 
-/// Draws such a picture.
+/// Renders a picture with these difficulties.
 pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> Rendered {
     let mut random = Pcg64::seed_from_u64(seed);
     let print = Print::new(board);
@@ -200,14 +201,14 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
         (times > 0.0).then(|| [from.x + along.x * times, from.y + along.y * times])
     };
     let (low, high) = print.size();
-    // The glare: an ellipse over a tenth of the board, at a place of its own.
+    // The glare is an ellipse over a tenth of the board, at a random position.
     let glare_at = [0, 1].map(|axis| low[axis] + (0.25 + 0.5 * random.random::<f64>()) * (high[axis] - low[axis]));
     let area = 0.1 * (high[0] - low[0]) * (high[1] - low[1]);
     let long = 0.6 + 1.2 * random.random::<f64>();
     let radius = [(area / std::f64::consts::PI * long).sqrt(), (area / std::f64::consts::PI / long).sqrt()];
     let glare = |[x, y]: [f64; 2]| {
         let far = ((x - glare_at[0]) / radius[0]).hypot((y - glare_at[1]) / radius[1]);
-        // Full inside, none outside, with a soft rim.
+        // Full glare inside, none outside, with a soft edge.
         if hard.glare { ((1.15 - far) / 0.3).clamp(0.0, 1.0) } else { 0.0 }
     };
     picture.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
@@ -263,8 +264,8 @@ pub fn render(board: &Board, camera: &PinholeCamera, hard: &Hard, seed: u64) -> 
     let side = board.square_mm();
     let truth = board.corners().into_iter().map(|q| {
         let pixel = camera.project(Point::<Camera>::new(pose * q.mm)).expect("in front");
-        // Seen is a corner around which the glare leaves two thirds of the ink; the circles of an asymmetric board
-        // are larger.
+        // A corner counts as visible if the glare around it leaves two thirds of the ink; the circles of an
+        // asymmetric board are larger.
         let reach = if board.circles() == Some(true) { 0.3 * std::f64::consts::SQRT_2 } else { 0.3 };
         let around = (0..9).map(|index| {
             let (x, y) = (f64::from(index % 3) - 1.0, f64::from(index / 3) - 1.0);
@@ -304,7 +305,7 @@ fn blur(picture: &[f32], width: usize, sigma: f64) -> Vec<f32> {
     pass(&across, (width, height))
 }
 
-/// A picture without a board: clutter, fine texture, or stripes, with noise.
+/// Renders a picture without a board: clutter, fine texture, or stripes, with noise.
 pub fn no_board(camera: &PinholeCamera, seed: u64) -> GrayPicture {
     let mut random = Pcg64::seed_from_u64(seed);
     let (width, height) = (camera.width_px, camera.height_px);
@@ -326,22 +327,23 @@ pub fn no_board(camera: &PinholeCamera, seed: u64) -> GrayPicture {
 /// The comparison of a detection with the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Judged {
-    /// Every corner that is to be seen, and none in a wrong place: their rms error, px.
+    /// Every visible corner was found, and none at a wrong position: their rms error, px.
     Found(f64),
-    /// All but at most a tenth of them: their rms error, px, and how many are missing.
+    /// At most a tenth of the visible corners is missing: the rms error of the others, px, and the number of
+    /// missing ones.
     Nearly(f64, usize),
     /// More are missing.
     Part(usize),
-    /// Some are in a wrong place: the farthest, px.
+    /// Some corners are at a wrong position: the largest error, px.
     Wrong(f64),
     /// None.
     Nothing,
 }
 
-/// A corner farther off is in a wrong place, px.
+/// Error above which a corner is at a wrong position, px.
 pub const OFF_PX: f64 = 0.5;
 
-/// Judges corners; boards that look the same after a turn may be turned.
+/// Judges corners; for boards that look the same after a turn, turned corners are accepted.
 pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>) -> Judged {
     let Some(found) = found else { return Judged::Nothing };
     let far = rendered.truth.last().map(|(q, ..)| q.mm).unwrap_or_default();
@@ -378,7 +380,8 @@ pub fn judge(board: &Board, rendered: &Rendered, found: Option<&detect::Corners>
     }
 }
 
-/// A random mixture that a person can still see: no blur beyond a part of a square's (a marker cell's) shorter side.
+/// Draws a mixture of difficulties with which a person can still see the board. The blur is limited to a part of
+/// the shorter side of a square (of a marker cell).
 pub fn mixture(board: &Board, camera: &PinholeCamera, seed: u64) -> Hard {
     let mut random = Pcg64::seed_from_u64(seed ^ 0xB0A2D);
     let mut between = |low: f64, high: f64| low + (high - low) * random.random::<f64>();

@@ -1,4 +1,4 @@
-//! Calibrations against the renderer's truth, for the tests and for `make bench-calib`.
+//! Calibrations compared with the renderer's ground truth, for the tests and for `make bench-calib`.
 #![allow(dead_code)] // Each of the two uses its part.
 
 use panelprep::calib::hand_eye::hand_eye;
@@ -11,13 +11,13 @@ use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
 use rayon::prelude::*;
 
 pub const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
-/// 0.5 mm of absolute error, and the turn that comes with it.
+/// A robot with 0.5 mm of absolute error, and the corresponding rotation.
 pub const BAD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.288_675, turn_deg: 0.03 };
 pub const POSES: usize = 15;
-/// Noise of synthetic corners, px: twice what detection leaves on rendered pictures.
+/// Noise of synthetic corners, px: twice the detection error on rendered pictures.
 pub const CORNER_PX: f64 = 0.02;
 
-/// A lens and how well it is known.
+/// A lens and its accuracy.
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
     pub camera: PinholeCamera,
@@ -38,7 +38,7 @@ pub fn cell(seed: u64, robot: RobotNoise) -> BoardCell {
     BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), robot)
 }
 
-/// A mount with its camera and its truth.
+/// A mount with its camera and its ground truth.
 pub trait Side: Arrangement {
     const NAME: &'static str;
     fn camera(cell: &BoardCell) -> PinholeCamera;
@@ -78,12 +78,12 @@ impl Side for FlangeCameraMount {
     }
 }
 
-/// Corners of shots without rendering.
+/// Computes corners of shots without rendering.
 pub fn synthetic<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
     shots.iter().map(|shot| cell.corners(&A::camera(cell), shot, CORNER_PX)).collect()
 }
 
-/// Corners as found in rendered pictures of full size.
+/// Finds corners in rendered pictures of full size.
 pub fn rendered<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
     let find = |shot: &BoardShot<A::From>| {
         let picture = cell.picture(&A::camera(cell), shot);
@@ -101,10 +101,10 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
     shots.iter().zip(corners).map(station).collect()
 }
 
-/// Pictures for a lens, more than for a mount.
+/// Number of pictures for a lens, more than for a mount.
 const LENS_PICTURES: usize = 25;
 
-/// The camera that this program calibrates, from rendered pictures in which the board fills the picture.
+/// Calibrates the camera with this program, from rendered pictures in which the board fills the picture.
 pub fn own_lens<A: Side>(cell: &BoardCell) -> Lens {
     let camera = A::camera(cell);
     let shots = cell.lens_shots::<A::From>(&camera, LENS_PICTURES);
@@ -112,19 +112,19 @@ pub fn own_lens<A: Side>(cell: &BoardCell) -> Lens {
     lens_of(&camera, &corners)
 }
 
-/// The same from synthetic corners of fewer pictures, for statistics.
+/// Calibrates the camera from synthetic corners of fewer pictures, for statistics.
 pub fn synthetic_lens<A: Side>(cell: &BoardCell) -> Lens {
     let camera = A::camera(cell);
     lens_of(&camera, &synthetic::<A>(cell, &cell.lens_shots::<A::From>(&camera, POSES)))
 }
 
-/// The lens from these corners.
+/// Calibrates the lens from these corners.
 pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> Lens {
     let found = calibrated_lens(camera, corners);
     Lens { camera: found.camera, covariance: Some(found.covariance) }
 }
 
-/// The same with its evidence.
+/// Calibrates the lens from these corners, and returns its evidence as well.
 pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> intrinsics::Calibrated {
     let view =
         |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
@@ -133,13 +133,13 @@ pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> i
     intrinsics::calibrate(size, &views, intrinsics::Options::default()).expect("a camera")
 }
 
-/// How far a calibration is from the truth.
+/// The error of a calibration.
 #[derive(Debug, Clone, Copy)]
 pub struct Error {
     pub mm: f64,
     pub deg: f64,
     pub stated_mm: f64,
-    /// Is the truth in the stated 95 % region?
+    /// Whether the true value is in the stated 95 % region.
     pub held: bool,
     pub suspects: usize,
 }
@@ -156,7 +156,7 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
     }
 }
 
-/// Many poses on corners, with these intrinsics.
+/// Calibrates a mount from corners of many poses, with these intrinsics.
 pub fn many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> HandEye<A> {
     calibrated(lens, &stations::<A>(shots, corners))
 }
@@ -169,11 +169,11 @@ pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEy
     }
 }
 
-/// What goes wrong in one calibration, and how its messages name it.
+/// The faults of a calibration, as its messages name them.
 pub const FAULTS: [&str; 3] = ["upside down", "exchange them", "according to the picture"];
 
-/// Calibrates with a flipped board, two swapped pictures or a mistyped number in station `seed`; the messages of what was
-/// found, and the names that they should begin with.
+/// Calibrates with a flipped board, two swapped pictures or a mistyped number in station `seed`. Returns the
+/// messages, and their expected first words.
 pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     let cell = cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
@@ -206,14 +206,14 @@ pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     (found.suspects.iter().map(ToString::to_string).collect(), wrong)
 }
 
-/// Is every fault found, and named for what it is, and nothing else?
+/// Returns whether every fault is found and correctly named, and no other fault is reported.
 pub fn is_named((told, wrong): &(Vec<String>, Vec<String>), fault: usize) -> bool {
     let mut named = told.iter().zip(wrong);
     told.len() == wrong.len() && named.all(|(told, name)| told.starts_with(&**name) && told.contains(FAULTS[fault]))
 }
 
-/// A three-point calibration of the fixed camera with the board at the panel's place: error at the panel's centre and
-/// at its farthest corner, mm.
+/// Calibrates the fixed camera from three points with the board at the panel's pose. Returns the error at the
+/// panel's centre and at its farthest corner, mm.
 pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 2] {
     let cell = cell(seed, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
     let camera = cell.scanner();

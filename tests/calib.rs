@@ -1,7 +1,7 @@
-//! Calibration against the truth, two seeds each; `make bench-calib` has the sweeps.
+//! Calibration compared with the ground truth, two seeds each; `make bench-calib` has the sweeps.
 //!
-//! `commands` goes the same ways from files to files, `refused` is what those files may not be, `arm` a whole cycle
-//! by an arm with errors.
+//! `commands` tests the same calibrations from files to files, `refused` tests invalid files, `arm` tests a whole
+//! cycle with an arm that has errors.
 
 mod arm;
 mod commands;
@@ -14,7 +14,7 @@ use panelprep::calib::intrinsics::{LensModel, Options, calibrate};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
 use std::path::Path;
 
-/// With full-size rendered pictures, the true lens and this program's own.
+/// Uses full-size rendered pictures, with the true lens and with this program's own.
 fn mount_comes_back<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
@@ -62,7 +62,7 @@ fn what_does_not_fit_is_found_and_named() {
 #[test]
 fn three_touched_points_place_the_panel() {
     for seed in [1, 2] {
-        // Within the limits of 95 % of all seeds.
+        // The limits within which 95 % of all seeds lie.
         let [centre_mm, corner_mm] = boards::three_point_errors(seed, 0.1, true);
         assert!(centre_mm < 0.30 && corner_mm < 0.70, "seed {seed}: {centre_mm} mm, {corner_mm} mm");
     }
@@ -107,7 +107,7 @@ fn real_pictures_give_opencv_s_own_camera() {
     assert!(found.left_out_rms_px > found.rms_px && found.left_out_rms_px < 1.5 * found.rms_px);
 }
 
-/// The thirteen pictures with their corners, in windows of this size.
+/// Returns the thirteen pictures with their corners, detected in windows of this size.
 fn opencv_views(folder: &Path, half_window_px: Option<usize>) -> Vec<panelprep::calib::intrinsics::View> {
     let numbers = (1..=14).filter(|number| *number != 10);
     let view = |number| {

@@ -1,4 +1,4 @@
-//! The camera model against OpenCV's, the one that calibrations are made with.
+//! The camera model compared with OpenCV's model, with which calibrations are made.
 
 use opencv::calib3d;
 use opencv::core::{Mat, Point2d, Point3d, Vector};

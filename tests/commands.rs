@@ -26,7 +26,7 @@ pub fn panelprep(folder: &Path, arguments: &str) -> Output {
         .expect("the program starts")
 }
 
-/// Starts the program with `--json` in a folder, its three streams in the test's hands.
+/// Starts the program with `--json` in a folder; the test controls its three streams.
 pub fn started(folder: &Path, command: &str) -> Child {
     Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(command.split_whitespace())
@@ -39,7 +39,7 @@ pub fn started(folder: &Path, command: &str) -> Child {
         .expect("the program starts")
 }
 
-/// Runs a command with `--json`: its exit code and its one object.
+/// Runs a command with `--json`; returns its exit code and its JSON object.
 pub fn json(folder: &Path, arguments: &str) -> (i32, Value) {
     let output = panelprep(folder, &format!("{arguments} --json"));
     let text = String::from_utf8(output.stdout).expect("UTF-8");
@@ -48,7 +48,7 @@ pub fn json(folder: &Path, arguments: &str) -> (i32, Value) {
     (output.status.code().expect("an exit code"), object)
 }
 
-/// A rendered cell at a quarter of the size, in a folder of its own.
+/// Renders a cell at a quarter of the size, in a separate folder.
 pub fn rendered(scene: &str) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let (exit, files) = json(folder.path(), &format!("render --seed 3 --scene {scene} --reduction 4 --out cell"));
@@ -132,7 +132,7 @@ fn from_files_to_waypoints_command_by_command() {
     let (exit, plan) = json(folder, &format!("{PLAN} --grids {}", failed.join(",")));
     assert_eq!((exit, plan["verdict"].as_str()), (0, Some("accept")), "{plan}");
     assert!(plan["coverage"].as_f64().is_some_and(|share| share >= 0.95), "{plan}");
-    // Neighbours are one path, and none is forgotten.
+    // Neighbouring grids form one path, and no grid is forgotten.
     let paths = plan["paths"].as_array().expect("paths").iter();
     let mut planned: Vec<&str> =
         paths.flat_map(|path| path["grids"].as_array().expect("grids")).filter_map(Value::as_str).collect();
@@ -144,7 +144,7 @@ fn from_files_to_waypoints_command_by_command() {
     let krl = std::fs::read_to_string(folder.join("sand.src")).expect("the program");
     assert!(krl.contains("DEF sand()") && krl.matches("LIN {").count() > 10, "{krl}");
     assert_eq!(plan["krl"], "sand.src");
-    // Tool and base are set, and the first motion is to axes.
+    // Tool and base are set, and the first motion is to axis angles.
     let code: Vec<&str> = krl.lines().filter(|line| !line.starts_with([';', '&'])).collect();
     let place = |start: &str| code.iter().position(|line| line.starts_with(start)).expect(start);
     let (tool, base) = (place("$TOOL = {X 0.000, Y 0.000, Z 120.000,"), place("$BASE = {X "));
@@ -189,7 +189,7 @@ fn scans_written_by_pcl_are_taught_located_and_planned() {
     let (exit, taught) = run(&format!("teach --scan {}", fixture("panel.pcd").display()));
     assert_eq!(exit, 0, "{taught}");
     let (exit, located) = run(&format!("locate --scan {}", fixture("panel_moved.pcd").display()));
-    // So small a panel in so coarse a scan is known to a third of a millimetre: a person's matter.
+    // In a coarse scan, the pose of a small panel is known only to a third of a millimetre: a person must decide.
     assert_eq!((exit, located["verdict"].as_str()), (1, Some("review")), "{located}");
     assert_eq!(located["reasons"][0]["code"].as_str(), Some("uncertain"), "{located}");
     let turn = |axis: nalgebra::Unit<nalgebra::Vector3<f64>>| {

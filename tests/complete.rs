@@ -1,4 +1,4 @@
-//! Complete for a cycle, or not: `check --for cycle`, `doctor` and `cycle` decide alike.
+//! Files complete for a cycle, or not: `check --for cycle`, `doctor` and `cycle` agree.
 
 use super::commands::{json, panelprep, rendered};
 use std::fs;
@@ -11,7 +11,7 @@ fn edited(file: &Path, edit: impl FnOnce(&mut DocumentMut)) {
     fs::write(file, document.to_string()).expect("written");
 }
 
-/// The keys of the errors of all files.
+/// Returns the keys of the errors of all files.
 fn errors(answer: &serde_json::Value) -> Vec<String> {
     let files = answer["files"].as_array().expect("files");
     let all = files.iter().flat_map(|file| file["errors"].as_array().expect("errors"));
@@ -36,7 +36,8 @@ fn spoil_recipe(recipe: &mut DocumentMut, key: &str) {
     }
 }
 
-/// One thing is spoilt at a time: it is the one error of `check --for cycle`, and `cycle` refuses it by the same key.
+/// One item is made invalid at a time: it is the only error of `check --for cycle`, and `cycle` refuses it with the
+/// same key.
 #[test]
 fn what_check_finds_incomplete_no_cycle_begins_with() {
     let folder = rendered("good");
@@ -99,7 +100,8 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
     assert_eq!(check().0, 0, "as it was");
 }
 
-/// A value that is refused in [path] is the only one that is spoken of: what [removal] needs beside it is not known.
+/// If a value in [path] is refused, only this value is reported: the further requirements of [removal] are not
+/// known.
 #[test]
 fn a_wrong_path_is_no_missing_force() {
     let folder = tempfile::tempdir().expect("a folder");

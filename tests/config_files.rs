@@ -1,4 +1,4 @@
-//! The configuration files that ship.
+//! Tests of the delivered configuration files.
 
 use panelprep::check::check_files;
 use panelprep::requirements::Purpose;
@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// Every file that ships is read without a problem, and as what it is.
+/// Every delivered file is read without a problem, and recognized as its kind of file.
 #[test]
 fn the_files_that_ship_are_right() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
@@ -28,7 +28,7 @@ fn the_files_that_ship_are_right() {
     assert_eq!(kinds, [Some("archive"), Some("cell"), Some("cell"), Some("recipe")]);
 }
 
-/// What is loaded on the controller has neither errors nor traps, alone and side by side.
+/// The files to be loaded on the controller have neither errors nor traps, separately and together.
 #[test]
 fn the_channel_files_that_ship_are_right() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
@@ -38,7 +38,8 @@ fn the_channel_files_that_ship_are_right() {
     }
 }
 
-/// The programs that ship, and one slip in them, as a user sees it; a file that cannot be read hides nothing.
+/// The delivered programs, and one error in them, as a user sees it; a file that cannot be read does not hide other
+/// errors.
 #[test]
 fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
@@ -98,12 +99,12 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
     assert!(at("SystemCallFilter=setpriority") > at("SystemCallFilter=~@privileged @resources"));
     at("SystemCallErrorNumber=EPERM");
     at("LimitNICE=-10");
-    // Without it no GigE Vision camera is found: the search lists the network's interfaces by it.
+    // AF_NETLINK is needed to find GigE Vision cameras: the search lists the network's interfaces with it.
     at("RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK");
     // The kernel reports the user who sends a request on the socket. In a user namespace of its own this user would
     // be `nobody`.
     assert!(!text.lines().any(|line| line.starts_with("PrivateUsers=")));
-    // It reaches the cell's networks by the file beside it, and the robot's with the sample as it ships.
+    // The file beside the unit allows the cell's networks, and the delivered sample allows the robot's.
     at("IPAddressDeny=any");
     let networks = fs::read_to_string(unit.with_file_name("panelprep-network.conf")).expect("it ships");
     assert!(networks.lines().any(|line| line == "IPAddressAllow=172.31.1.0/24"), "{networks}");
@@ -115,7 +116,8 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
     }
 }
 
-/// The samples of a Zivid's settings are read as such; a file of that kind with a lit film is refused at its line.
+/// The samples of Zivid settings are recognized as such; a file of this kind with a lit film is refused at its
+/// line.
 #[test]
 fn the_camera_settings_that_ship_are_right() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/zivid");

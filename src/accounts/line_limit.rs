@@ -1,18 +1,19 @@
-//! How many lines of the audit trail one source writes: a flood of requests becomes a few lines, and one that
-//! counts the others.
+//! Limits the number of lines of the audit trail that one source writes: a flood of requests becomes a few lines,
+//! and one that counts the others.
 
 const MINUTE_MS: u64 = 60_000;
 
-/// Lines in a minute, at most.
+/// Maximum numbers of lines in a minute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MostLines {
-    /// Of what was done.
+    /// Maximum number of lines about completed actions.
     pub done: u32,
-    /// Of what was refused.
+    /// Maximum number of lines about refused actions.
     pub refused: u32,
 }
 
-/// How many lines were written in this minute, and how many were not. Times are ms of any clock that does not jump.
+/// The numbers of lines that were written and not written in this minute. Times are ms of any clock that does not
+/// jump.
 #[derive(Debug, Clone, Copy)]
 pub struct LineLimit {
     most: MostLines,
@@ -23,12 +24,12 @@ pub struct LineLimit {
 }
 
 impl LineLimit {
-    /// No line in the minute that begins now.
+    /// Starts with no line in the minute that begins now.
     pub fn new(most: MostLines, now_ms: u64) -> Self {
         LineLimit { most, since_ms: now_ms, done: 0, refused: 0, left_out: 0 }
     }
 
-    /// Whether this line is written; else it is counted.
+    /// Returns whether this line is written; otherwise it is counted.
     pub fn allows(&mut self, is_refused: bool) -> bool {
         let (count, most) =
             if is_refused { (&mut self.refused, self.most.refused) } else { (&mut self.done, self.most.done) };

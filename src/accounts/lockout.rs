@@ -1,18 +1,19 @@
-//! After some wrong passwords in a row an account pauses: trying on is of no use, and the person can come back.
+//! An account pauses after several wrong passwords in a row: further guesses are useless, and the person can log in
+//! later.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Wrong passwords in a row.
+/// Number of wrong passwords in a row after which an account pauses.
 pub const MAX_ATTEMPTS: u32 = 5;
-/// How long an account pauses after them, s; twice as long after each further row of them, up to an hour.
+/// The first pause of an account, s. The pause doubles after each further row of wrong passwords, up to an hour.
 pub const PAUSE_S: f64 = 60.0;
 const MAX_PAUSE_S: f64 = 3_600.0;
 /// Names without an account are not remembered: all of them share a fixed number of counts, selected by a hash of
 /// the name. Therefore made-up names pause as accounts do, need no memory, and end no account's pause.
 const BUCKETS: u64 = 256;
 
-/// Who tried wrong passwords lately. Times are seconds of any clock that does not jump.
+/// The names with recent wrong passwords. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
 pub struct Lockout(BTreeMap<Who, Tried>);
 
@@ -53,8 +54,8 @@ impl Lockout {
         (left_s > 0.0).then_some(left_s)
     }
 
-    /// A wrong password; whether the name pauses from now on. While it pauses nothing is counted, and nothing ends
-    /// the pause.
+    /// Counts a wrong password; returns whether the name pauses from now on. During the pause nothing is counted,
+    /// and nothing ends the pause.
     pub fn wrong(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
         if self.pauses_s((name, is_account), now_s).is_some() {
             return true;
@@ -83,7 +84,7 @@ mod tests {
     fn five_wrong_passwords_pause_an_account_for_longer_each_time() {
         let mut lockout = Lockout::default();
         let mut now_s = 0.0;
-        // By hand: 60 s, 120 s, 240 s, …, never more than an hour.
+        // Calculated by hand: 60 s, 120 s, 240 s, …, never more than an hour.
         for pause_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
             for n in 1..=5 {
                 assert_eq!(lockout.pauses_s(ANNA, now_s), None);

@@ -20,7 +20,7 @@ pub use role::{Permission, Role};
 use crate::words::printable;
 use serde::{Deserialize, Serialize};
 
-/// A person who may log in. The newest statement of an account holds.
+/// A person who may log in. The newest statement about an account is the valid one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
@@ -37,8 +37,8 @@ pub struct Account {
 }
 
 impl Account {
-    /// An account that is complete: its names are ones, and its password may be one. Without a new password it
-    /// keeps the former account's; `salt` is for a new one.
+    /// Returns a complete account with valid names and an allowed password. Without a new password the former
+    /// account's password stays; `salt` is for a new one.
     ///
     /// # Errors
     /// What is wrong, in words.
@@ -72,17 +72,17 @@ impl Account {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AuditEntry {
-    /// When, ms since 1970.
+    /// Time of the action, ms since 1970.
     pub unix_ms: i64,
     /// The account's name; `None` for a person who was not logged in.
     pub who: Option<String>,
-    /// The role at that time.
+    /// The person's role at that time.
     pub role: Option<Role>,
     /// The origin of the request: an IP address, or `terminal`.
     pub from: String,
     /// What was done or attempted, such as `log in` or `change account`.
     pub what: String,
-    /// What it was done to.
+    /// The object of the action.
     pub subject: Option<String>,
     /// The value before.
     pub before: Option<String>,
@@ -93,7 +93,7 @@ pub struct AuditEntry {
 }
 
 impl AuditEntry {
-    /// A line of something that was done, without a subject; the store sets its time.
+    /// Returns a line about a completed action, without an object; the store sets its time.
     pub fn done(who: Option<String>, role: Option<Role>, from: String, what: &str) -> Self {
         AuditEntry {
             unix_ms: 0,

@@ -13,7 +13,7 @@ pub const MAX_PRINTED: usize = 80;
     found.escape_debug()
 )]
 pub struct NameError {
-    /// As it was given.
+    /// The name as it was given.
     pub found: String,
 }
 

@@ -9,11 +9,11 @@ use argon2::{Algorithm, Argon2, Params, Version};
 pub const MIN_CHARACTERS: usize = 10;
 /// The maximum length, so that no one can keep the computer busy with one password.
 const MAX_CHARACTERS: usize = 200;
-/// Memory, KiB, and passes.
+/// Memory in KiB, and the number of passes.
 const MEMORY_KIB: u32 = 19 * 1_024;
 const PASSES: u32 = 2;
 
-/// Why a password is not taken.
+/// Why a password is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// Too few characters, or far too many.
@@ -22,7 +22,7 @@ pub enum PasswordError {
         /// Its characters.
         found: usize,
     },
-    /// Anybody would try it.
+    /// A password that anyone would try.
     #[error("the password is the account's name, or one repeated character; choose words that nobody would guess")]
     Obvious,
     /// The hash could not be computed.
@@ -58,7 +58,7 @@ pub fn is_right(password: &str, hash: &str) -> bool {
     match PasswordHash::new(hash) {
         Ok(hash) => hasher.verify_password(bytes, &hash).is_ok() && is_short,
         Err(_) => {
-            // Who tries names must not hear by the time which of them are accounts.
+            // The response time must not reveal which names are accounts.
             let spent: Result<PasswordHash, _> = hasher.hash_password_with_salt(bytes, &[0; 16]);
             drop(spent);
             false

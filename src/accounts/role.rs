@@ -34,7 +34,7 @@ pub enum Role {
     Administrator,
 }
 
-/// Something that a role may do.
+/// An action that a role may permit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, strum::VariantArray)]
 pub enum Permission {
     /// To see states, records and trends.
@@ -56,17 +56,17 @@ pub enum Permission {
 }
 
 impl Role {
-    /// The roles that may do it.
+    /// Returns the roles that have this permission.
     pub fn allowed(permission: Permission) -> impl Iterator<Item = Role> {
         Role::VARIANTS.iter().copied().filter(move |role| role.may(permission))
     }
 
-    /// Its word, as it is kept.
+    /// The role's keyword, as it is stored.
     pub fn word(self) -> &'static str {
         self.into()
     }
 
-    /// Whether this role may do it.
+    /// Returns whether this role has the permission.
     pub fn may(self, permission: Permission) -> bool {
         use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
         match self {
@@ -93,8 +93,8 @@ impl Choice for Role {
 mod tests {
     use super::*;
 
-    /// Two people for two things: who changes accounts neither runs the cell nor signs, and who signs neither runs cycles
-    /// nor changes recipes.
+    /// Duties are separate: the person who changes accounts neither runs the cell nor signs, and the person who
+    /// signs neither runs cycles nor changes recipes.
     #[test]
     fn duties_are_separate() {
         let all = |permission| -> Vec<&str> { Role::allowed(permission).map(Role::word).collect() };

@@ -12,7 +12,7 @@ use crate::signing::{BEGIN, Statement};
 use std::collections::{BTreeMap, BTreeSet};
 use tokio_postgres::{Client, Row};
 
-/// Records that are read at a time.
+/// Number of records that are read at a time.
 const BATCH_RECORDS: i64 = 500;
 /// The maximum number of messages for one cell; further ones are only counted.
 const MAX_MESSAGES: usize = 200;
@@ -22,26 +22,26 @@ const MAX_MESSAGES: usize = 200;
 pub struct CellList {
     /// The cell.
     pub cell: CellName,
-    /// Its list (`panelprep store list`).
+    /// The cell's list (`panelprep store list`).
     pub listed: Vec<Listed>,
 }
 
-/// What came of one cell.
+/// The result of the check of one cell.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CheckedCell {
     /// The cell.
     pub cell: String,
     /// Its records.
     pub records: u64,
-    /// Signatures among them that hold.
+    /// Number of the records' signatures that are valid.
     pub signatures: u64,
-    /// Files that they name and that are whole.
+    /// Number of files that the records name and that are complete.
     pub files: u64,
-    /// Files that the cell no longer had.
+    /// Number of files that the cell no longer had.
     pub gone: u64,
     /// Records that the cell has too, with the same hash; `None` if no list of the cell was given.
     pub same: Option<u64>,
-    /// The keys by which its statements are signed.
+    /// The keys with which the cell's statements are signed.
     pub keys: Vec<String>,
     /// What is not right, in words.
     pub found: Vec<String>,
@@ -116,7 +116,7 @@ fn position(row: &Row) -> Position {
     Position { epoch: row.get(0), number: row.get::<_, i64>(1).unsigned_abs() }
 }
 
-/// A statement's hash, and the one that it names before it.
+/// A statement's hash, and the hash of the previous statement that it names.
 type Link = (String, String);
 
 /// Checks a row against what it states of itself, read again as the message that it was.
@@ -159,7 +159,7 @@ fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTr
     listed
 }
 
-/// Reads it as the message that it was, so that its signature is verified once more.
+/// Reads a stored record as the message that it was received as, so that its signature is verified once more.
 fn read_again(cell: &str, envelope: Envelope) -> Result<Option<(Statement, String)>, String> {
     let message = Message { cell: CellName::new(cell)?, envelope };
     let bytes = message.bytes().map_err(|error| error.to_string())?;

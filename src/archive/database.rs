@@ -10,7 +10,7 @@ use tokio_postgres::{Client, Config, NoTls};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
-/// Connected, and seen to the tables.
+/// Time limit for connecting and for updating the tables.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Describes the address of a database for people.
@@ -29,7 +29,7 @@ pub(super) async fn within<T>(
     timeout(limit, doing).await.unwrap_or(Err(ArchiveError::Silent { seconds: limit.as_secs() }))
 }
 
-/// Connects, and sees to the tables.
+/// Connects, and creates the tables or brings them up to date.
 pub(super) async fn open(database: &Database) -> Result<Client, ArchiveError> {
     let opening = async {
         let mut client = connect(database).await?;

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 /// What went wrong at the archive.
 #[derive(Debug, thiserror::Error)]
 pub enum ArchiveError {
-    /// The database cannot be reached, or refuses us.
+    /// The database cannot be reached, or refuses the connection.
     #[error("the database {place} cannot be used: {problem}")]
     Connect {
-        /// User, host, port and name.
+        /// User, host, port and name of the database.
         place: String,
         /// The connection's message.
         problem: String,
@@ -30,7 +30,7 @@ pub enum ArchiveError {
         /// So long.
         seconds: u64,
     },
-    /// A database that cannot hold every text.
+    /// The database's encoding cannot represent every text.
     #[error(
         "the database has the encoding {found}, and UTF8 is needed: make it with `createdb -E UTF8 -T template0`"
     )]
@@ -38,7 +38,7 @@ pub enum ArchiveError {
         /// Its encoding.
         found: String,
     },
-    /// Tables of a later version of this program.
+    /// The tables are of a later version of this program.
     #[error("the database has tables of version {found}, this program knows up to {known}: use the newer program")]
     Newer {
         /// Their version.
@@ -49,7 +49,7 @@ pub enum ArchiveError {
     /// The broker.
     #[error(transparent)]
     Broker(#[from] BrokerError),
-    /// A file that a record names.
+    /// A stored file that a record names.
     #[error(transparent)]
     Kept(#[from] StoreError),
     /// A file refused.
@@ -80,7 +80,7 @@ impl ArchiveError {
         move |source| ArchiveError::File { doing, path: path.to_owned(), source }
     }
 
-    /// Whether it may be over by itself: a network, a server that starts again, a disk that is full.
+    /// Returns whether the error may end without intervention: a network, a server that restarts, a full disk.
     pub fn may_pass(&self) -> bool {
         !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Encoding { .. } | ArchiveError::Trust(_))
     }

@@ -26,8 +26,8 @@ impl Files {
         Files(folder.to_owned())
     }
 
-    /// Makes the folder, and writes a file there and removes it: what would not work with the first picture does
-    /// not work now.
+    /// Creates the folder, then writes and removes a file there: a problem shows now and not with the first
+    /// picture.
     pub fn try_out(&self) -> Result<(), ArchiveError> {
         let trial = self.0.join(".trial");
         fs::create_dir_all(&self.0).map_err(ArchiveError::file("make", &self.0))?;
@@ -54,12 +54,12 @@ impl Files {
         Ok(())
     }
 
-    /// The bytes of a file that is whole; a hash that is none names nothing.
+    /// Returns the bytes of a file that is complete; `None` for a text that is not a hash.
     pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
         is_hex(hash, 64).then(|| self.near(hash).get(hash).ok()).flatten()
     }
 
-    /// Whether every file is here that this record names and that its cell still had.
+    /// Returns whether every file is here that this record names and that its cell still had.
     pub fn has_all_of(&self, message: &Message) -> bool {
         let Body::Signature { files, .. } = &message.envelope.body else { return true };
         files.iter().filter(|file| file.gone.is_none()).all(|file| self.near(&file.hash).has(&file.hash))

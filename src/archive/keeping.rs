@@ -1,4 +1,4 @@
-//! Keeps messages: all rows of a batch in one transaction.
+//! Stores messages: all rows of a batch in one transaction.
 
 use super::error::ArchiveError;
 use super::rows::{Quantities, Rows, SignatureRows};
@@ -10,20 +10,20 @@ use futures_util::future::try_join_all;
 use std::collections::BTreeMap;
 use tokio_postgres::{Client, Transaction};
 
-/// What came of a batch.
+/// The result of a batch.
 #[derive(Debug, Default)]
 pub(super) struct BatchResult {
     /// Messages that are new.
     pub new: u64,
-    /// Messages that were there, with the same content.
+    /// Messages that were already stored, with the same content.
     pub known: u64,
-    /// Names under which another content was there, in words.
+    /// Messages under a name that was stored with another content, in words.
     pub contradictions: Vec<String>,
     /// The number up to which each epoch is complete now, for epochs that changed or received something again.
     pub archived: BTreeMap<(CellName, String), u64>,
 }
 
-/// Keeps these messages, in the order in which they came.
+/// Stores these messages, in the order in which they came.
 pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<BatchResult, ArchiveError> {
     let failed = ArchiveError::database("keep records");
     let transaction = client.transaction().await.map_err(&failed)?;
@@ -55,7 +55,7 @@ pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<Ba
     Ok(kept)
 }
 
-/// Whether it is new.
+/// Inserts a message; returns whether it is new.
 async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)) -> Result<bool, ArchiveError> {
     let sql = "INSERT INTO records (cell, epoch, number, kind, unix_ms, hash, content, signature, public_key)
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT DO NOTHING";
@@ -247,7 +247,7 @@ async fn complete(transaction: &Transaction<'_>, cell: &CellName, epoch: &str) -
     Ok(archived.unsigned_abs())
 }
 
-/// Every epoch with the number up to which it is complete.
+/// Returns every epoch with the number up to which it is complete.
 pub(super) async fn epochs(client: &Client) -> Result<Vec<(CellName, String, u64)>, ArchiveError> {
     let sql = "SELECT cell, epoch, archived FROM epochs ORDER BY cell, epoch";
     let rows = client.query(sql, &[]).await.map_err(ArchiveError::database("read its epochs"))?;

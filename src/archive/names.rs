@@ -16,8 +16,9 @@ struct ReportedEpochs {
 }
 
 impl Names {
-    /// Whether it is found now, for the first time, that this name has two cells: its epochs became others, and are
-    /// the former ones again. Epochs alone that become others may be a store that was brought back.
+    /// Returns whether it is detected now, for the first time, that two cells use this name: the reported epochs
+    /// changed and then changed back to the previous ones. A change of epochs without a change back may be a
+    /// restored store.
     pub fn are_two(&mut self, cell: &str, state: &CellState) -> bool {
         let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
         epochs.sort();

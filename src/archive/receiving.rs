@@ -13,16 +13,18 @@ use crate::office::{
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
 
-/// Messages of the broker at a time.
+/// Maximum number of broker messages that are received at a time.
 const BATCH_MESSAGES: usize = 500;
-/// After a failure it is tried again after one second, then two, four, and so on up to this.
+/// Maximum delay between attempts. After a failure the next attempt follows after one second, then two, four and so
+/// on up to this limit.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(30);
 
 /// At most this many records that wait for their files are reported at a time.
 const MAX_REPORTED: usize = 5;
 /// A failure that stays the same is reported again after this time.
 const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
-/// A database that does not answer within this time is lost: what was not acknowledged comes again.
+/// A database that does not answer within this time counts as lost: messages without acknowledgement are delivered
+/// again.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Works until `ended` completes. A failure that may pass is retried, with a new connection.
@@ -66,7 +68,7 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     let mut client = database::open(&settings.database).await?;
     let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("receives the messages of the cells through the broker {}", settings.broker.address);
-    // A cell may have missed it, or the broker lost it.
+    // A cell may have missed the archived position, or the broker may have lost it.
     for (cell, epoch, archived) in database::within(WRITE_TIMEOUT, keeping::epochs(&client)).await? {
         link.say_archived(&cell, &epoch, archived).await?;
     }
@@ -143,7 +145,7 @@ impl Receiver {
                 }
                 What::Message(position) => match message_of(&whole, position) {
                     Ok(message) => {
-                        // What comes again brings other receipts.
+                        // A message that is delivered again has other receipts.
                         self.waiting.retain(|(before, _)| *before != message);
                         self.waiting.push((message, whole.receipts));
                     }
@@ -169,7 +171,7 @@ impl Receiver {
         Ok(())
     }
 
-    /// All that was not acknowledged comes again.
+    /// Forgets all messages that were not acknowledged: these are delivered again.
     fn forget(&mut self) {
         for (Message { cell, envelope }, _) in self.waiting.iter().take(MAX_REPORTED) {
             let Position { epoch, number } = &envelope.position;

@@ -1,4 +1,4 @@
-//! Which rows a message becomes, for the pages of the office. Pure.
+//! The rows that a message becomes, for the pages of the office. Pure.
 
 use crate::history::{Known, PastCycle, Quantity};
 use crate::office::{Body, CycleEnd, Message, VerificationSeen};
@@ -20,18 +20,18 @@ pub(super) struct SignatureRows {
     /// The statement's number among all of its cell.
     pub statement: u64,
     pub unix_ms: i64,
-    /// Who signed and what it means, in words; `None` for the cell itself.
+    /// The person who signed and the meaning of the signature, in words; `None` for the cell itself.
     pub person: Option<(String, &'static str)>,
     /// The numbers of the cycle, if the cell's own statement contains them and this program can read its record.
     pub quantities: Option<Quantities>,
 }
 
-/// Numbers of a cycle.
+/// Measured quantities of a cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Quantities {
     pub started_unix_s: i64,
     pub panel: String,
-    /// Word, value and limit as JSON.
+    /// Keyword, value and limit as JSON.
     pub values: Vec<(&'static str, f64, String)>,
 }
 
@@ -64,7 +64,7 @@ fn signature(statement: &Statement) -> SignatureRows {
     }
 }
 
-/// A record of another version of the program may not read; it is kept all the same.
+/// A record of another version of the program may be unreadable; the archive stores it all the same.
 fn quantities(cycle: &SignedCycle) -> Option<Quantities> {
     let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };

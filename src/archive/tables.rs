@@ -1,4 +1,4 @@
-//! The tables, raised step by step.
+//! The database tables, brought up to date step by step.
 
 use super::error::ArchiveError;
 use tokio_postgres::Client;
@@ -6,8 +6,8 @@ use tokio_postgres::Client;
 /// The newest version that this program supports.
 const VERSION: i32 = 1;
 
-/// `records` is what cells sent; `epochs` how far each is complete; `contradictions` what came under a name that
-/// another content has. The others are made from records, for pages.
+/// `records` contains what cells sent; `epochs` up to which number each epoch is complete; `contradictions`
+/// messages under a name that is stored with another content. The other tables are derived from records, for pages.
 const TABLES: &str = "
     CREATE TABLE records (
         cell TEXT NOT NULL,

@@ -9,7 +9,7 @@ use std::path::{Component, Path};
 pub enum Entry {
     /// A file of the store's rows: the database, the head of its chain.
     Rows(&'static str),
-    /// A file that the rows name, by its SHA-256.
+    /// A file that the database rows refer to, by its SHA-256.
     Blob(String),
     /// The cell's file.
     Cell,
@@ -36,12 +36,13 @@ const STORE: &str = "store";
 const CELL: &str = "configuration/cell.toml";
 const NAMED: &str = "configuration/named";
 const RECIPES: &str = "configuration/recipes";
-/// Folders between the cell's file and a recipe, at most, and the longest name of one.
+/// The maximum number of folders between the cell's file and a recipe; `MAX_NAME_BYTES` is the longest name of a
+/// folder or file.
 const MAX_PARTS: usize = 4;
 const MAX_NAME_BYTES: usize = 255;
 
 impl Entry {
-    /// Its name in the archive.
+    /// The entry's name in the archive.
     pub fn name(&self) -> String {
         match self {
             Entry::Rows(file) => format!("{STORE}/{file}"),
@@ -72,13 +73,14 @@ impl Entry {
         is_hash.then(|| Entry::Blob(hash.to_owned()))
     }
 
-    /// Is it part of the store?
+    /// Is the entry part of the store?
     pub fn is_of_store(&self) -> bool {
         matches!(self, Entry::Rows(_) | Entry::Blob(_))
     }
 }
 
-/// A relative name of a TOML file that goes down only, as it is written.
+/// Returns whether this is a relative path of a TOML file that only goes down into folders, without any other
+/// notation.
 fn is_plain(path: &str) -> bool {
     let parts: Vec<Component<'_>> = Path::new(path).components().collect();
     let text = |part: &Component<'_>| match part {

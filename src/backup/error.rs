@@ -1,12 +1,12 @@
-//! Why a backup could not be made, or not restored.
+//! Why a backup could not be made or restored.
 
 use crate::store::StoreError;
 use std::path::{Path, PathBuf};
 
-/// What stops a backup or a restore. Nothing of the cell is changed then.
+/// Why a backup or a restore stopped. In this case nothing of the cell is changed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// A file or folder refused.
+    /// The system refused access to a file or folder.
     #[error("cannot {doing} {}: {source}", path.display())]
     File {
         /// What was tried.
@@ -19,15 +19,15 @@ pub enum BackupError {
     /// The store refused.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The archive is not what was written.
+    /// The archive differs from what was written.
     #[error("{}: {problem}", path.display())]
     Damaged {
         /// The archive.
         path: PathBuf,
-        /// What does not fit.
+        /// The difference that was found.
         problem: String,
     },
-    /// Written by a later version of this program.
+    /// The archive was written by a later version of this program.
     #[error("{}: its format is {found}, this program knows up to {known}: restore it with the newer program", path.display())]
     Newer {
         /// The archive.
@@ -37,7 +37,7 @@ pub enum BackupError {
         /// The newest format that this program supports.
         known: u32,
     },
-    /// Made by an earlier version of this program, with other tables.
+    /// The archive was made by an earlier version of this program, with other tables.
     #[error(
         "{}: its store has schema {found}, this program works with {known}: restore it with version {program}, which made it, then \
          install this one, which brings the store up to date", path.display()
@@ -45,7 +45,7 @@ pub enum BackupError {
     Earlier {
         /// The archive.
         path: PathBuf,
-        /// The version that made it.
+        /// The version that made the archive.
         program: String,
         /// Its schema.
         found: i64,
@@ -69,7 +69,7 @@ pub enum BackupError {
         /// The value of `--replace` that permits the replacement.
         option: &'static str,
     },
-    /// The cell's file in the archive names places elsewhere.
+    /// The cell's file in the archive names files outside of its folder.
     #[error(
         "the cell's file in the backup names {}, outside of the folder {}: add --outside to write there too", list(paths),
         folder.display()
@@ -80,7 +80,7 @@ pub enum BackupError {
         /// The folder of the cell's file.
         folder: PathBuf,
     },
-    /// The archive has not what is wanted.
+    /// The archive does not contain the requested part.
     #[error("{}: the backup holds no {wanted}; it was made with --only", path.display())]
     NotInIt {
         /// The archive.
@@ -88,7 +88,7 @@ pub enum BackupError {
         /// "store" or "configuration".
         wanted: &'static str,
     },
-    /// Files of the configuration that are far larger than such files are.
+    /// Files of the configuration that are far larger than usual.
     #[error("{} has {found} bytes; a file of the configuration may have {most} at most", path.display())]
     TooLarge {
         /// The file.
@@ -111,18 +111,18 @@ pub enum BackupError {
         /// Needed.
         needed_mb: u64,
     },
-    /// A service, or another program, uses what would be replaced.
+    /// A service, or another program, uses the files that would be replaced.
     #[error("{user}; stop it first (`systemctl stop panelprep`), then restore again")]
     InUse {
         /// Who, in words.
         user: String,
     },
-    /// A step of the last part failed, and what was done before could not all be undone.
+    /// A step at the end of the restore failed, and not all earlier steps could be undone.
     #[error("{cause}; undoing the earlier steps failed too: {}", undone.join("; "))]
     NotUndone {
         /// The first error.
         cause: Box<BackupError>,
-        /// What is left, in words.
+        /// The remaining changes, in words.
         undone: Vec<String>,
     },
 }

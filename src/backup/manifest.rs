@@ -1,4 +1,4 @@
-//! The first entry of an archive: what else is in it.
+//! The first entry of an archive: a list of the other entries.
 
 use super::entry::Entry;
 use serde::{Deserialize, Serialize};
@@ -8,17 +8,17 @@ use std::collections::BTreeSet;
 pub const NAME: &str = "manifest.json";
 /// The newest format that this program supports.
 pub const FORMAT: u32 = 1;
-/// The largest that is read.
+/// Maximum size of a manifest that is read.
 pub const MAX_BYTES: u64 = 256 << 20;
 
-/// What an archive holds.
+/// The content of an archive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The archive's format.
     pub format: u32,
-    /// The version of the program that wrote it.
+    /// The version of the program that wrote the archive.
     pub program: String,
-    /// When, s since 1970; a label.
+    /// When the archive was made, s since 1970; only a label.
     pub made_unix_s: i64,
     /// Links of the store's chain; `None` without a store.
     pub links: Option<u64>,
@@ -33,7 +33,7 @@ pub struct Listed {
     pub name: String,
     /// Its size.
     pub bytes: u64,
-    /// SHA-256 of its content, hexadecimal.
+    /// SHA-256 of the entry's content, hexadecimal.
     pub sha256: String,
 }
 

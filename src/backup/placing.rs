@@ -1,25 +1,25 @@
-//! Moves what was unpacked into its final place, step by step; if a step fails, the steps before are undone.
+//! Moves the unpacked files to their final path, step by step; if a step fails, the previous steps are undone.
 //!
-//! Each step is one renaming, which a file system does completely or not at all. What is replaced is exchanged with its
-//! successor and then kept under another name, so that at every moment one of the two is in place.
+//! Each step is one renaming, which a file system does completely or not at all. A replaced file is exchanged with
+//! its successor and then kept under another name, so that at every moment one of the two is at the final path.
 
 use super::error::BackupError;
 use rustix::fs::{CWD, RenameFlags, renameat_with};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-/// What was done and can be undone.
+/// A completed step that can be undone.
 #[derive(Debug)]
 enum Step {
     /// A folder was made.
     Folder(PathBuf),
-    /// A file or folder was made beside its place.
+    /// A file or folder was made beside its final path.
     Staged(PathBuf),
     /// It was moved to a place that was empty.
     Placed { staged: PathBuf, at: PathBuf },
-    /// It changed places with what was there.
+    /// It was exchanged with what was at the final path.
     Swapped { staged: PathBuf, at: PathBuf },
-    /// What was there got its name.
+    /// The replaced file or folder was renamed.
     Kept { staged: PathBuf, kept: PathBuf },
 }
 
@@ -71,13 +71,13 @@ impl Placing {
         Ok(())
     }
 
-    /// All is in its place: nothing is undone any more. What was replaced and is kept comes back.
+    /// Completes the restore: nothing is undone any more. Returns the paths of the replaced files that are kept.
     pub fn done(self) -> Result<Vec<PathBuf>, BackupError> {
         let mut kept_all = Vec::new();
         for step in &self.steps {
             match step {
                 Step::Kept { kept, .. } => kept_all.push(kept.clone()),
-                // The empty folder that was in the place.
+                // The empty folder that was at the final path.
                 Step::Swapped { staged, .. } => drop(fs::remove_dir(staged)),
                 Step::Placed { at, .. } => flush_folder_of(at)?,
                 Step::Folder(_) | Step::Staged(_) => {}
@@ -89,11 +89,11 @@ impl Placing {
         Ok(kept_all)
     }
 
-    /// Undoes everything, the last step first, and gives the error back; what could not be undone is reported with it.
+    /// Undoes everything, the last step first, and returns the error, with a report of what could not be undone.
     pub fn undo(self, cause: BackupError) -> BackupError {
         for (index, step) in self.steps.iter().enumerate().rev() {
             if let Err(words) = step.undo() {
-                // Earlier steps rely on this one.
+                // Earlier steps depend on this one.
                 let more = (index > 0).then(|| format!("{index} more steps were left as they are"));
                 return BackupError::NotUndone {
                     cause: Box::new(cause),
@@ -130,7 +130,7 @@ fn is_empty_folder(path: &Path) -> bool {
         && fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
 }
 
-/// A name beside it that is free.
+/// Returns a free name beside this path.
 fn free_name(at: &Path) -> PathBuf {
     let mut number = 1_u32;
     loop {

@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 pub struct Archive {
     path: PathBuf,
     file: File,
-    /// Bytes before the seal.
+    /// Number of bytes before the seal.
     bytes: u64,
-    /// What is in it.
+    /// The list of the archive's content.
     pub manifest: Manifest,
 }
 
@@ -75,7 +75,7 @@ impl Archive {
             self.is_listed(&found, listed)?;
             let mut hashing = Hashing { inner: found, hasher: Sha256::new() };
             take(entry, &mut hashing)?;
-            // What was not wanted is read all the same.
+            // The part that was not requested is also read, for the hash.
             std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable(&error))?;
             let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {
@@ -125,23 +125,23 @@ impl Archive {
         Ok(())
     }
 
-    /// It is not what was written.
+    /// Returns the error that the archive differs from what was written.
     pub(super) fn damaged(&self, problem: &str) -> BackupError {
         BackupError::Damaged { path: self.path.clone(), problem: format!("the backup is damaged: {problem}") }
     }
 
-    /// Its store has the tables of an earlier program.
+    /// Returns the error that the archive's store has the tables of an earlier program.
     pub(super) fn earlier(&self, found: i64, known: i64) -> BackupError {
         BackupError::Earlier { path: self.path.clone(), program: self.manifest.program.clone(), found, known }
     }
 
-    /// Its bytes are no archive.
+    /// Returns the error that the archive's bytes cannot be read as an archive.
     pub(super) fn unreadable(&self, error: &std::io::Error) -> BackupError {
         self.damaged(&format!("it cannot be unpacked: {error}"))
     }
 }
 
-/// Hashes what is read through it.
+/// Hashes the bytes that are read through it.
 struct Hashing<R> {
     inner: R,
     hasher: Sha256,

@@ -24,18 +24,18 @@ pub struct Wanted {
     pub configuration: bool,
 }
 
-/// What a person has allowed by name.
+/// What a person has explicitly allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Permission {
     /// An existing store may be replaced.
     pub replace_store: bool,
-    /// Files of a configuration that are there may be replaced.
+    /// Existing files of a configuration may be replaced.
     pub replace_configuration: bool,
     /// Files may be written to places outside of the folder of the cell's file, if that file names them.
     pub outside: bool,
 }
 
-/// What is to be done.
+/// The task of a restore.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan<'p> {
     /// The archive.
@@ -60,11 +60,11 @@ pub struct Restored {
     pub store: Option<PathBuf>,
     /// The files of the configuration.
     pub configuration: Vec<PathBuf>,
-    /// What was replaced, under its new name.
+    /// The replaced files, under their new names.
     pub kept: Vec<PathBuf>,
     /// Links of the store's chain that were verified.
     pub links: u64,
-    /// Its files that were verified.
+    /// Number of files of the store that were verified.
     pub files: u64,
 }
 
@@ -104,7 +104,7 @@ pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
         if !plan.permission.replace_store {
             return Err(BackupError::NotReplaced { paths: vec![folder.to_owned()], option: "store" });
         }
-        // Kept until the end: no program writes to what is replaced.
+        // The lease is kept until the end: no program writes to the store that is replaced.
         lease = Some(Lease::acquire(folder)?);
     }
     let mut placing = Placing::default();
@@ -130,7 +130,7 @@ fn undone(placing: Placing, restored: Restored) -> Result<Restored, BackupError>
     }
 }
 
-/// Unpacks, verifies and puts all in place.
+/// Unpacks and verifies everything, and moves it to its final path.
 fn placed(
     archive: &Archive,
     (store, replaced): (Option<&Path>, Option<CycleId>),
@@ -156,7 +156,7 @@ fn placed(
         puts.push((staged, at.clone()));
         restored.configuration.push(at.clone());
     }
-    // What may be replaced was decided before; whatever came meanwhile stays, and all is undone.
+    // What may be replaced was decided before. A file that appeared since then stays, and everything is undone.
     for (staged, at) in &puts {
         placing.put(staged, at, at.symlink_metadata().is_ok())?;
     }
@@ -168,7 +168,7 @@ fn last_cycle(folder: &Path) -> Option<CycleId> {
     Store::open(folder).ok()?.last_cycle().ok()?
 }
 
-/// A store of an earlier program is verified by that program alone.
+/// Returns the error for a store of an earlier program: only that program can verify it.
 fn earlier(archive: &Archive, error: StoreError) -> BackupError {
     match error {
         StoreError::Older { found, known, .. } => archive.earlier(found, known),
@@ -176,7 +176,7 @@ fn earlier(archive: &Archive, error: StoreError) -> BackupError {
     }
 }
 
-/// The cell's file that is in its place and can be read.
+/// Returns the installed cell's file, if it can be read.
 fn cell_in_place(file: &Path) -> Option<Cell> {
     let text = String::from_utf8(crate::disk::read(file).ok()?).ok()?;
     Cell::check(&file.display().to_string(), &text).ok()
@@ -235,7 +235,8 @@ pub fn named_files(cell: &Cell) -> Vec<(String, PathBuf)> {
     files
 }
 
-/// What is left to write: without files that are there with the same content. Others must be allowed.
+/// Returns the files that must be written: those that exist with the same content are left out, others must be
+/// allowed.
 fn allowed(files: BTreeMap<PathBuf, Vec<u8>>, plan: &Plan<'_>) -> Result<BTreeMap<PathBuf, Vec<u8>>, BackupError> {
     let folder = plan.cell.parent().unwrap_or(Path::new(""));
     let outside: Vec<PathBuf> = files.keys().filter(|file| !is_below(file, folder)).cloned().collect();
@@ -260,7 +261,7 @@ fn is_below(file: &Path, folder: &Path) -> bool {
     rest.is_ok_and(|rest| rest.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
-/// No service answers on the sockets of these cells.
+/// Checks that no service answers on the sockets of these cells.
 fn nobody_serves<'c>(cells: impl Iterator<Item = (&'c Cell, &'c Path)>) -> Result<(), BackupError> {
     for (cell, store) in cells {
         for socket in [cell.socket().map(Path::to_owned), Some(store.join("panelprep.sock"))].into_iter().flatten()
@@ -280,7 +281,7 @@ fn has_something(folder: &Path) -> bool {
     }
 }
 
-/// Unpacks the store beside its place, flushed.
+/// Unpacks the store beside its final path and flushes it.
 fn staged_store(archive: &Archive, folder: &Path, placing: &mut Placing) -> Result<PathBuf, BackupError> {
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     placing.make_folder(parent)?;
@@ -290,7 +291,8 @@ fn staged_store(archive: &Archive, folder: &Path, placing: &mut Placing) -> Resu
         return Err(BackupError::NoRoom { path: parent.to_owned(), free_mb, needed_mb });
     }
     let made = tempfile::Builder::new().prefix(".panelprep-restore-").tempdir_in(parent);
-    // Removed by the steps' undoing: once it is in place it must not be.
+    // Undoing the steps removes this folder: after it was moved to its final path, it must not be removed
+    // automatically.
     let staged = made.map_err(BackupError::file("write in", parent))?.keep();
     placing.staged(&staged);
     let blobs = staged.join(BLOBS);
@@ -332,7 +334,7 @@ fn staged_file(at: &Path, bytes: &[u8], placing: &mut Placing) -> Result<PathBuf
 const USUAL_FILE: u32 = 0o644;
 const USUAL_FOLDER: u32 = 0o750;
 
-/// Owner and rights as what it replaces has them; others as such a file usually has them.
+/// Sets owner and rights as those of the replaced file; without one, as usual for such a file.
 fn like_file(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         chown(file, Some(before.uid()), Some(before.gid()))?;
@@ -341,7 +343,8 @@ fn like_file(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     fs::set_permissions(file, fs::Permissions::from_mode(mode))
 }
 
-/// The same for a store: the service that owned the one before can write to this one.
+/// Sets owner and rights of a store as those of the replaced store: the service that owned that store can write to
+/// this one.
 fn like(store: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
     if let Some(before) = before {
         let blobs = store.join(BLOBS);

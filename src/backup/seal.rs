@@ -7,14 +7,14 @@ use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{Error, Read, Seek, SeekFrom, Write};
 
-/// A frame that zstd skips: the format's first number for one, and the length of what follows.
+/// A frame that zstd skips: the first of the format's numbers for such a frame; the length of the content follows.
 const MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
 const MARK: &[u8; 16] = b"panelprep seal 1";
 const PAYLOAD: u32 = 16 + 32;
 /// Its length.
 pub const BYTES: u64 = 8 + PAYLOAD as u64;
 
-/// Counts and hashes what is written through it.
+/// Counts and hashes the bytes that are written through it.
 pub struct Sealing<W> {
     inner: W,
     hasher: Sha256,
@@ -52,11 +52,11 @@ fn frame(hash: [u8; 32]) -> Vec<u8> {
 /// The result of checking the seal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sealed {
-    /// The file is what was written: the number of bytes before the seal.
+    /// The file is as it was written: the number of bytes before the seal.
     Whole(u64),
-    /// It has no seal: cut short, or no backup.
+    /// The file has no seal: it was cut short, or is not a backup.
     Missing,
-    /// Its bytes are others.
+    /// The file's bytes were changed.
     Broken,
 }
 

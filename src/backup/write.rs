@@ -1,5 +1,5 @@
-//! Makes an archive: copies the rows of the store at one moment, packs them with what they name, and reads the
-//! archive back.
+//! Makes an archive: copies the rows of the store at one moment, packs them with the files that they name, and
+//! reads the archive back.
 
 use super::entry::Entry;
 use super::error::BackupError;
@@ -24,7 +24,7 @@ pub struct Configuration {
     pub recipes: Vec<(String, PathBuf)>,
 }
 
-/// What came of a backup.
+/// The result of a backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
     /// Everything in the store that differs from what was written there, in words; if there is any, there is no
@@ -38,9 +38,10 @@ pub struct Written {
 
 /// A file of the configuration is a page of text; a settings file of a camera has some pages.
 const MAX_CONFIGURATION_BYTES: u64 = 4 << 20;
-/// zstd's default: pictures are packed already, rows and scans are not.
+/// zstd's default: pictures are already compressed, rows and scans are not.
 const LEVEL: i32 = 3;
-/// The service may remove old clips between the copy of the rows and that of a file; then it is begun again.
+/// Maximum number of attempts. The service may remove old clips between the copy of the rows and the copy of a
+/// file; then the backup begins again.
 const MAX_ATTEMPTS: usize = 3;
 
 /// The source of an entry's bytes.
@@ -49,7 +50,7 @@ enum Source {
     File(PathBuf),
 }
 
-/// What is to be packed.
+/// The content that must be packed.
 #[derive(Default)]
 struct Load {
     listed: Vec<Listed>,
@@ -57,7 +58,7 @@ struct Load {
     links: Option<u64>,
 }
 
-/// Why a packing was not done.
+/// Why packing was not completed.
 enum Unpacked {
     /// A file of the store vanished or is not what it was.
     Blob(String),
@@ -112,7 +113,7 @@ pub fn write(
                 continue;
             }
         }
-        // What was written is read back, byte by byte, before anybody relies on it.
+        // The archive is read back, byte by byte, before anyone relies on it.
         let read = Archive::open(&part)?;
         read.each(|_, reader| {
             let drained = std::io::copy(reader, &mut std::io::sink());
@@ -126,7 +127,7 @@ pub fn write(
     Ok(Written { found: vec![last], manifest, bytes: 0 })
 }
 
-/// Gives the archive its name; nothing that came there meanwhile is written over.
+/// Renames the archive to its final name; a file that appeared there since then is not overwritten.
 fn place(part: &Path, archive: &Path, folder: &Path) -> Result<(), BackupError> {
     use rustix::fs::{CWD, RenameFlags, renameat_with};
     renameat_with(CWD, part, CWD, archive, RenameFlags::NOREPLACE).map_err(|error| match error {
@@ -207,7 +208,7 @@ fn small(file: &Path) -> Result<Vec<u8>, BackupError> {
 /// Packs everything into this file, flushed and sealed.
 fn pack(part: &Path, manifest: &Manifest, sources: &[Source]) -> Result<(), Unpacked> {
     let failed = BackupError::file("write", part);
-    // Only its owner may read it: it holds everything.
+    // Only the archive's owner may read it, since it contains everything.
     let mut options = fs::OpenOptions::new();
     std::os::unix::fs::OpenOptionsExt::mode(options.write(true).create_new(true), 0o600);
     let file = options.open(part).map_err(&failed)?;
@@ -231,7 +232,7 @@ fn pack(part: &Path, manifest: &Manifest, sources: &[Source]) -> Result<(), Unpa
     Ok(file.sync_all().map_err(&failed)?)
 }
 
-/// A file of the store; it is held against its hash while it is packed.
+/// Packs a file of the store, and compares it with its hash at the same time.
 fn file_entry<W: Write>(
     tar: &mut tar::Builder<W>,
     listed: &Listed,
@@ -269,7 +270,7 @@ fn append<W: Write>(
     tar.append_data(&mut header, name, content)
 }
 
-/// Hashes what is read through it, and keeps an error of the reading apart from one of the writing.
+/// Hashes the bytes that are read through it, and distinguishes a read error from a write error.
 struct Hashing<R> {
     inner: R,
     hasher: Sha256,

@@ -62,7 +62,7 @@ impl CellLink {
             _ => self.link.failed("report its streams", error),
         })?;
         let info = stream.cached_info();
-        // Under another name the office has nothing of what this cell sent.
+        // If the stream has another name, the office has none of the messages that this cell sent.
         Ok(format!("{} {} {}", self.cell, info.config.name, info.created.unix_timestamp_nanos()))
     }
 

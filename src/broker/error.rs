@@ -8,7 +8,7 @@ pub enum BrokerError {
     /// A file that belongs to the broker cannot be used.
     #[error(transparent)]
     File(#[from] TrustError),
-    /// It does not answer, or refuses us.
+    /// The broker does not answer, or refuses the connection.
     #[error("the broker {address} cannot be reached: {problem}")]
     Connect {
         /// Its address.
@@ -16,7 +16,7 @@ pub enum BrokerError {
         /// The connection's message.
         problem: String,
     },
-    /// It has no stream of ours.
+    /// The broker does not have the streams of this program.
     #[error("the broker {address} has no stream {stream}; `panelprep archive run` makes it")]
     NoStream {
         /// Its address.

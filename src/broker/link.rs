@@ -21,10 +21,10 @@ pub(super) struct Link {
     refused: Refused,
 }
 
-/// What the broker refused last on this connection: it answers such a request with silence.
+/// The broker's last refusal on this connection: the broker does not answer a refused request.
 pub(super) type Refused = Arc<Mutex<Option<String>>>;
 
-/// A problem with what the broker refused beside it.
+/// Returns a problem together with the broker's refusal.
 pub(super) fn with_refusal(problem: impl ToString, refused: &Refused) -> String {
     match refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
         Some(refused) => format!("{}; the broker reports: {refused}", problem.to_string()),
@@ -78,13 +78,13 @@ impl Link {
         BrokerError::Failed { address: self.address.clone(), doing, problem: with_refusal(problem, &self.refused) }
     }
 
-    /// What the broker refuses from now on is found here.
+    /// Returns the variable that receives the broker's refusals from now on.
     pub fn refused(&self) -> Refused {
         self.refused.clone()
     }
 }
 
-/// What to do about the library's words.
+/// Returns the advice for a message of the library.
 fn advice(problem: &str, broker: &Broker) -> &'static str {
     let is_tls = broker.address.starts_with("tls://");
     let has = |words: &str| problem.contains(words);

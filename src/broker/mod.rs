@@ -1,8 +1,9 @@
 //! The broker between cells and the office: NATS with JetStream, as the few calls that cells and the archive need.
 //!
-//! Two streams. `PANELPREP` holds records and files on their way, each message until the archive has acknowledged
-//! it; what finds no room in it is refused, and the cell sends it again. `PANELPREP_ARCHIVED` holds one message for
-//! each cell and epoch: up to which number the office has everything. The archive makes both; a cell makes none.
+//! Two streams. `PANELPREP` contains records and files in transit, each message until the archive has acknowledged
+//! it; if a message has no room in it, the broker refuses it and the cell sends it again. `PANELPREP_ARCHIVED`
+//! contains one message for each cell and epoch: up to which number the office has everything. The archive creates
+//! both; a cell creates none.
 
 mod cell_link;
 mod error;

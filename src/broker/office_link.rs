@@ -11,20 +11,20 @@ use async_nats::jetstream::{AckKind, Message};
 use futures_util::StreamExt;
 use std::time::{Duration, Instant};
 
-/// The archive's place in the stream.
+/// The name of the archive's consumer in the stream.
 const CONSUMER: &str = "archive";
-/// What was delivered and not acknowledged for so long is delivered again.
+/// A message that was delivered and not acknowledged for this time is delivered again.
 const ACK_WAIT: Duration = Duration::from_secs(60);
 /// The first message that is not acknowledged comes again within [`ACK_WAIT`]. If it stays the first for this time,
 /// it does not come.
 const STUCK_TIMEOUT: Duration = Duration::from_secs(150);
 /// The interval of that check.
 const STUCK_CHECK_INTERVAL: Duration = Duration::from_secs(15);
-/// Messages that are delivered and not acknowledged: the parts of what is not whole yet among them.
+/// Maximum number of messages that are delivered and not acknowledged, including the parts of incomplete files.
 const MAX_ACK_PENDING: i64 = 20_000;
 /// How long the broker recognises a message that comes again; afterwards the archive does.
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(3_600);
-/// A batch waits for its first message so long.
+/// Maximum time that a batch waits for its first message.
 const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The archive's connection.
@@ -32,12 +32,13 @@ const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 pub struct OfficeLink {
     link: Link,
     consumer: PullConsumer,
-    /// Up to which message all are acknowledged, and since when it is this one; when that was looked at.
+    /// The message up to which all are acknowledged, and the time since which this has not changed. `looked` is the
+    /// time of the last check.
     floor: (u64, Instant),
     looked: Instant,
 }
 
-/// The archive's place in the stream of records.
+/// Returns the archive's consumer in the stream of records.
 async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
     let stream = link.context.get_stream(subject::STREAM).await;
     let stream = stream.map_err(|error| link.failed("find its stream", error))?;
@@ -194,7 +195,7 @@ impl OfficeLink {
         let mut all = Vec::new();
         while let Some(message) = batch.next().await {
             let mut message = message.map_err(|error| failed(error.to_string()))?;
-            // A receipt may be kept for long, and the bytes are not needed for it.
+            // A receipt may be stored for long, and does not need the bytes.
             let bytes = Vec::from(std::mem::take(&mut message.message.payload));
             let subject = message.subject.to_string();
             all.push(Delivery { bytes, subject, receipt: Receipt { message, address: self.link.address.clone() } });

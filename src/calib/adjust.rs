@@ -23,11 +23,11 @@ use nalgebra::{DefaultAllocator, Dim, Isometry3, Matrix3, Matrix6, OMatrix, SMat
 /// Standard deviations, estimated from the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
-    /// Of a corner along each axis: px in pictures, mm among 3D points.
+    /// Standard deviation of a corner along each axis: px in pictures, mm among 3D points.
     pub corner: f64,
-    /// Of the flange's reported turn about each axis, rad.
+    /// Standard deviation of the flange's reported rotation about each axis, rad.
     pub turn_rad: f64,
-    /// Of the flange's reported place along each axis, mm.
+    /// Standard deviation of the flange's reported position along each axis, mm.
     pub shift_mm: f64,
 }
 
@@ -36,13 +36,13 @@ const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
 /// The number of steps after which the noise estimate may still change slowly if camera and board no longer move.
 const SUFFICIENT_STEPS: usize = 60;
-/// The steps end when camera and board move by less than this, mm and mrad.
+/// The iteration ends when camera and board move by less than this, mm and mrad.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 
-/// A camera mount and a board's place with the evidence for them.
+/// A camera mount and a board's pose with the evidence for them.
 #[derive(Debug, Clone)]
 pub struct Adjusted<A: Arrangement> {
-    /// The camera's mount, which is looked for.
+    /// The camera's mount, the unknown of the calibration.
     pub to_from_camera: Rigid<A::To, A::From>,
     /// The board's pose on its holder.
     pub holder_from_board: Rigid<A::Holder, Board>,
@@ -61,7 +61,7 @@ impl<A: Arrangement> Adjusted<A> {
         covariance_at(&self.to_from_camera, &self.covariance, point)
     }
 
-    /// The same with mount and board moved a little, and another covariance.
+    /// Returns a copy with mount and board moved by a small motion, and with another covariance.
     pub(super) fn moved(&self, both: &SVector<f64, 12>, covariance: Both) -> Self {
         let [mount, board] = [0, 6].map(|row| exp(&Twist::from(both.fixed_rows::<6>(row))));
         Adjusted {
@@ -91,7 +91,7 @@ struct State {
     deviations: Vec<Isometry3<f64>>,
 }
 
-/// 1/σω² and 1/σv² in units of the corners' weight.
+/// Returns 1/σω² and 1/σv² in units of the corners' weight.
 pub(super) fn prior(noise: &Noise) -> Matrix6<f64> {
     let [turn, shift] = [noise.turn_rad, noise.shift_mm].map(|sigma| (noise.corner / sigma).powi(2));
     Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift))
@@ -146,12 +146,13 @@ pub(super) fn adjust<A: Arrangement>(
     Err(unsettled)
 }
 
-/// The reduced normal equations of (2), solved.
+/// The solution of the reduced normal equations of (2).
 struct Step {
     both: SVector<f64, 12>,
     /// Inverse of the reduced normal matrix, in units of the corners' variance.
     covariance: Both,
-    /// Σ of the deviations' variances about ω and along v, in the same units.
+    /// Sum of the variances of the flange's deviations in rotation (about ω), in the units of `covariance`;
+    /// `shift_variance` is the same for translation (along v).
     turn_variance: f64,
     shift_variance: f64,
     stations: usize,
@@ -203,14 +204,14 @@ impl Step {
         weigh(&mount) + weigh(&board)
     }
 
-    /// How many of the 3·n turns and shifts of the flange are redundant.
+    /// Returns the redundancy of the 3·n rotations and of the 3·n shifts of the flange.
     fn redundancies(&self, noise: &Noise) -> [f64; 2] {
         let all = 3.0 * self.stations as f64;
         let of = |variance: f64, sigma: f64| (all - variance * (noise.corner / sigma).powi(2)).max(1e-9);
         [of(self.turn_variance, noise.turn_rad), of(self.shift_variance, noise.shift_mm)]
     }
 
-    /// The smaller redundancy of those that count: a component at its floor has none.
+    /// Returns the smaller of the redundancies that count: a noise component at its floor does not count.
     fn redundancy(&self, noise: &Noise) -> f64 {
         let [turn, shift] = self.redundancies(noise);
         let counts =

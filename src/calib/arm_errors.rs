@@ -11,10 +11,11 @@ use crate::cell::ArmGeometry;
 use crate::geometry::{Base, Flange, Joints, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// Numbers of an arm's errors: six after each of the first five axes, and the sag of axes 2 and 3.
+/// The number of an arm's error parameters: six after each of the first five axes, and the sag of axes 2 and 3.
 pub const ARM_NUMBERS: usize = crate::cell::GEOMETRY_NUMBERS;
 
-/// How large each number may be, as a standard deviation: turns in rad, lengths in mm, sag in rad for each mm of lever.
+/// Returns the usual size of each error parameter, as a standard deviation: rotations in rad, lengths in mm, sag in
+/// rad for each mm of lever.
 pub fn usual() -> [f64; ARM_NUMBERS] {
     std::array::from_fn(|index| match index {
         30 | 31 => SAG,
@@ -26,10 +27,11 @@ pub fn usual() -> [f64; ARM_NUMBERS] {
 /// 0.05°.
 const TURN_RAD: f64 = 8.7e-4;
 const LENGTH_MM: f64 = 0.4;
-/// 0.3 mm at the end of a lever of 600 mm.
+/// This sag is 0.3 mm at the end of a lever of 600 mm.
 const SAG: f64 = 8e-7;
 
-/// The name of a number, with the unit in which it is reported, and how many of those one unit of the number is.
+/// Returns the name of an error parameter with the unit in which it is reported, and the factor from the
+/// parameter's own unit to that unit.
 pub fn name(index: usize) -> (String, f64) {
     const ALONG: [char; 3] = ['x', 'y', 'z'];
     // The first axis turns about z, axes 2, 3 and 5 about y, axis 4 about z.
@@ -45,7 +47,7 @@ pub fn name(index: usize) -> (String, f64) {
     }
 }
 
-/// The angles of the model, rad.
+/// Returns the angles of the model, rad.
 fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     let all = joints.degrees();
     std::array::from_fn(|axis| {
@@ -86,12 +88,12 @@ pub fn base_from_flange(
     Rigid::claim(pose)
 }
 
-/// What is wrong with the axes of a file: two exchanged, or one of the other sign.
+/// What is wrong with the axes of a file: two axes exchanged, or one with the opposite sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisFault {
-    /// Two axes, from 1, exchanged.
+    /// Two exchanged axes, numbered from 1.
     Exchanged(usize, usize),
-    /// An axis, from 1, with the other sign.
+    /// An axis with the opposite sign, numbered from 1.
     Sign(usize),
 }
 

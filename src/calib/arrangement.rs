@@ -8,14 +8,14 @@ use crate::cell::{FlangeCameraMount, Mount, ScannerMount};
 use crate::geometry::{Base, Flange, Frame, Rigid};
 use nalgebra::Isometry3;
 
-/// Which of camera and board moves with the flange.
+/// States which of camera and board moves with the flange.
 pub trait Arrangement: Mount + Copy + std::fmt::Debug {
-    /// What carries the board.
+    /// The frame of the part that carries the board.
     type Holder: Frame;
     /// Does the camera move with the flange?
     const EYE_IN_HAND: bool;
 
-    /// The part of the chain that moves.
+    /// Returns the part of the chain that moves.
     fn to_from_holder(base_from_flange: &Rigid<Base, Flange>) -> Rigid<Self::To, Self::Holder>;
 }
 
@@ -37,7 +37,7 @@ impl Arrangement for FlangeCameraMount {
     }
 }
 
-/// A small motion: turned by `ω` rad, shifted by `v` mm, written (ω, v).
+/// A small motion, a rotation by `ω` rad and a shift by `v` mm, written (ω, v).
 pub(super) type Twist = nalgebra::Vector6<f64>;
 
 pub(super) fn exp(twist: &Twist) -> Isometry3<f64> {

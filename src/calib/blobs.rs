@@ -8,28 +8,28 @@ use crate::geometry::{GrayPicture, Mask, Pixel};
 use crate::imaging::{self, ImagingError};
 use nalgebra::Matrix2;
 
-/// A piece that looks like an ellipse.
+/// A connected piece that looks like an ellipse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blob {
     pub middle: Pixel,
     pub area_px: f64,
 }
 
-/// Smaller pieces have no shape, px.
+/// Minimum area of a piece with a recognizable shape, px.
 const MIN_PX: f64 = 12.0;
-/// Larger ones are no circle among many, as a share of the picture.
+/// Maximum area of a circle, as a share of the picture: a larger piece is not one circle among many.
 const MAX_SHARE: f64 = 0.03;
-/// How far A / (4π √det C) may be from 1.
+/// Maximum difference of A / (4π √det C) from 1.
 const ROUND: f64 = 0.12;
-/// The longest axis by the shortest: a circle seen at 70° is 2.9.
+/// Maximum ratio of the longest axis to the shortest: a circle seen at 70° has 2.9.
 const MAX_AXIS_RATIO: f64 = 3.5;
-/// The least difference of a pixel from its surroundings, grey levels.
+/// Minimum difference of a pixel from its surroundings, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
-/// From this grey level on a pixel may belong to a glare, which would lift the mean of what is around it.
+/// From this grey level on a pixel may belong to a glare, which would raise the mean of the surroundings.
 const GLARE: u8 = 225;
-/// … and so may those around it, as a part of the picture's longer side.
+/// Pixels within this part of the picture's longer side around a glare's pixel may belong to the glare too.
 const RIM_PARTS: usize = 40;
-/// More than all grey levels of a picture together.
+/// More than the sum of all grey levels of a picture.
 const COUNT: u64 = 1 << 36;
 
 /// Finds the blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the
@@ -80,7 +80,7 @@ impl Integral {
         Integral { sums, width, height }
     }
 
-    /// Over ± `reach` pixels, and the number of these.
+    /// Returns the sum over ± `reach` pixels, and the number of these pixels.
     fn around(&self, column: usize, row: usize, reach: usize) -> (u64, u64) {
         let (left, right) = (column.saturating_sub(reach), (column + reach + 1).min(self.width));
         let (top, low) = (row.saturating_sub(reach), (row + reach + 1).min(self.height));
@@ -92,7 +92,8 @@ impl Integral {
 
 /// Grey levels around each pixel, for any reach.
 pub(super) struct Sums {
-    /// Of those that no glare can be: each adds [`COUNT`], and so the number is reported as well.
+    /// Sums over the pixels that cannot belong to a glare: each pixel adds [`COUNT`], so that a sum also contains
+    /// the number of pixels.
     without: Integral,
     all: Integral,
 }
@@ -142,7 +143,7 @@ impl Piece {
         }
         let [u, v] = self.sum.map(|sum| sum / self.count);
         let [uu, uv, vv] = self.square.map(|square| square / self.count);
-        // A pixel is a square: 1/12 of variance each way.
+        // Each pixel is a square, which adds a variance of 1/12 in each direction.
         let covariance = Matrix2::new(uu - u * u + 1.0 / 12.0, uv - u * v, uv - u * v, vv - v * v + 1.0 / 12.0);
         let axes = covariance.symmetric_eigenvalues();
         let (long, short) = (axes.max().sqrt(), axes.min().max(0.0).sqrt());
@@ -156,7 +157,7 @@ impl Piece {
 mod tests {
     use super::*;
 
-    /// A disc, a ring and a bar: the disc alone is one.
+    /// A disc, a ring and a bar: only the disc is found.
     #[test]
     fn a_disc_is_found_and_a_bar_is_not() {
         let mut picture = GrayPicture::filled(120, 80, 200);

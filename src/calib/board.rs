@@ -13,23 +13,24 @@ use crate::geometry::{Board as BoardFrame, Pixel, Point};
 /// Corners of the board with their pixels.
 pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
-/// How the markers of a ChArUco board lie, and which they are.
+/// The layout of the markers of a ChArUco board, and their identity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Charuco {
     /// Side of a marker, mm.
     pub marker_mm: f64,
     /// OpenCV's name of the dictionary, `4X4_50`.
     pub dictionary: String,
-    /// Printed by OpenCV before 4.6: with an even number of rows the first square is white and holds a marker.
+    /// Printed by an OpenCV earlier than 4.6: with an even number of rows the first square is white and contains a
+    /// marker.
     pub legacy: bool,
 }
 
-/// What a board shows.
+/// The pattern of a board.
 #[derive(Debug, Clone, PartialEq)]
 enum Pattern {
     Chessboard,
     Charuco(Charuco),
-    /// Circles in rows, each second row shifted or not.
+    /// Circles in rows; in an asymmetric grid each second row is shifted.
     Circles {
         asymmetric: bool,
     },
@@ -145,17 +146,17 @@ impl Board {
         self.rows
     }
 
-    /// Side of a square, or the distance of rows of circles, mm.
+    /// Side of a square, or the distance between rows of circles, mm.
     pub fn square_mm(&self) -> f64 {
         self.square_mm
     }
 
-    /// Is it a chessboard, without markers?
+    /// Returns whether this is a chessboard without markers.
     pub fn is_chessboard(&self) -> bool {
         self.markers().is_none() && self.circles().is_none()
     }
 
-    /// Its markers; `None` for a board without.
+    /// The board's markers; `None` for a board without markers.
     pub fn markers(&self) -> Option<&Charuco> {
         match &self.pattern {
             Pattern::Charuco(charuco) => Some(charuco),
@@ -163,7 +164,7 @@ impl Board {
         }
     }
 
-    /// Does it show circles, and if so, is each second row shifted?
+    /// Returns whether each second row of circles is shifted; `None` for a board without circles.
     pub fn circles(&self) -> Option<bool> {
         match self.pattern {
             Pattern::Circles { asymmetric } => Some(asymmetric),
@@ -176,7 +177,7 @@ impl Board {
         self.columns * self.rows
     }
 
-    /// Does it look different upside down?
+    /// Returns whether the board looks different upside down.
     pub fn is_unique(&self) -> bool {
         match self.pattern {
             Pattern::Chessboard => self.columns % 2 != self.rows % 2,
@@ -215,8 +216,9 @@ impl Board {
         [(0, 0), (right, 0), (right, low), (0, low)]
     }
 
-    /// The corners to touch in three-point calibration: the origin, the end of the first row, the far end of the last,
-    /// and as the check one that breaks the board's symmetry, which its outer corners cannot. As (column, row).
+    /// Returns the corners to touch in three-point calibration, as (column, row): the origin, the end of the first
+    /// row, and the far end of the last row. The fourth one is the check: it breaks the board's symmetry, which the
+    /// outer corners cannot.
     pub fn corners_to_touch(&self) -> [(usize, usize); 4] {
         let [first, second, third, fourth] = self.outer_corners();
         let wanted = (self.columns / 3, self.rows / 3);
@@ -249,7 +251,7 @@ impl Board {
                 .any(|way| corners.iter().all(|&(column, row)| corners.contains(&way(column, row, right, low))))
     }
 
-    /// A ChArUco board in other layouts of the same markers, each with what differs.
+    /// Returns the same ChArUco board in other layouts of its markers, each with a text about the difference.
     pub(super) fn otherwise(&self) -> Vec<(Board, &'static str)> {
         let Some(charuco) = self.markers() else { return Vec::new() };
         let with = |columns: usize, rows: usize, legacy: bool| Board {
@@ -288,8 +290,8 @@ impl Board {
         }
     }
 
-    /// The square (column, row) of the board, from the top left, that holds each marker, in the order of the markers'
-    /// numbers.
+    /// Returns the square (column, row) of each marker, counted from the board's top left, in the order of the
+    /// markers' numbers.
     pub fn marker_squares(&self) -> Vec<(usize, usize)> {
         let Some(charuco) = self.markers() else { return Vec::new() };
         let (columns, rows) = (self.columns + 1, self.rows + 1);
@@ -346,7 +348,8 @@ mod tests {
         assert!(board.is_unique() && !Board::parse("8x6", 25.0).expect("a board").is_unique());
     }
 
-    /// By hand, 4×4 squares: today's pattern begins black, the legacy one white with marker 0.
+    /// Calculated by hand, 4×4 squares: the current pattern begins with a black square, the legacy pattern with a
+    /// white one that contains marker 0.
     #[test]
     fn legacy_charuco_with_even_rows_begins_white() {
         let squares = |text: &str| Board::parse(text, 20.0).expect("a board").marker_squares();
@@ -356,7 +359,8 @@ mod tests {
         assert_eq!(odd[0], odd[1], "an odd number of rows has one pattern");
     }
 
-    /// By hand: the second row of an asymmetric grid begins one distance to the right, and circles of a row are two apart.
+    /// Calculated by hand: the second row of an asymmetric grid begins one distance to the right, and the circles
+    /// of a row are two distances apart.
     #[test]
     fn circles_state_their_distance() {
         let board = Board::parse("circles:7x11:40", None).expect("a board");
@@ -373,7 +377,8 @@ mod tests {
         assert!(error.contains("--square-mm is missing"), "{error}");
     }
 
-    /// By hand, of 9×6 corners: the outer ones are a rectangle's, which looks alike mirrored; column 3, row 2 does not.
+    /// Calculated by hand, for 9×6 corners: the outer corners form a rectangle, which looks the same mirrored;
+    /// column 3, row 2 does not.
     #[test]
     fn the_fourth_corner_breaks_the_symmetry() {
         let board = Board::parse("9x6", 25.0).expect("a board");
@@ -384,7 +389,7 @@ mod tests {
         assert!(!square.looks_alike(&square.corners_to_touch()));
     }
 
-    /// OpenCV's own names, with AprilTags; another name is refused once, before any picture is looked at.
+    /// OpenCV's own names, including AprilTags; another name is refused once, before any picture is examined.
     #[test]
     fn dictionaries_are_named_as_opencv_names_them() {
         let name = |text: &str| {

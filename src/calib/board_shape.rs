@@ -15,31 +15,33 @@ use crate::geometry::{Board, Point};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 
-/// Rounds of the adjustment in turn.
+/// Number of rounds in which lens and board shape are adjusted in turn.
 const ROUNDS: usize = 6;
 /// With fewer pictures a shape cannot be distinguished from noise.
 const MIN_VIEWS: usize = 6;
-/// A corner's place is an unknown if at least this many pictures show it.
+/// A corner's position is an unknown if at least this number of pictures show it.
 const MIN_VIEWS_PER_CORNER: usize = 4;
-/// Corners that miss a flat board by less are good, px.
+/// Corners whose distance from those of a flat board is smaller than this are good, px.
 const GOOD_PX: f64 = 0.08;
-/// With the board's own shape corners miss by this share, or less, of what they miss a flat one, or it is flat.
+/// The board is not flat only if its own shape reduces the corners' residuals to this share, or less, of those of a
+/// flat board.
 const MAX_ERROR_RATIO: f64 = 0.8;
 
 /// A board that is not flat, or not square.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardShape {
-    /// Root mean square of the corners' distances from a flat board's, px, by the redundancy of the fit.
+    /// Root mean square of the corners' distances from those of a flat board, px, calculated with the redundancy of
+    /// the fit.
     pub flat_px: f64,
-    /// The same with the board's own shape.
+    /// Root mean square of the corners' distances with the board's own shape, px.
     pub own_px: f64,
-    /// How far the board bows, from its lowest to its highest corner, mm.
+    /// The bow of the board, from its lowest to its highest corner, mm.
     pub bow_mm: f64,
-    /// How far a corner lies beside its place in the plane, at most, mm.
+    /// The largest distance of a corner from its nominal position in the plane, mm.
     pub beside_mm: f64,
 }
 
-/// A corner's place as a key: thousandths of a millimetre.
+/// Returns a corner's position as a key, in thousandths of a millimetre.
 fn key(q: &Point<Board>) -> [i64; 2] {
     [q.mm.x, q.mm.y].map(|mm| (mm * 1e3).round() as i64)
 }
@@ -60,7 +62,7 @@ pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> O
         let shaped: Vec<Corners> = corners.iter().map(|corners| with_offsets(corners, &offsets)).collect();
         fit = lens_fit::fit(model, fit, &shaped.iter().collect::<Vec<_>>())?;
     }
-    // Seven of the offsets' freedoms are the whole board's motion and scale.
+    // Seven degrees of freedom of the offsets are a motion and the scale of the whole board.
     let free = flat.rows - own - (3 * offsets.len()) as f64 + 7.0;
     if free < 0.25 * flat.rows {
         return None;
@@ -75,7 +77,7 @@ fn with_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -
     corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
 }
 
-/// (1), added to the offsets so far.
+/// Applies equation (1), added to the offsets so far.
 fn moved(
     fit: &LensFit,
     corners: &[&Corners],
@@ -101,7 +103,7 @@ fn moved(
     sums.into_iter().map(offset).collect()
 }
 
-/// Bow and the largest shift in the plane, without what is a motion or a scale of the whole board.
+/// Returns the bow and the largest shift in the plane, without motion and scale of the whole board.
 fn stated(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
     let count = offsets.len();
     let place = |at: &[i64; 2]| [at[0] as f64 / 1e3, at[1] as f64 / 1e3];

@@ -7,14 +7,16 @@ use super::health::Verification;
 /// Two parts of the budget; `None` while not measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// Both cameras' mounts, at the panel: what their calibrations state.
+    /// The mounts of both cameras, at the panel, as their calibrations state them.
     pub hand_eye_mm: Option<f64>,
-    /// The robot and its tool: what the tool's calibration states, and what the last touch of known points missed.
+    /// The robot and its tool: the uncertainty that the tool's calibration states, and the error of the last touch
+    /// of known points.
     pub robot_mm: Option<f64>,
 }
 
-/// The parts from the uncertainties that the files in use state, mm, and the last touch check of the tool's file. A touch
-/// is the one look at the robot's absolute error, so without one the robot's part is not measured.
+/// Returns the parts of the budget from the stated uncertainties of the files in use, mm, and the last touch check
+/// of the tool's file. Only a touch shows the robot's absolute error, so without one the robot's part is not
+/// measured.
 pub fn parts(mounts_mm: [Option<f64>; 2], tool_mm: Option<f64>, last_touch: Option<&Verification>) -> Parts {
     let both = |one: Option<f64>, other: Option<f64>| Some(one?.hypot(other?)).filter(|mm| mm.is_finite());
     let [scanner_mm, flange_mm] = mounts_mm;
@@ -25,7 +27,7 @@ pub fn parts(mounts_mm: [Option<f64>; 2], tool_mm: Option<f64>, last_touch: Opti
 mod tests {
     use super::*;
 
-    /// By hand: 0.3 mm of the tool and 0.4 mm missed at the touch are 0.5 mm together.
+    /// Calculated by hand: 0.3 mm of the tool and an error of 0.4 mm at the touch are 0.5 mm together.
     #[test]
     fn tool_and_touch_and_both_mounts_add_as_squares() {
         let touch = Verification {

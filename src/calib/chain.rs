@@ -1,5 +1,5 @@
-//! How a corner of the board moves in a station's view with camera mount, board, flange and lens: equation (1) of
-//! `adjust` and its slopes, gathered for each station as a part of the normal equations.
+//! How a corner in a station's view moves with camera mount, board, flange and lens: equation (1) of `adjust` and
+//! its derivatives, collected for each station as its part of the normal equations.
 
 use super::arrangement::Arrangement;
 use crate::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
@@ -36,15 +36,15 @@ pub struct Station<C: Frame> {
     pub name: String,
     /// The flange pose that the robot reported.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// What the picture shows.
+    /// The camera's observation of the board.
     pub seen: BoardObservation<C>,
 }
 
-/// Of mount and board, in this order, each (ω, v).
+/// A matrix over mount and board, in this order, each (ω, v).
 pub(super) type Both = SMatrix<f64, 12, 12>;
 type Normal = SMatrix<f64, 18, 18>;
 
-/// One station's part of the normal equations: of X, Y and e, in this order.
+/// One station's part of the normal equations, for X, Y and e in this order.
 pub(super) struct Gram {
     pub normal: Normal,
     pub gradient: SVector<f64, 18>,
@@ -79,7 +79,7 @@ impl Gram {
     }
 }
 
-/// A length that was stated, and may be another one by a factor.
+/// A stated length that may be wrong by a factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Factor {
     /// The side of the board's squares.
@@ -90,7 +90,7 @@ pub(super) enum Factor {
 
 /// One station's part of the normal equations of a factor.
 pub(super) struct ScaleGram {
-    /// Beside X, Y and e.
+    /// The factor's cross terms with X, Y and e.
     pub cross: SVector<f64, 18>,
     pub square: f64,
     pub pull: f64,
@@ -104,7 +104,7 @@ impl ScaleGram {
     }
 }
 
-/// How a corner in the camera's frame moves with small turns and shifts of camera, board and flange.
+/// The derivatives of a corner in the camera's frame by small rotations and shifts of camera, board and flange.
 struct Corner {
     camera: (Matrix3<f64>, Matrix3<f64>),
     board: (Matrix3<f64>, Matrix3<f64>),
@@ -234,8 +234,8 @@ impl Chain {
         Some(gram)
     }
 
-    /// The lens's part of the normal equations beside that of mount, board and flange: how much a lens that is a little
-    /// off pulls at them. Points of a 3D camera have none.
+    /// Returns the cross terms of the lens with mount, board and flange in the normal equations: how an error of
+    /// the lens changes them. Points of a 3D camera have none.
     pub fn lens_cross<C: Frame>(
         &self,
         camera: &PinholeCamera,

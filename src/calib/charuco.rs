@@ -20,13 +20,14 @@ use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
 use std::collections::BTreeMap;
 
-/// Fewer corners than this place no board well.
+/// Minimum number of corners that determine the board's position well.
 const MIN_CORNERS: usize = 8;
-/// How far a marker's corner may lie from the common plane of all, as a share of its side: a lens bends far less.
+/// Maximum distance of a marker's corner from the common plane of all, as a share of the marker's side: a lens
+/// bends far less.
 const BENT_WHOLE: f64 = 0.6;
 /// If the markers lead to this share of the corners, the others are hidden.
 const MIN_CORNER_SHARE: f64 = 0.6;
-/// Lattices of one look that are compared with the board.
+/// Maximum number of lattices of one search pass that are compared with the board.
 const MAX_LATTICES: usize = 6;
 
 /// Finds the board, or reports which other board the picture shows.
@@ -44,7 +45,8 @@ pub(super) fn detect(
     let shows = |picture: &GrayPicture, board: &Board| {
         let markers = board.markers()?;
         let corners = found(name, picture, board, markers, None).ok()?.corners.len();
-        // A few markers of another layout lie as this one has them: what the picture shows it shows whole.
+        // A few markers of another layout may lie as in this one. Only the layout that the picture really shows is
+        // found completely.
         (corners as f64 >= MIN_CORNER_SHARE * board.count() as f64).then_some(corners)
     };
     let other = |what: String| CalibError::OtherCharuco { picture: name.to_owned(), what };
@@ -81,11 +83,11 @@ pub(super) fn detect(
     Err(missing)
 }
 
-/// This many markers are a board's, not chance.
+/// At least this number of markers shows a board; fewer may be chance.
 const SOME_MARKERS: usize = 4;
-/// … of a dictionary that was not named.
+/// At least this number of markers shows a board of a dictionary that the user did not name.
 const SURE_MARKERS: usize = 6;
-/// The largest dictionary of each family holds the smaller ones' markers first.
+/// The largest dictionary of each family begins with the markers of the smaller ones.
 const DICTIONARIES: [&str; 9] = [
     "4X4_1000",
     "5X5_1000",
@@ -100,7 +102,7 @@ const DICTIONARIES: [&str; 9] = [
 /// A picture of this width is enough to read markers, px.
 const SMALL_PX: usize = 1_200;
 
-/// The markers of a dictionary in a picture of moderate size.
+/// Returns the markers of a dictionary in a picture of moderate size.
 fn seen_small(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
     let times = picture.width.max(picture.height).div_ceil(SMALL_PX).max(1);
     let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
@@ -151,7 +153,7 @@ fn found(
     if half_window_px.is_some() {
         return Ok(refined(picture, &corners, board.square_mm(), half_window_px)?);
     }
-    // The window ends before the markers do.
+    // The window must not extend beyond the markers.
     let half_window_px = (1.2 * inset * shortest_px(&corners, board.square_mm())).clamp(3.0, 11.0) as usize;
     let mut is_seen = vec![true; corners.len()];
     corners.extend(search.foretold(&best));
@@ -194,8 +196,9 @@ fn placed(board: &Board, charuco: &Charuco, markers: &[Near]) -> (Vec<[f64; 2]>,
     markers.iter().flat_map(place).unzip()
 }
 
-/// The markers with their numbers, from looks at growing sizes: a large board is found whole in a small picture, and the
-/// last look is bounded like that for a chessboard. The corners are those of the largest look that saw the marker.
+/// Returns the markers with their numbers, from search passes at growing picture sizes: a large board is found
+/// completely in a small picture, and the last pass is limited like the one for a chessboard. The corners are those
+/// of the largest picture in which the marker was found.
 fn markers(
     picture: &GrayPicture,
     dictionary: i32,
@@ -221,7 +224,7 @@ fn markers(
 
 type Near = ((usize, usize), [Pixel; 4]);
 
-/// The largest part of the board that lattices of corners hold.
+/// Returns the largest part of the board that is found from lattices of corners.
 fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
     let (side, mut best) = (search.board.square_mm(), Grown::new());
     for times in chessboard::reductions(search.picture) {

@@ -12,7 +12,7 @@ use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
-/// A corner is predicted from the known places within `NEAR_SQUARES` squares, at most `MAX_NEIGHBOURS` of them.
+/// A corner is predicted from the known corners within `NEAR_SQUARES` squares, at most `MAX_NEIGHBOURS` of them.
 const NEAR_SQUARES: f64 = 2.6;
 const MAX_NEIGHBOURS: usize = 20;
 /// Limits of the search: its rounds, the standard deviation of a corner, px, and the distance of a corner from its
@@ -26,7 +26,7 @@ pub(super) type Known = Vec<([f64; 2], Pixel)>;
 /// Corners by column and row.
 pub(super) type Grown = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
 
-/// What looks for corners from others.
+/// The search for corners from known neighbours.
 pub(super) struct Search<'a> {
     pub picture: &'a GrayPicture,
     pub board: &'a Board,
@@ -36,7 +36,7 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// All corners that are found from places that are known, each from the ones near it.
+    /// Returns all corners that are found from the known ones, each from the corners near it.
     pub fn grown(&self, mut known: Known) -> Grown {
         let mut all = Grown::new();
         let mut blur_px = None;
@@ -105,7 +105,7 @@ impl Search<'_> {
             && rows.iter().any(|all| !all.is_empty())
     }
 
-    /// A corner as its neighbours predict it.
+    /// Returns a corner's view as its neighbours predict it.
     fn view(&self, known: &Known, column: usize, row: usize) -> Option<View> {
         let q = self.board.corner(column, row)?;
         let place = [q.mm.x, q.mm.y];
@@ -115,7 +115,7 @@ impl Search<'_> {
         Some(View { plane, place, start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
     }
 
-    /// From the board, mm, to the picture near a place, by what is known there.
+    /// Returns the homography from the board, mm, to the picture near a place, from the known corners there.
     fn plane(&self, known: &Known, [x, y]: [f64; 2]) -> Option<Matrix3<f64>> {
         let side = self.board.square_mm();
         let away = |place: [f64; 2]| (place[0] - x).hypot(place[1] - y);
@@ -136,7 +136,7 @@ impl Search<'_> {
         Some(foreign::homography(&places, &pixels)? * shift)
     }
 
-    /// The shorter side of a square there, px.
+    /// Returns the shorter side of a square in this view, px.
     fn square_px(&self, view: &View) -> f64 {
         let ([x, y], side) = (view.place, self.board.square_mm());
         let there = pixel_of(&view.plane, view.place);
@@ -149,7 +149,7 @@ fn known(all: &Grown) -> Known {
     all.values().map(|(q, pixel)| ([q.mm.x, q.mm.y], *pixel)).collect()
 }
 
-/// The inner corners of a square: the square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
+/// Returns the inner corners of a square: the square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
 fn beside((column, row): (usize, usize)) -> Vec<(usize, usize)> {
     let before = |index: usize| index.checked_sub(1).into_iter().chain([index]);
     before(row).flat_map(|row| before(column).map(move |column| (column, row))).collect()

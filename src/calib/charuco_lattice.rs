@@ -13,16 +13,17 @@ use super::foreign;
 use crate::geometry::Pixel;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// The correlation of the grey levels with the print, over all squares with markers, and how far it is above the second.
+/// Minimum correlation of the grey levels with the print, over all squares with markers. It must exceed the
+/// second-best one by at least `ABOVE`.
 pub(super) const ALIKE: f64 = 0.4;
 const ABOVE: f64 = 0.15;
-/// Squares of a marker that must be compared.
+/// Minimum number of squares with markers that are compared.
 const MIN_SQUARES: usize = 4;
 
 /// Corners by column and row of the board.
 pub(super) type LatticeCorners = Vec<((i32, i32), Pixel)>;
 
-/// The cells of a board's markers, each square's by column and row.
+/// The cells of each marker of a board, with the column and row of its square.
 pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
 
 /// Assigns the seen corners of a lattice to those of the board; `None` if no position is clearly the right one.
@@ -32,7 +33,7 @@ pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Ce
     for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
         seen.push((((index % grid.columns) as i32, (index / grid.columns) as i32), node.pixel));
     }
-    // A weave has more corners than a board, and would be compared at thousands of places.
+    // A woven texture has more corners than a board, and would be compared at thousands of positions.
     if 3 * seen.len() > 4 * board.count() {
         return None;
     }
@@ -55,7 +56,7 @@ pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Ce
                 }
             }
         }
-        // A quarter turn: (column, row) becomes (row, −column).
+        // Rotates by a quarter turn: (column, row) becomes (row, −column).
         seen.iter_mut().for_each(|(at, _)| *at = (at.1, wide - 1 - at.0));
         (wide, high) = (high, wide);
     }
@@ -71,7 +72,7 @@ fn is_mirrored(grid: &Grid) -> bool {
     (right.u - first.u) * (below.v - first.v) < (right.v - first.v) * (below.u - first.u)
 }
 
-/// The mean correlation of the grey levels with the print, over the squares beside the corners.
+/// Returns the mean correlation of the grey levels with the print, over the squares beside the corners.
 fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64) -> Option<f64> {
     let places: Vec<[f64; 2]> = corners.iter().map(|((c, r), _)| [f64::from(*c), f64::from(*r)]).collect();
     let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();

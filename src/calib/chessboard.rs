@@ -1,12 +1,13 @@
-//! Finds a chessboard in a picture to about a pixel, by work that does not depend on the picture's content.
+//! Finds a chessboard in a picture to about a pixel, with a computing time that does not depend on the picture's
+//! content.
 //!
 //! The picture is examined several times, at a small size first: a large board is found there, and the last pass
-//! sees at most [`MAX_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`, `lattice`). A
-//! lattice with the board's columns and rows is the board, even if a glare hides some of its corners. No outer line
-//! may be followed by another one, since a part of a larger board is no board. Neither a white rim nor light around
-//! the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for
-//! minutes. `findChessboardCornersSB` misses boards in the dark, and with a glare; it makes the last pass, at a
-//! small size.)
+//! examines at most [`MAX_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`, `lattice`). A
+//! lattice with the board's columns and rows is the board, even if a glare hides some of its corners. No further
+//! line of corners may follow an outer line, since a part of a larger board is not the board. Neither a white rim
+//! nor light around the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can
+//! occupy it for minutes. `findChessboardCornersSB` misses boards in the dark, and with a glare; it does the last
+//! pass, at a small size.)
 
 use super::board::Board;
 use super::crossings::{Crossing, Smooth, crossings, noise};
@@ -23,18 +24,18 @@ const MAX_PX: usize = 3_400_000;
 const MIN_SIDE_PX: usize = 480;
 /// The largest number of pixels that the last pass examines.
 const SECTOR_BASED_PX: usize = 850_000;
-/// An outer line of which less was seen is none: of a board with a glare near its rim, of one with a glare, and of
-/// one beside which something looks like corners.
+/// Minimum share of an outer line's corners that must be seen, or the line is removed. The three values are for a
+/// board with a glare near its rim, with a glare elsewhere, and with an object beside it that looks like corners.
 const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
-/// The smallest chessboard that is called one, inner corners.
+/// The smallest size of a chessboard, inner corners.
 const MIN_BOARD_CORNERS: usize = 3;
 /// The share of the board's corners that must be seen.
 const SEEN_SHARE: f64 = 0.5;
-/// … and of another board, before it is called one.
+/// The share of the corners of another board that must be seen before it is reported.
 const OTHER_SHARE: f64 = 0.8;
-/// A line beyond the board with this share of corners belongs to a larger board.
+/// If this share of a line beyond the board consists of corners, the line belongs to a larger board.
 const REAL_SHARE: f64 = 0.4;
-/// The contrast of a corner by that of its neighbour.
+/// Minimum ratio of a corner's contrast to that of its neighbour.
 const HALF_CONTRAST: f64 = 0.7;
 /// A predicted corner is searched within this share of the distance to its neighbour.
 const WINDOW_SHARE: f64 = 0.3;
@@ -48,18 +49,18 @@ pub(super) struct Node {
     pub is_seen: bool,
 }
 
-/// What a picture shows.
+/// The result of the search in a picture.
 #[derive(Debug, PartialEq)]
 pub(super) enum Search {
     /// The board: its corners row by row.
     Board(Vec<Node>),
-    /// Another one, by its inner corners, the longer side first.
+    /// Another board, by its inner corners, the longer side first.
     Other([usize; 2]),
     /// None.
     Nothing,
 }
 
-/// Looks for a board.
+/// Searches a picture for a board.
 pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, ImagingError> {
     let (mut best, mut other): (Option<Grid>, Option<([usize; 2], usize)>) = (None, None);
     for times in reductions(picture) {
@@ -89,7 +90,8 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
     })
 }
 
-/// A last look by `findChessboardCornersSB`, at a size at which its time is short: it joins corners that are bent or dirty.
+/// Searches a last time with `findChessboardCornersSB`, at a size at which its time is short: it joins corners that
+/// are distorted or dirty.
 fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>>, ImagingError> {
     let small_enough = |times: &usize| picture.gray.len() / (times * times) <= SECTOR_BASED_PX;
     let Some(times) = reductions(picture).into_iter().rfind(small_enough) else { return Ok(None) };
@@ -104,7 +106,7 @@ fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>
     Ok((!goes_on(picture, &grid)).then(|| oriented(grid, picture, board)))
 }
 
-/// By how much the picture is made smaller for each look, the smallest picture first.
+/// Returns the factors by which the picture is reduced for each pass, the smallest picture first.
 pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
     let long = picture.width.max(picture.height);
     let times = (0..16).map(|power| 1usize << power);
@@ -116,7 +118,7 @@ pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
     all
 }
 
-/// The lattices of a picture made smaller, in pixels of the whole one.
+/// Returns the lattices of a reduced picture, in pixels of the full-size picture.
 pub(super) fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> {
     let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
     let small = small.as_ref().unwrap_or(picture);
@@ -125,7 +127,7 @@ pub(super) fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, Ima
     let smooth = Smooth::from_picture(small);
     let all = crossings(&smooth);
     let found = lattices(&smooth, &all);
-    // An outer line of which half is missing may be hidden, or be something beside the board.
+    // An outer line with half of its corners missing may be partly hidden, or may be something beside the board.
     let grids = found.into_iter().flat_map(|lattice| {
         let mut all = LINE_SHARES.map(|share| trimmed(lattice.clone(), share)).to_vec();
         all.dedup_by_key(|lattice| lattice.len());
@@ -184,7 +186,7 @@ impl Grid {
         self.seen() as f64 / self.nodes.len() as f64
     }
 
-    /// Was enough seen of each outer line that it is one?
+    /// Returns whether enough of each outer line was seen.
     fn has_whole_sides(&self) -> bool {
         let line = |first: usize, step: usize, count: usize| {
             let seen = (0..count).filter(|index| self.nodes[first + index * step].is_seen).count();
@@ -197,7 +199,7 @@ impl Grid {
             && line(columns - 1, columns, rows)
     }
 
-    /// Inner corners of both sides, the longer first.
+    /// Returns the inner corners of both sides, the longer first.
     fn sides(&self) -> [usize; 2] {
         [self.columns.max(self.rows), self.columns.min(self.rows)]
     }
@@ -232,7 +234,7 @@ fn foretold(plane: &Matrix3<f64>, place: [f64; 2], (places, pixels): (&[[f64; 2]
     Some(Pixel::at(there.x, there.y))
 }
 
-/// Do corners of squares follow beyond one of the outer lines?
+/// Returns whether more corners of squares follow beyond one of the outer lines.
 fn goes_on(picture: &GrayPicture, grid: &Grid) -> bool {
     let at = |column: usize, row: usize| {
         let pixel = grid.nodes[row * grid.columns + column].pixel;
@@ -311,7 +313,7 @@ fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
 
 /// Returns whether the outer square at the first corner is white, by all squares between corners that were seen.
 fn begins_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
-    // Sum and count of the squares of the outer square's colour, and of the others.
+    // Sum and count of the squares with the outer square's colour, and of the others.
     let mut sums = [(0.0, 0.0); 2];
     for index in (0..corners.len() - columns).filter(|index| index % columns + 1 < columns) {
         let around = [index, index + 1, index + columns, index + columns + 1].map(|index| corners[index]);
@@ -325,7 +327,7 @@ fn begins_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool
     same > others
 }
 
-/// Mean of the nine pixels around a place.
+/// Returns the mean of the nine pixels around a pixel.
 fn gray_at(picture: &GrayPicture, at: Pixel) -> Option<f64> {
     let (column, row) = at.whole(picture.width, picture.height)?;
     let columns = column.saturating_sub(1)..(column + 2).min(picture.width);
@@ -339,8 +341,8 @@ fn gray_at(picture: &GrayPicture, at: Pixel) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// By hand: 2592 px halve to 1296 and 648 px; 5.0 megapixels are more than one look may see. A small picture is
-    /// looked at as it is.
+    /// Calculated by hand: 2592 px halve to 1296 and 648 px; 5.0 megapixels are more than one pass may examine. A
+    /// small picture is examined as it is.
     #[test]
     fn the_last_look_is_bounded_and_the_first_one_is_small() {
         let all = |width: usize, height: usize| reductions(&GrayPicture::filled(width, height, 0));
@@ -350,8 +352,8 @@ mod tests {
         assert_eq!(all(300, 200), [1]);
     }
 
-    /// By hand, a grid of 2 columns and 3 rows, seen mirrored, transposed and upside down: pixel (u, v) of its corner in
-    /// column c and row r is (c, r).
+    /// Calculated by hand, a grid of 2 columns and 3 rows, seen mirrored, transposed and upside down: pixel (u, v)
+    /// of its corner in column c and row r is (c, r).
     #[test]
     fn any_order_of_the_corners_becomes_the_board_s() {
         let node = |(u, v): (usize, usize)| Node { pixel: Pixel::at(u as f64, v as f64), is_seen: true };

@@ -1,28 +1,29 @@
-//! Blobs joined to the grid of a board of circles.
+//! Joins blobs to the grid of a board of circles.
 //!
-//! From a blob and two of its neighbours a lattice grows, each step foretold by the one before, so that a lens and
-//! a tilt may bend it. Its two directions are not always those of the board's rows: with a tilt a diagonal may be
-//! nearer, and the rows of an asymmetric board are diagonals of its lattice. So the coordinates are turned and
-//! sheared by small whole numbers until they are the board's. The blobs looked at from each place are bounded, and
-//! so is the work.
+//! A lattice grows from a blob and two of its neighbours. Each step is predicted from the previous one, so that a
+//! lens and a tilt may bend the lattice. Its two directions are not always those of the board's rows: with a tilt a
+//! diagonal may be nearer, and the rows of an asymmetric board are diagonals of its lattice. So the coordinates are
+//! rotated and sheared by small whole numbers until they are the board's. The number of blobs that are examined
+//! from each position is limited, and so is the computing time.
 
 use super::blobs::Blob;
 use super::board::Board;
 use nalgebra::Vector2;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// A step differs from the prediction of the one before by at most this share of its length.
+/// A step differs from the prediction by the previous step by at most this share of its length.
 const PREDICTION_TOLERANCE: f64 = 0.27;
-/// The areas of neighbours differ by at most this factor; one circle of a board may be larger, as its mark.
+/// Maximum ratio of the areas of neighbours; one circle of a board may be larger, as a mark.
 const AREAS: f64 = 5.5;
-/// First neighbours that are tried, the pairs of them, and blobs to begin from.
+/// Maximum number of first neighbours that are tried. `PAIRS` is that of their pairs, and `SEEDS` that of the blobs
+/// from which a lattice begins.
 const FIRST: usize = 6;
 const PAIRS: usize = 4;
 const SEEDS: usize = 25;
 /// The share of the board's circles that must be seen.
 const SEEN_SHARE: f64 = 0.5;
 
-/// Circles by their place in the board's list.
+/// Circles by their index in the board's list.
 pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
 /// Finds the board among the blobs, which are sorted with the likeliest first; `None` if it is not there.
@@ -63,7 +64,7 @@ fn are_alike(one: &Blob, two: &Blob) -> bool {
     (1.0 / AREAS..=AREAS).contains(&(one.area_px / two.area_px))
 }
 
-/// Pairs of steps to neighbours, the shortest first, never mirrored.
+/// Returns pairs of steps to neighbours, the shortest first, never mirrored.
 fn first_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)> {
     let mut near: Vec<Vector2<f64>> = (0..blobs.len())
         .filter(|other| *other != seed && are_alike(&blobs[*other], &blobs[seed]))
@@ -84,7 +85,7 @@ fn first_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)>
     pairs
 }
 
-/// The lattice that these steps span from a blob.
+/// Returns the lattice that these steps span from a blob.
 fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)) -> BTreeMap<(i32, i32), usize> {
     let mut lattice = BTreeMap::from([((0, 0), seed)]);
     let mut taken = BTreeSet::from([seed]);
@@ -133,7 +134,7 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
     for [a, b, c, d] in turns(is_asymmetric) {
         let moved: Vec<((i32, i32), usize)> =
             lattice.iter().map(|((x, y), index)| ((a * x + b * y, c * x + d * y), *index)).collect();
-        // An outer line that is hardly there belongs to something beside the board.
+        // An outer line with very few circles belongs to something beside the board.
         let Some(low) = corner_of(&moved, (wide, high)) else { continue };
         let placed: LatticePositions = moved
             .iter()
@@ -158,14 +159,14 @@ fn corner_of(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<
         let (low, top) =
             moved.iter().map(|(at, _)| of(at)).fold((i32::MAX, i32::MIN), |(l, h), n| (l.min(n), h.max(n)));
         let inside = |start: i32| moved.iter().filter(|(at, _)| (start..=start + length).contains(&of(at))).count();
-        // At most two lines too many are looked past, and none is missing.
+        // At most two extra lines are skipped, and no line may be missing.
         let excess = top - low - length;
         (0..=2).contains(&excess).then(|| (low..=low + excess).max_by_key(|s| (inside(*s), -s)).unwrap_or(low))
     };
     Some((start(|at| at.0, wide)?, start(|at| at.1, high)?))
 }
 
-/// Turns and shears that keep what is right of the first step right: a, b, c, d of x' = a x + b y, y' = c x + d y.
+/// Returns rotations and shears without mirroring, as a, b, c, d of x' = a x + b y, y' = c x + d y.
 fn turns(is_asymmetric: bool) -> Vec<[i32; 4]> {
     let product = |[a, b, c, d]: [i32; 4], [e, f, g, h]: [i32; 4]| {
         [a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h]
@@ -174,7 +175,7 @@ fn turns(is_asymmetric: bool) -> Vec<[i32; 4]> {
     let mut all = Vec::new();
     let shears = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
     for shear in shears {
-        // The lattice of an asymmetric board is that of its diagonals.
+        // The lattice of an asymmetric board has the directions of the board's diagonals.
         let mut turned = if is_asymmetric { product([1, -1, 1, 1], shear) } else { shear };
         for _ in 0..4 {
             all.push(turned);
@@ -189,7 +190,8 @@ mod tests {
     use super::*;
     use crate::geometry::Pixel;
 
-    /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles, in the board's order.
+    /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles are found, in
+    /// the board's order.
     #[test]
     fn tilted_grids_are_put_in_order() {
         for text in ["circles:7x5:10", "acircles:4x9:10"] {

@@ -1,4 +1,4 @@
-//! The circles of a board placed by their print (`print`) and the smooth surface through all (`surface`).
+//! Locates the circles of a board by their print (`print`) and the smooth surface through all of them (`surface`).
 
 use super::board::{Board, Corners};
 use super::crossings::noise;
@@ -10,12 +10,13 @@ use super::surface::{
 use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::Matrix3;
 
-/// What is placed no better is not there, each way, px.
+/// Maximum standard deviation of a located circle along each axis, px; with a larger one the circle counts as
+/// absent.
 const PRESENT_PX: f64 = 3.0;
 /// The factors by which a circle's radius may differ from its first estimate.
 const RADII: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
 
-/// What is looked for by its print alone.
+/// The input for circles that are located only by their print.
 pub(super) struct ByPrint<'a> {
     pub picture: &'a GrayPicture,
     /// The factor by which the picture is reduced for the search.
@@ -51,7 +52,7 @@ impl ByPrint<'_> {
                 let own = CornerEstimate::from_match(&found, noise);
                 let deviation_px = own.deviation_px * self.times as f64;
                 let own = CornerEstimate { at: self.whole(own.at, small), deviation_px, ..own };
-                // A first surface is no better than the circles' middles, of which a glare moves some.
+                // The first surface is only as good as the middles of the circles, and a glare shifts some of them.
                 let start_px = START_PX * self.times as f64;
                 let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, &own).max(start_px);
                 *placed = (own.deviation_px < PRESENT_PX && is_near).then_some(own);

@@ -22,23 +22,24 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 /// At most this multiple of the board's number of circles is examined as candidates.
 const CANDIDATES_EACH: usize = 3;
 const MAX_CANDIDATES: usize = 450;
-/// Blobs of all reaches together, at most: of a weave there are more, and each is compared with all.
+/// Maximum number of blobs of all reaches together: a woven texture has more, and each is compared with all others.
 const MAX_BLOBS: usize = 2_000;
-/// Surroundings for a blob's threshold, as parts of the picture's longer side.
+/// Sizes of the surroundings for a blob's threshold: the picture's longer side divided by these numbers.
 const REACHES: [usize; 3] = [12, 32, 80];
-/// Grids that are placed.
+/// Maximum number of grids in which the circles are located.
 const MAX_GRIDS: usize = 3;
-/// The extent of the window towards the neighbours' centres; its outermost part is background.
+/// The extent of the window, as a share of the distance to the neighbours' centres. From `GROUND` outwards the
+/// window shows only background.
 const WINDOW: f64 = 0.48;
 const GROUND: f64 = 0.40;
-/// Circles with windows that reach farther are placed in a smaller picture, px.
+/// Circles with larger windows are located in a reduced picture, px.
 const REACH_PX: f64 = 13.0;
 /// A circle that is farther from its place in the grid is rejected, as a share of the distance to its neighbour.
 const BENT: f64 = 0.2;
 
 /// A circle with a radius that differs from the others' by this share is not completely visible.
 const CUT: f64 = 0.12;
-/// A circle at a corner that is larger by this factor than all others marks the first.
+/// A corner circle that is larger by this factor than all others marks the first circle.
 const MARK: f64 = 1.3;
 
 /// A circle's number on the board, and its pixel.
@@ -69,7 +70,8 @@ pub(super) fn detect(
                         add_others(&mut together, &found);
                         grid(&found, board)
                     }
-                    // What one reach misses beside a glare, another one sees: last, all of them.
+                    // A reach that misses circles beside a glare is supplemented by another one. Therefore all
+                    // reaches together are tried last.
                     None => grid(&together, board),
                 };
                 let Some(rough) = rough else { continue };
@@ -95,7 +97,7 @@ pub(super) fn detect(
     best.ok_or_else(none)
 }
 
-/// Adds the blobs that are none of those before.
+/// Adds the blobs that are not already in the list.
 fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
     if all.len() + more.len() > MAX_BLOBS {
         return;
@@ -116,7 +118,8 @@ fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
     }
     let mut areas: Vec<f64> = found.iter().map(|blob| blob.area_px).collect();
     areas.sort_by(f64::total_cmp);
-    // Circles are of one size, and so the most alike sizes are taken: the narrowest range that holds a board's worth.
+    // All circles have one size. Therefore the most similar sizes are selected: the narrowest range with as many
+    // blobs as the board has circles.
     let most = (CANDIDATES_EACH * board.count()).min(MAX_CANDIDATES).max(board.count());
     let narrowest = areas.windows(count).min_by(|a, b| (a[count - 1] / a[0]).total_cmp(&(b[count - 1] / b[0])));
     let middle = narrowest.map_or(1.0, |window| (window[0] * window[count - 1]).sqrt());
@@ -141,7 +144,7 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
     if marked == 0 || others.into_iter().any(|(_, radius)| *radius > MARK * usual) {
         return None;
     }
-    // A board that is not square has two ways, a square one four.
+    // A rectangular board has two possible orientations, a square one four.
     let turned = |number: usize| {
         let (column, row) = (number % columns, number / columns);
         match marked {
@@ -200,7 +203,7 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
     }
     let corners = found.iter().map(|(number, pixel, radius)| {
         let at_place = place(*number);
-        // A mark is as large as it is; of the others all are one size.
+        // A mark keeps its own size; all other circles have one size.
         let radius = if *radius > MARK * radius_mm { *radius } else { radius_mm };
         Some((places[*number], seen_centre(&board_to_picture, at_place, *pixel, radius)?))
     });
@@ -245,10 +248,10 @@ fn printed(
     let places = board.corners();
     let reach_mm = WINDOW * neighbour_mm;
     let middle = slope(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
-    // Large circles are placed as well in a smaller picture.
+    // Large circles are located equally well in a reduced picture.
     let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
     let times = (reach_px / REACH_PX).max(1.0) as usize;
-    // One that a glare cuts has another size, and its middle is elsewhere.
+    // A circle that is cut by a glare has another size, and its middle is shifted.
     let whole = |radius: f64| (radius / radius_mm - 1.0).abs() < CUT || radius > MARK * radius_mm;
     let rough: Corners = found
         .iter()
@@ -268,7 +271,7 @@ fn seen_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_mm: 
     Some(Pixel::at(middle.u + seen.u - ellipse.u, middle.v + seen.v - ellipse.v))
 }
 
-/// How a pixel moves with a place on the board, px per mm.
+/// Returns the derivative of the pixel by the position on the board, px per mm.
 fn slope(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix2<f64> {
     let p = plane * Vector3::new(x, y, 1.0);
     let by =
@@ -276,7 +279,8 @@ fn slope(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix2<f64> {
     Matrix2::new(by(0, 0, p.x), by(1, 0, p.x), by(0, 1, p.y), by(1, 1, p.y))
 }
 
-/// The middle of the ellipse that a circle shows: for the circle's dual conic D it is the last column of H D Hᵀ.
+/// Returns the middle of the ellipse that a circle shows: for the circle's dual conic D it is the last column of H
+/// D Hᵀ.
 fn ellipse_middle(plane: &Matrix3<f64>, [x, y]: [f64; 2], radius_mm: f64) -> Option<Pixel> {
     let r2 = radius_mm * radius_mm;
     let dual = Matrix3::new(r2 - x * x, -x * y, -x, -x * y, r2 - y * y, -y, -x, -y, -1.0);
@@ -285,7 +289,8 @@ fn ellipse_middle(plane: &Matrix3<f64>, [x, y]: [f64; 2], radius_mm: f64) -> Opt
     (w.abs() > 1e-12).then(|| Pixel::at(seen[(0, 2)] / w, seen[(1, 2)] / w))
 }
 
-/// The middle of what differs from the ground in the window around a circle, and its area, px.
+/// Returns the middle of the pixels that differ from the background in the window around a circle, and their area,
+/// px.
 fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Option<(Pixel, f64)> {
     let inverse = neighbour.try_inverse()?;
     let (mut middle, mut area_px) = (start, 0.0);
@@ -318,7 +323,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
             sum += weight;
             moment += away * weight;
         }
-        // The full difference is that near the middle.
+        // The full difference is the one near the middle.
         let mut near: Vec<f64> = inside
             .iter()
             .filter(|(away, _)| (inverse * away).norm() < 0.12)

@@ -10,24 +10,25 @@ use super::foreign;
 use crate::geometry::{Board, Point, Rigid};
 use nalgebra::{Isometry3, Matrix3};
 
-/// Triples that are tried at most; of more, every so manieth.
+/// Maximum number of triples that are tried; if there are more, they are sampled at equal steps.
 const MAX_TRIPLES: usize = 800;
-/// Three stations that turn less than this between them give no start.
+/// Minimum rotation between three stations that can give a start, rad.
 pub(super) const MIN_TURN_RAD: f64 = 0.05;
-/// Medians beyond this are no consensus, mm.
+/// Maximum median distance of a consensus, mm.
 const MAX_MEDIAN_MM: f64 = 15.0;
-/// Turns about the second axis below this determine no mount, degrees.
+/// Minimum spread of the rotations about the second axis that determines a mount, degrees.
 pub(super) const MIN_SPREAD_DEG: f64 = 4.0;
 
 pub(super) struct Start<A: Arrangement> {
     pub to_from_camera: Rigid<A::To, A::From>,
     pub holder_from_board: Rigid<A::Holder, Board>,
-    /// Distance of each station's board from the best one's, mm.
+    /// Distance of each station's board from the best station's board, mm.
     pub distances_mm: Vec<f64>,
     pub median_mm: f64,
 }
 
-/// Spread of the turns between stations about the second of their axes, degrees (root mean square over all pairs).
+/// Returns the spread of the rotations between stations about the second of their axes, degrees (root mean square
+/// over all pairs).
 pub(super) fn second_axis_deg(turns: &[Isometry3<f64>]) -> f64 {
     let (mut spread, mut pairs) = (Matrix3::zeros(), 0.0);
     for (index, first) in turns.iter().enumerate() {
@@ -91,7 +92,7 @@ fn medoid<A: Arrangement>(
         let distances: Vec<f64> = boards.iter().map(apart).collect();
         let mut sorted = distances.clone();
         sorted.sort_by(f64::total_cmp);
-        // Its own distance of zero is the first: the median is of the others.
+        // The first value is the station's own distance of zero: the median is that of the others.
         (sorted[(sorted.len()) / 2], distances)
     };
     let mut all = boards.iter().map(|board| (*board, distances(board)));

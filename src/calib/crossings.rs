@@ -10,7 +10,7 @@ use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-/// A place where two edges cross.
+/// A point where two edges cross.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
     /// The place.
@@ -39,15 +39,15 @@ const ALIKE: f64 = 0.55;
 /// left.
 const MIN_CONTRAST: f64 = 3.0;
 const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
-/// The smoothing leaves this share of white noise.
+/// The share of white noise that remains after the smoothing.
 const NOISE_LEFT: f64 = 0.27;
-/// Opposite changes of the ring lie on a line within this angle, rad.
+/// Opposite changes of the ring lie on a straight line within this angle, rad.
 const BENT_RAD: f64 = 0.6;
-/// Edges that cross at less than this are none, rad.
+/// Minimum angle between two edges that cross, rad.
 const MIN_ANGLE_RAD: f64 = 0.3;
-/// Hardly a board has more corners; the ones with the most contrast are kept.
+/// Maximum number of crossings: hardly any board has more corners. The crossings with the most contrast are kept.
 const MAX_CROSSINGS: usize = 6000;
-/// A saddle's position in a window of this half width, px.
+/// Minimum distance between saddles: one saddle is found in a window of this half width, px.
 const APART_PX: usize = 3;
 
 impl Smooth {
@@ -84,7 +84,7 @@ impl Smooth {
         GrayPicture { width: self.width, height: self.height, gray }
     }
 
-    /// The grey level between pixels; at the rim that of the rim.
+    /// Returns the interpolated grey level between pixels; beyond the rim that of the rim.
     pub fn at(&self, at: Vector2<f64>) -> f64 {
         let (u, v) = (at.x.clamp(0.0, self.width as f64 - 1.001), at.y.clamp(0.0, self.height as f64 - 1.001));
         let (column, row) = (u as usize, v as usize);
@@ -98,8 +98,8 @@ impl Smooth {
     }
 }
 
-/// The rms of white noise in a picture: the median of what a plane through a pixel's neighbours leaves (Immerkær, Computer
-/// Vision and Image Understanding 64, 1996), from a sample of the pixels.
+/// Returns the rms of white noise in a picture: the median residual of a plane through a pixel's neighbours
+/// (Immerkær, Computer Vision and Image Understanding 64, 1996), from a sample of the pixels.
 pub(super) fn noise(picture: &GrayPicture) -> f64 {
     let (width, height) = (picture.width, picture.height);
     if width < 3 || height < 3 {
@@ -121,7 +121,7 @@ pub(super) fn noise(picture: &GrayPicture) -> f64 {
         below += count;
         2 * below > all
     });
-    // The operator's gain is 6, and half of normal noise lies within 0.674 of its deviation.
+    // The operator's gain is 6, and half of normally distributed noise lies within 0.674 standard deviations.
     median.unwrap_or(0) as f64 / (6.0 * 0.674)
 }
 
@@ -147,7 +147,8 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
         (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
     });
     let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * NOISE_LEFT * picture.noise);
-    // Of a sharp corner the determinant is about the square of its half contrast, of a blurred one a fifth of that.
+    // The determinant is about the square of the half contrast for a sharp corner, and a fifth of that for a
+    // blurred one.
     let least = (0.15 * least_contrast * least_contrast) as f32;
     let rows: Vec<Vec<Crossing>> = (rim..picture.height - rim)
         .into_par_iter()
@@ -237,7 +238,7 @@ fn judged(picture: &Smooth, column: usize, row: usize, least_contrast: f64) -> O
 }
 
 impl Crossing {
-    /// The place as a pixel.
+    /// Returns the position as a pixel.
     pub fn pixel(&self) -> Pixel {
         Pixel::at(self.at.x, self.at.y)
     }

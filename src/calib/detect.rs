@@ -1,6 +1,7 @@
-//! Detects the board's corners in a picture, to sub-pixel.
+//! Detects the board's corners in a picture, with sub-pixel accuracy.
 //!
-//! `chessboard` and `charuco` find them to about a pixel, and `placing` refines them to a hundredth; `circles` does both.
+//! `chessboard` and `charuco` find the corners to about a pixel, and `placing` refines them to a hundredth;
+//! `circles` does both.
 
 use super::board::Board;
 pub use super::board::Corners;
@@ -45,18 +46,18 @@ pub fn detect(
     let found = placing::refined(picture, &corners, board.square_mm(), None)?;
     let is_seen: Vec<bool> = rough.iter().map(|node| node.is_seen).collect();
     let found = placing::modelled(picture, board, found, &is_seen, &Print::from_board(board, &[]));
-    // A board of which most corners cannot be placed is in the picture, and of no use.
+    // If most corners of a board cannot be located, the board is in the picture but cannot be used.
     if 2 * found.corners.len() < board.count() {
         return Err(CalibError::NoBoard { picture: picture_name, columns, rows });
     }
     Ok(found)
 }
 
-/// Half the side of the neighbourhood from which a corner's point is taken, px.
+/// Half the side of the neighbourhood from which a corner's 3D point is computed, px.
 const PLANE_PX: usize = 8;
 
-/// The corners as the 3D camera measured them: its ray at the corner meets the plane of the points around it. Corners
-/// with too few points are left out.
+/// Returns the corners as the 3D camera measured them: the ray at each corner meets the plane of the points around
+/// it. Corners with too few points are left out.
 pub fn measured<C: Frame>(
     cloud: &OrganizedCloud<C>,
     camera: &crate::geometry::PinholeCamera,

@@ -1,4 +1,4 @@
-//! Why data cannot become a calibration: what was found, what is needed, what to do.
+//! Why data cannot become a calibration: what was found, what is needed, and how to correct it.
 
 use super::meaning::Reading;
 use crate::imaging::ImagingError;
@@ -7,12 +7,12 @@ use crate::words::apart;
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibError {
-    /// `--board` or `--square-mm` names no board.
+    /// `--board` or `--square-mm` does not describe a board.
     #[error("--board {text}: {message}")]
     Board {
         /// What was written.
         text: String,
-        /// What is wrong, what is allowed.
+        /// What is wrong, and what is allowed.
         message: String,
     },
     /// OpenCV refused its input.
@@ -31,7 +31,7 @@ pub enum CalibError {
         /// Rows of inner corners.
         rows: usize,
     },
-    /// A picture shows no such circles.
+    /// A picture does not show the expected circles.
     #[error(
         "{picture} shows no grid of {columns} circles in each of {rows} rows; is --board right, and are all circles in the \
          picture, sharp, and apart from each other?"
@@ -56,7 +56,7 @@ pub enum CalibError {
         found: [usize; 2],
         /// Inner corners in a row of the requested board.
         columns: usize,
-        /// Its rows of inner corners.
+        /// Rows of the expected board's inner corners.
         rows: usize,
     },
     /// A picture shows a ChArUco board of another layout, dictionary or side.
@@ -64,7 +64,7 @@ pub enum CalibError {
     OtherCharuco {
         /// The picture.
         picture: String,
-        /// What it shows, and what to do.
+        /// What the picture shows, and how to correct it.
         what: String,
     },
     /// Pictures of several sizes.
@@ -88,7 +88,7 @@ pub enum CalibError {
         given: usize,
         /// How many are needed.
         needed: usize,
-        /// Why the first unusable one is.
+        /// Why the first unusable picture cannot be used.
         first_reason: Option<String>,
     },
     /// Touched points that do not define a frame.
@@ -103,7 +103,7 @@ pub enum CalibError {
     TooLittleRotation {
         /// Spread of the turns about the second of their axes, degrees.
         about_second_axis_deg: f64,
-        /// The least that is needed.
+        /// The minimum spread that is needed, degrees.
         needed_deg: f64,
     },
     /// Most poses contradict each other.
@@ -116,7 +116,7 @@ pub enum CalibError {
         poses: usize,
         /// Median distance from the best consensus, mm.
         median_mm: f64,
-        /// Readings in which they fit.
+        /// The readings in which the poses fit.
         readings: Vec<Reading>,
     },
     /// Angles in radians.
@@ -128,7 +128,7 @@ pub enum CalibError {
         /// The largest turn between two pictures, degrees.
         seen_deg: f64,
     },
-    /// The iteration did not settle.
+    /// The iteration did not converge.
     #[error("the adjustment of {what} did not converge; the data contradict each other")]
     NotSettled {
         /// What was adjusted.

@@ -19,11 +19,11 @@ use crate::words::apart;
 
 /// Readings at least.
 const MIN_READINGS: usize = 3;
-/// The attitudes must differ by this much of x at least: 60° about the horizontal.
+/// The attitudes must differ at least by this difference of x: 60° about the horizontal.
 const MIN_SPREAD: f64 = 0.5;
-/// What a sensor resolves at best, 95 %, N: 1.96 · 0.05.
+/// The best possible resolution of a sensor, 95 %, N: 1.96 · 0.05.
 const RESOLVED_95_N: f64 = 0.098;
-/// Farther than this from the line a reading was not taken without contact, N.
+/// A reading that is farther than this from the line was not taken without contact, N.
 const MAX_RESIDUAL_N: f64 = 3.0;
 
 /// A reading without contact.
@@ -31,11 +31,11 @@ const MAX_RESIDUAL_N: f64 = 3.0;
 pub struct AttitudeReading {
     /// How far the tool points down, −1…1.
     pub downwards: f64,
-    /// What it reads, N.
+    /// The force that the sensor reads, N.
     pub force_n: f64,
 }
 
-/// Payload and zero with what they leave.
+/// Payload and zero with the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceCalibration {
     /// The result.
@@ -50,22 +50,22 @@ pub struct ForceCalibration {
     pub readings: usize,
 }
 
-/// Why readings hold no result.
+/// Why readings do not determine a result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// Too few.
     #[error("{found} readings, at least {MIN_READINGS} at different attitudes are needed")]
     TooFew {
-        /// How many there are.
+        /// The number of readings.
         found: usize,
     },
-    /// A number that is none.
+    /// A number that is not finite.
     #[error("reading {index} is not a number, or its attitude is none")]
     NotFinite {
         /// Which, from 1.
         index: usize,
     },
-    /// They are too much alike.
+    /// The readings are too similar.
     #[error(
         "the tool points down by {least:.2} to {most:.2} in all readings, these values must differ by at least \
          {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as the arm allows"
@@ -76,7 +76,7 @@ pub enum CalibrationError {
         /// The most.
         most: f64,
     },
-    /// One of them does not fit.
+    /// One of the readings does not fit.
     #[error(
         "reading {index} is {} N off the others (limit {} N); did the tool touch something?",
         apart(*off_n, MAX_RESIDUAL_N, 1)[0],
@@ -85,10 +85,10 @@ pub enum CalibrationError {
     Outlier {
         /// Which, from 1.
         index: usize,
-        /// How far off, N.
+        /// The reading's deviation, N.
         off_n: f64,
     },
-    /// A payload that nothing has.
+    /// An impossible payload.
     #[error(
         "the readings give a payload of {payload_kg:.2} kg; do force and attitude of each reading belong together, \
          and is the sign right?"
@@ -152,8 +152,8 @@ mod tests {
         AttitudeReading { downwards, force_n }
     }
 
-    /// By hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is 2, so that
-    /// 0.05 N of scatter are 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
+    /// Calculated by hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is
+    /// 2. A scatter of 0.05 N is then 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
     #[test]
     fn payload_and_zero_are_found() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.0), read(-1.0, 11.806_65)]).expect("a result");
@@ -162,8 +162,9 @@ mod tests {
         assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
     }
 
-    /// By hand: 0.3 N off in the middle of three readings, they lie −0.1, 0.2 and −0.1 N off their line, s² = 0.06
-    /// / 1; Student's quantile for 1 is 12.706, so that the zero is known to 12.706 · 0.24495 / √3 = 1.797 N.
+    /// Calculated by hand: with an error of 0.3 N in the middle one, the three readings lie −0.1, 0.2 and −0.1 N
+    /// off their line, s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty of
+    /// the zero is 12.706 · 0.24495 / √3 = 1.797 N.
     #[test]
     fn three_readings_that_scatter_tell_little() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");
@@ -182,7 +183,7 @@ mod tests {
     }
 
     proptest! {
-        /// With noise the truth lies within what is stated, three times over.
+        /// With noise the true value lies within three times the stated uncertainty.
         #[test]
         fn the_truth_is_near(payload_kg in 0.2..8.0_f64, zero_n in -5.0..5.0_f64, noise in prop::collection::vec(-0.05..0.05_f64, 7)) {
             let truth = Weight { payload_kg, zero_n };

@@ -1,4 +1,4 @@
-//! OpenCV's solvers and detectors over our own types: the only file of this module that names OpenCV.
+//! OpenCV's solvers and detectors with our own types: the only file of this module that names OpenCV.
 
 use super::error::CalibError;
 use crate::geometry::{Board, GrayPicture, PinholeCamera, Pixel, Point};
@@ -151,17 +151,18 @@ pub(super) fn dictionary_number(name: &str) -> Option<i32> {
     Some(first + SIZES.iter().position(|word| *word == size)? as i32)
 }
 
-/// Smaller markers are not read, px.
+/// Minimum side of a marker that is read, px.
 const MIN_MARKER_PX: f64 = 14.0;
 
-/// The markers of a dictionary in a picture, with their numbers and corners, clockwise from the top left.
+/// Returns the markers of a dictionary in a picture, with their numbers and corners, clockwise from the top left.
 pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
     const OPERATION: &str = "markers";
     let source = picture_of(picture)?;
     let dictionary = named(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
     let (mut corners, mut numbers): (Vector<Vector<Point2f>>, Vector<i32>) = (Vector::new(), Vector::new());
     let mut parameters = named(OPERATION, aruco::DetectorParameters::create())?;
-    // Two windows and no marker below 14 px: candidates are compared each with each, and fine texture holds thousands.
+    // Only two windows and no marker below 14 px: every candidate is compared with every other, and fine texture
+    // has thousands.
     parameters.set_adaptive_thresh_win_size_min(5);
     parameters.set_adaptive_thresh_win_size_max(21);
     parameters.set_adaptive_thresh_win_size_step(16);
@@ -201,7 +202,7 @@ pub(super) struct CameraFound {
     pub camera_from_board: Vec<Isometry3<f64>>,
 }
 
-/// `calibrateCamera` with k1 alone: a start.
+/// Runs `calibrateCamera` with only k1, for a start value.
 pub(super) fn calibrate_camera(
     (width_px, height_px): (usize, usize),
     views: &[&[(Point<Board>, Pixel)]],

@@ -13,7 +13,7 @@ use crate::geometry::{Point, Rigid};
 use crate::verdict::{Judgement, Reason};
 use crate::words::{apart, fixed, percent_apart};
 
-/// Beyond the first a person must look, beyond the second it is rejected.
+/// Two limits of a value: beyond the first a person must look, beyond the second it is rejected.
 type Bounds = (f64, f64);
 
 const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
@@ -36,14 +36,16 @@ const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
 const COVERAGE: f64 = 0.6;
 const MIN_TILT_DEG: f64 = 20.0;
 const FEW_VIEWS: usize = 8;
-/// Share of the picture in which a lens must be known: below the first a person must look, below the second it is rejected.
+/// Share of the picture in which a lens must be calibrated: below the first limit a person must look, below the
+/// second it is rejected.
 const SUPPORT: Bounds = (0.95, 0.1);
 /// Standard deviation of the focal length, as a share of the focal length: 0.1 % is 0.8 mm at 800 mm.
 const FOCAL_SHARE: f64 = 0.001;
-/// Standard deviation of the principal point, as a share of the focal length: 0.2 mm aside at 1 m.
+/// Standard deviation of the principal point, as a share of the focal length: 0.2 mm of lateral shift at 1 m.
 const CENTRE_SHARE: f64 = 0.000_2;
 
-/// What is left of the error with a correction: beyond the first a person must look, beyond the second it is none.
+/// The share of the error that remains with a correction: beyond the first limit a person must look, beyond the
+/// second the correction does not help.
 const HELPS: Bounds = (0.6, 0.9);
 const LEFT_OUT_MM: Bounds = (0.5, 2.0);
 const FEW_ARM_VIEWS: usize = 24;
@@ -94,7 +96,7 @@ impl Reasons {
         }
     }
 
-    /// The board's squares by the robot's motions, beside the stated ones.
+    /// Compares the size of the board's squares by the robot's motions with the stated one.
     fn square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
         let (Some(size), Some(moves_mm)) = (&found.square, found.square_moves_mm()) else {
             return self.doubt("square_unproven", true, || {
@@ -124,7 +126,7 @@ impl Reasons {
         });
     }
 
-    /// The focal length by the robot's motions, beside the lens's.
+    /// Compares the focal length by the robot's motions with that of the lens.
     fn focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
         let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
         if !focal.contradicts() || moves_mm <= SQUARE_MOVES_MM.0 {
@@ -147,7 +149,7 @@ impl Reasons {
     }
 }
 
-/// Are the intrinsics good enough?
+/// Judges whether the intrinsics are good enough.
 pub fn intrinsics(found: &Calibrated) -> Judgement {
     let mut reasons = Reasons::default();
     reasons.bound(
@@ -222,20 +224,20 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.judgement()
 }
 
-/// Who wrote the poses down.
+/// The source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PosesFrom {
-    /// From a file: with which tool and base is not known.
+    /// A file: the tool and base to which the poses refer are not known.
     File,
-    /// This program, as the controller reported the flange in the robot's base.
+    /// This program, from the controller's reports of the flange in the robot's base.
     Controller,
 }
 
-/// Of this many pictures one may be left out.
+/// One picture of this number may be left out.
 const ONE_OUT_OF: usize = 10;
 
-/// Pictures that do not fit are left out. A few among many that agree change nothing; beyond that what is wrong is
-/// to be mended, not voted down.
+/// Returns whether the outliers may stay left out. A few outliers among many pictures that agree change nothing;
+/// with more of them the cause must be corrected and not outvoted.
 pub fn outliers_may_stay_out<A: Arrangement>(found: &HandEye<A>) -> bool {
     let left_out = found.residuals.iter().filter(|residual| !residual.used).count().max(found.suspects.len());
     let used = found.residuals.iter().filter(|residual| residual.used).count();
@@ -314,7 +316,7 @@ impl Reasons {
         }
     }
 
-    /// How well a mount is known; `of_which` is put before each reason.
+    /// Checks the uncertainty of a mount; `of_which` is put before each reason.
     fn known<A: Arrangement>(&mut self, found: &HandEye<A>, of_which: &str) {
         let words = |what: &str| format!("{of_which}{what}");
         self.bound(
@@ -348,7 +350,7 @@ impl Reasons {
     }
 }
 
-/// An arm's own lengths are off by less than this share.
+/// Maximum error of an arm's own lengths, as a share of the length.
 const ARM_SHARE: f64 = 0.003;
 
 /// States why poses are no start for the calibration of an arm: they have another meaning, or the board's squares
@@ -368,7 +370,7 @@ pub fn no_start<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<St
     })
 }
 
-/// How far apart two results put the stated point, mm.
+/// Returns the distance between the stated point as two results place it, mm.
 pub fn apart_mm<A: Arrangement>(first: &HandEye<A>, second: &HandEye<A>) -> f64 {
     first.adjusted.to_from_camera.distance_at_mm(second.adjusted.to_from_camera, first.at)
 }
@@ -417,7 +419,7 @@ pub fn needs_no_correction(found: &RobotFound) -> bool {
     before < GOOD_ARM_MM || (before < NEARLY_GOOD_ARM_MM && after > HELPS.1 * before)
 }
 
-/// Is the arm's correction worth using? `views` is the number of pictures.
+/// Judges whether the arm's correction is worth using. `views` is the number of pictures.
 pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     let mut reasons = Reasons::default();
     let (before, after) = (found.left_out_before_mm, found.left_out_after_mm);
@@ -446,7 +448,7 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     reasons.judgement()
 }
 
-/// Is the tool good enough? Without an axis it may point, not sand.
+/// Judges whether the tool is good enough. Without an axis it may point, but not sand.
 pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[Reading]) -> Judgement {
     let mut reasons = Reasons::default();
     let fitting: Vec<String> = readings.iter().map(|reading| format!(" ({reading})")).collect();

@@ -22,24 +22,24 @@ use crate::cell::LensCovariance;
 use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use nalgebra::Matrix3;
 
-/// Fewer stations than this determine nothing that could be checked.
+/// With fewer stations than this nothing is determined that could be checked.
 pub const MIN_STATIONS: usize = 5;
-/// A right station is set aside in one calibration of a thousand.
+/// The probability with which a calibration sets aside a correct station.
 const FALSE_ALARM: f64 = 1e-3;
-/// Stations beyond this many medians do not begin.
+/// Stations that are farther than this multiple of the median are not used in the first adjustment.
 const MAX_START_MEDIANS: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
-/// Squares that are off by more make right poses look wrong.
+/// A size error of the squares above this share makes correct poses look wrong.
 const OTHER_SIZE: f64 = 0.001;
-/// Poses that leave more than this are tried in other readings too, mm.
+/// If the poses leave a larger residual than this, other readings of the poses are tried too, mm.
 const DOUBTFUL_RMS_MM: f64 = 0.5;
 
-/// How far apart picture and robot put the board.
+/// The difference between the board's poses by picture and by robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Residual {
     /// The picture.
     pub name: String,
-    /// At the board's middle, mm.
+    /// The distance at the board's middle, mm.
     pub mm: f64,
     /// Turn, degrees.
     pub deg: f64,
@@ -52,17 +52,17 @@ pub struct Residual {
 /// A calibrated mount with its evidence.
 #[derive(Debug, Clone)]
 pub struct HandEye<A: Arrangement> {
-    /// Mount, board, noise and covariance.
+    /// The adjusted mount and board, with noise and covariance.
     pub adjusted: Adjusted<A>,
-    /// Each picture's residual, in the order given.
+    /// Each picture's residual, in the order of the input.
     pub residuals: Vec<Residual>,
     /// Root mean square of the used residuals, mm.
     pub rms_mm: f64,
     /// Root mean square of the used residuals, degrees.
     pub rms_deg: f64,
-    /// The point that the uncertainty is stated at, as the camera sees it.
+    /// The point for which the uncertainty is stated, in the camera's frame.
     pub at: Point<A::From>,
-    /// Radius that holds the error at that point with 95 %, mm.
+    /// Radius that contains the error at that point with 95 % probability, mm.
     pub uncertainty_mm: f64,
     /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
     pub lens_mm2: Matrix3<f64>,
@@ -77,12 +77,12 @@ pub struct HandEye<A: Arrangement> {
     /// The focal length by the robot's motions; not determined if the squares have another size, which looks nearly
     /// the same.
     pub focal: Option<SquareSize<A>>,
-    /// Readings of the poses that fit far better than as they are written.
+    /// Other readings of the poses that fit far better than the poses as they are written.
     pub readings: Vec<Reading>,
 }
 
 impl<A: Arrangement> HandEye<A> {
-    /// Covariance of the stated point, mm².
+    /// Returns the covariance of the stated point, mm².
     pub fn covariance_mm2(&self) -> Matrix3<f64> {
         self.adjusted.covariance_at(self.at) + self.lens_mm2
     }
@@ -111,12 +111,12 @@ impl<A: Arrangement> HandEye<A> {
         Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
     }
 
-    /// How far the focal length by the motions, in place of the stated one, moves the stated point, mm.
+    /// Returns how far the stated point moves if the focal length by the motions replaces the stated one, mm.
     pub fn focal_moves_mm(&self) -> Option<f64> {
         self.focal.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
 
-    /// How far the squares' size by the motions, in place of the stated one, moves the stated point, mm.
+    /// Returns how far the stated point moves if the squares' size by the motions replaces the stated one, mm.
     pub fn square_moves_mm(&self) -> Option<f64> {
         self.square.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
@@ -126,7 +126,8 @@ impl<A: Arrangement> HandEye<A> {
         radius_95(&self.lens_mm2, f64::INFINITY)
     }
 
-    /// Does the stated 95 % region, an ellipsoid about the stated point, hold an error of this size and direction?
+    /// Returns whether the stated 95 % region, an ellipsoid about the stated point, contains an error of this size
+    /// and direction.
     pub fn region_holds(&self, error: Vector<A::To>) -> bool {
         let reach = 3.0 * f_quantile(3.0, self.adjusted.redundancy, 0.95);
         let inverse = self.covariance_mm2().try_inverse();
@@ -161,7 +162,8 @@ pub fn hand_eye<A: Arrangement>(
         }
         error => error,
     })?;
-    // Few poses that scatter are too few, not wrong: at least those begin that are needed.
+    // If the poses are few and scatter, they are too few but not wrong. Therefore at least the necessary number of
+    // stations is used at first.
     let mut sorted = start.distances_mm.clone();
     sorted.sort_by(f64::total_cmp);
     let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
@@ -190,7 +192,7 @@ pub fn hand_eye<A: Arrangement>(
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     };
     let suspects = match true_size {
-        // Poses that only squares of the stated size contradict are right.
+        // Poses are correct if only the stated size of the squares contradicts them.
         Some(_) => vec![],
         None => suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len())),
     };
@@ -235,7 +237,7 @@ fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
     Ok(())
 }
 
-/// Refuses poses that turn too little, and such as look like radians.
+/// Refuses poses that turn too little, and poses that look like radians.
 fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
     let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board.isometry().inverse()).collect();
     let said: Vec<_> = stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
@@ -244,7 +246,8 @@ fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(
         Degrees::from_rad(pairs.map(|(a, b)| a.rotation.angle_to(&b.rotation)).fold(0.0, f64::max)).0
     };
     let (seen_deg, said_deg) = (largest(&seen), largest(&said));
-    // In radians, written as degrees, the flange turns by a fifty-seventh of what the pictures show.
+    // If angles in radians are written as degrees, the flange turns by a fifty-seventh of the turn that the
+    // pictures show.
     let small = stations.iter().all(|station| {
         let pose = KukaPose::from_rigid(&station.base_from_flange);
         [pose.a_deg, pose.b_deg, pose.c_deg].iter().all(|angle| angle.abs() < 3.15)
@@ -259,7 +262,7 @@ fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(
     Ok(())
 }
 
-/// The surprise beyond which a station does not belong.
+/// Returns the limit of the surprise: a station with a larger one does not belong to the others.
 fn limit<A: Arrangement>(adjusted: &Adjusted<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM / stations as f64)
 }
@@ -281,7 +284,7 @@ struct All<'a, C: Frame> {
 }
 
 impl<C: Frame> All<'_, C> {
-    /// Adjusts over the stations that agree, until testing each against the result changes nothing.
+    /// Adjusts the stations that agree, until a test of each station against the result changes nothing.
     fn settle<A: Arrangement<From = C>>(
         &self,
         start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
@@ -342,7 +345,7 @@ impl<C: Frame> All<'_, C> {
         square::measure(self.camera, &chosen(&used), &first.adjusted, Factor::Square).or(Some(first))
     }
 
-    /// The surprise of a station against the adjustment without it.
+    /// Returns the surprise of a station, compared with the adjustment without it.
     fn surprise<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize, used: bool) -> f64 {
         let (station, seen) = (&self.stations[index], &self.poses[index].camera_from_board);
         let without = if used { self.without(adjusted, index) } else { Some(adjusted.clone()) };

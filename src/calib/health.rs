@@ -10,12 +10,12 @@ use crate::words::{apart, fixed, percent_apart};
 /// The subject of a verification of a compliant tool's force without contact: its error and its limit are in N.
 pub const TOOL_FORCE: &str = "tool_force";
 
-/// The unit of a subject's error and limit.
+/// Returns the unit of a subject's error and limit.
 pub fn unit(subject: &str) -> &'static str {
     if subject == TOOL_FORCE { "N" } else { "mm" }
 }
 
-/// One look at a fixed target, or one touch.
+/// One verification by a picture of a fixed target, or by a touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
     /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`],
@@ -23,13 +23,13 @@ pub struct Verification {
     pub subject: String,
     /// Largest distance between the known and the found place of the target, mm; for a force its error, N.
     pub error: f64,
-    /// What was allowed, in the same unit.
+    /// The largest allowed error, in the same unit.
     pub limit: f64,
     /// Content hash of the calibration files that were used, in the order of the cell's keys.
     pub calibration_hash: String,
-    /// When, seconds since 1970.
+    /// Time of the verification, seconds since 1970.
     pub at_unix_s: i64,
-    /// A person who struck it out: it stays, and counts no more.
+    /// The strike, if a person struck out the verification: it stays in the store, but no longer counts.
     pub struck: Option<Strike>,
 }
 
@@ -40,7 +40,7 @@ pub struct Strike {
     pub by: String,
     /// Why.
     pub why: String,
-    /// When, seconds since 1970.
+    /// Time of the strike, seconds since 1970.
     pub at_unix_s: i64,
 }
 
@@ -54,7 +54,7 @@ pub struct Demands {
 }
 
 impl Demands {
-    /// As the cell's file states them.
+    /// Returns the demands of the cell's file.
     pub fn from_limits(limits: &Limits) -> Self {
         Demands { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
     }
@@ -85,19 +85,20 @@ pub fn square_by_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Bas
 
 /// The largest reprojection error of a flat board of squares with a correct lens, px rms.
 const MAX_PNP_RMS_PX: f64 = 1.0;
-/// A camera that was bumped turns what it sees by less; corners that are counted from another one turn it by 90° or 180°.
+/// A bumped camera turns the board in its view by less than this; if the corners are counted from another corner,
+/// the board turns by 90° or 180°.
 const MAX_TURN_DEG: f64 = 20.0;
-/// Squares as the 3D camera measures them differ by less from the board's.
+/// The largest difference of the squares' size as the 3D camera measures it from the board's, as a share.
 const MAX_SQUARE_SHARE: f64 = 0.02;
 
 /// A board's pose from one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct BoardMeasurement {
-    /// The board in the base.
+    /// The board's pose in the base.
     pub base_from_board: Rigid<Base, BoardFrame>,
     /// Distance of the corners from their computed pixels in that pose, px rms.
     pub pnp_rms_px: f64,
-    /// Side of a square as the 3D camera's own points have it, mm.
+    /// Side of a square, calculated from the 3D camera's own points, mm.
     pub measured_square_mm: Option<f64>,
 }
 
@@ -186,7 +187,8 @@ fn implausible(what: String) -> Reason {
     Reason::new("implausible", message)
 }
 
-/// Was a look, or a touch, farther off than the cell's file allows today? A NaN is beyond every limit.
+/// Returns a reason if the error of a verification is larger than the cell's file now allows. A NaN is beyond every
+/// limit.
 pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
     let (subject, found, allowed) = (&last.subject, last.error, demands.limit);
     (found.is_nan() || found > allowed).then(|| {
@@ -248,10 +250,10 @@ pub fn health(
     Judgement::new(reject, vec![])
 }
 
-/// The last tenth of a verification's time.
+/// The share of a verification's maximum age after which a warning is given: its last tenth.
 const WARNING_AGE_SHARE: f64 = 0.9;
 
-/// A verification that still counts, and will be too old soon.
+/// Returns a warning for a verification that still counts but will soon be too old.
 pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: Demands) -> Option<Reason> {
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     let is_soon =
@@ -267,20 +269,21 @@ pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: Demands) -> Opti
 }
 
 impl Verification {
-    /// Whether it speaks of the calibration files with this hash: a person did not strike it out, and it used these files.
+    /// Returns whether the verification is valid for the calibration files with this hash: no person struck it out,
+    /// and it used these files.
     pub fn counts_for(&self, calibration_hash: &str) -> bool {
         self.struck.is_none() && self.calibration_hash == calibration_hash
     }
 }
 
-/// A camera that a cycle measures with.
+/// A camera with which a cycle measures.
 #[derive(Debug, Clone, Copy)]
 pub struct CameraHealth<'a> {
     /// What is verified, `scanner`.
     pub subject: &'a str,
     /// The newest verification of the subject.
     pub last: Option<&'a Verification>,
-    /// The hash of its calibration files in use now.
+    /// The hash of the camera's calibration files that are in use now.
     pub calibration_hash: &'a str,
 }
 
@@ -309,7 +312,8 @@ mod tests {
 
     const DEMANDS: Demands = Demands { limit: 0.5, max_age_h: 24.0 };
 
-    /// Both cameras must have been verified; a tool that was never touched is no reason, one that was beyond the limit is.
+    /// Both cameras must have been verified. A tool that was never touched is no reason to refuse the start; a
+    /// touch that was beyond the limit is one.
     #[test]
     fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
         let last = |subject: &str, error: f64| Verification {
@@ -336,7 +340,7 @@ mod tests {
         Verification { subject, error, limit: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
     }
 
-    /// By hand: of 24 h the last tenth begins after 21.6 h.
+    /// Calculated by hand: of 24 h the last tenth begins after 21.6 h.
     #[test]
     fn a_verification_is_said_to_end_in_its_last_tenth() {
         let now = 1_700_000_000;
@@ -376,9 +380,8 @@ mod tests {
         }
     }
 
-    /// By hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first corner; 40 mm
-    /// and 2 % are
-    /// 40.8 mm. Each limit at its two sides.
+    /// Calculated by hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
+    /// corner; 40 mm and 2 % are 40.8 mm. Each limit is tested on both sides.
     #[test]
     fn a_look_that_cannot_be_the_board_is_told_from_a_bumped_camera() {
         let board = Board::parse("5x4", 40.0).expect("a board");
@@ -402,7 +405,8 @@ mod tests {
         }
     }
 
-    /// By hand: corners of a board with squares of 40 mm that were touched 0.5 % farther apart state 40.2 mm.
+    /// Calculated by hand: corners of a board with squares of 40 mm that were touched 0.5 % farther apart state
+    /// 40.2 mm.
     #[test]
     fn touched_corners_state_the_squares_size() {
         let board = Board::parse("5x4", 40.0).expect("a board");
@@ -413,7 +417,8 @@ mod tests {
         assert_eq!(square_by_touches(&board, &touched[..1]), None);
     }
 
-    /// By hand: turned by 0.01 rad about its origin, a corner 100 mm away is 1 mm off.
+    /// Calculated by hand: with a board that is turned by 0.01 rad about its origin, a corner 100 mm away has an
+    /// error of 1 mm.
     #[test]
     fn the_farthest_corner_counts() {
         let known: Rigid<Base, BoardFrame> = Rigid::claim(Isometry3::translation(500.0, 0.0, 0.0));

@@ -13,8 +13,8 @@ use crate::cell::LensCovariance;
 use crate::geometry::{Base, Board, Flange, PinholeCamera, Rigid};
 use nalgebra::{Isometry3, Matrix6, SMatrix, SVector};
 
-/// The inverse covariance that a station adds, and its pull on mount and board, in rad and mm: for leaving one out, and
-/// for choosing the next.
+/// Returns the inverse covariance that a station adds, and its gradient for mount and board, in rad and mm: used to
+/// leave a station out, and to choose the next one.
 pub(super) fn information<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &Adjusted<A>,
@@ -30,14 +30,14 @@ pub(super) fn information<A: Arrangement>(
     Some((reduced * weight, pull * weight))
 }
 
-/// What an arm itself scatters by, standard deviations: a third of the ±0.03 mm to which a KR 6 R700 comes back to
-/// a pose (data sheet), and the turn that is this shift seen from 350 mm, half of the arm's reach. A few poses that
-/// happen to fit better do not make another one wrong.
+/// The scatter of an arm itself, as standard deviations: a third of the pose repeatability of a KR 6 R700, ±0.03 mm
+/// (data sheet). The rotation causes this shift at 350 mm, half of the arm's reach. Because of this minimum, a few
+/// poses that fit better by chance do not make another one wrong.
 const ARM_SHIFT_MM: f64 = 0.01;
 const ARM_TURN_RAD: f64 = 3e-5;
 
-/// How unlikely a station is, given an adjustment without it: the squared length of the twist by which the flange would
-/// have to be elsewhere, in standard deviations; 6 is usual.
+/// Returns how improbable a station is, compared with an adjustment without it: the squared length of the twist by
+/// which the flange would have to be moved, in standard deviations; 6 is usual.
 pub(super) fn surprise<A: Arrangement>(
     camera: &PinholeCamera,
     adjusted: &Adjusted<A>,
@@ -90,7 +90,7 @@ pub(super) fn of_lens<A: Arrangement>(
     Some(moved * lens * moved.transpose())
 }
 
-/// The inverse of a covariance or an information matrix of mount and board.
+/// Returns the inverse of a covariance or an information matrix of mount and board.
 pub(super) fn inverse(normal: &Both) -> Option<Both> {
     scaled_inverse(normal)
 }

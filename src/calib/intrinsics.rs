@@ -39,13 +39,13 @@ pub struct View {
 pub struct ViewResult {
     /// The picture.
     pub name: String,
-    /// Root mean square of its corners' distances, px.
+    /// Root mean square of the distances of the picture's corners, px.
     pub rms_px: f64,
     /// Why it was set aside; `None` if it was used.
     pub set_aside: Option<String>,
 }
 
-/// A corner and how far the camera model misses it.
+/// A corner with its residual in the camera model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerResidual {
     /// The pixel at which it was found.
@@ -59,29 +59,29 @@ pub struct CornerResidual {
 /// A calibrated camera with its evidence.
 #[derive(Debug, Clone)]
 pub struct Calibrated {
-    /// The camera; coefficients that its model leaves out are 0.
+    /// The camera; coefficients that are not in the model are 0.
     pub camera: PinholeCamera,
-    /// Which coefficients it has.
+    /// The lens model, which states the coefficients.
     pub model: LensModel,
-    /// What each model made of pictures that were left out, the simplest first.
+    /// How well each model predicted pictures that were left out, the simplest model first.
     pub trials: Vec<Trial>,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
-    /// Of the corners in pictures that were left out: root mean square distance, px.
+    /// Root mean square distance of the corners in left-out pictures, px.
     pub left_out_rms_px: f64,
-    /// 95 % of them lie within, px.
+    /// The distance within which 95 % of the corners in left-out pictures lie, px.
     pub left_out_95_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
     /// Their covariance.
     pub covariance: LensCovariance,
-    /// The part of the picture in which the lens is known.
+    /// The part of the picture in which the lens is calibrated.
     pub support: Support,
-    /// The pictures, in the order given.
+    /// The pictures, in the order of the input.
     pub views: Vec<ViewResult>,
-    /// Share of the picture's 8 × 6 fields that hold a corner.
+    /// Share of the picture's 8 × 6 fields that contain a corner.
     pub coverage: f64,
-    /// Smallest and largest tilt of the board from the picture's plane, degrees.
+    /// Smallest and largest tilt of the board relative to the image plane, degrees.
     pub tilt_deg: [f64; 2],
     /// The residual of every used corner.
     pub residuals: Vec<CornerResidual>,
@@ -101,17 +101,17 @@ impl Calibrated {
 /// How to calibrate.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options {
-    /// No picture is set aside.
+    /// Whether no picture may be set aside.
     pub keep_all: bool,
-    /// The lens model; without it, the data choose.
+    /// The lens model; without it, the model is chosen from the data.
     pub model: Option<LensModel>,
 }
 
-/// Fewer pictures than this determine no camera.
+/// With fewer pictures than this no camera is determined.
 pub const MIN_VIEWS: usize = 4;
-/// A picture this many times worse than the median is set aside.
+/// A picture whose residual is this multiple of the median is set aside.
 const OUTLIER_FACTOR: f64 = 2.5;
-/// Pictures below this are good whatever the others are, px.
+/// Pictures with a smaller residual than this are good, independent of the others, px.
 const GOOD_PX: f64 = 0.15;
 /// At most this share of the pictures is set aside.
 const MAX_ASIDE: f64 = 0.34;
@@ -153,7 +153,7 @@ fn corners_of<'a>(used: &[&'a View]) -> Vec<&'a Corners> {
     used.iter().map(|view| &view.corners).collect()
 }
 
-/// The lens of one model, from OpenCV's start.
+/// Fits the lens of one model, from OpenCV's start values.
 fn fitted(size: (usize, usize), used: &[&View], model: LensModel) -> Result<LensFit, CalibError> {
     let corners: Vec<&[(Point<Board>, Pixel)]> = used.iter().map(|view| view.corners.as_slice()).collect();
     let start = foreign::calibrate_camera(size, &corners)?;
@@ -247,14 +247,14 @@ fn rms_px(residuals: &[CornerResidual]) -> f64 {
     (square / residuals.len().max(1) as f64).sqrt()
 }
 
-/// The worst picture and the limit it exceeds.
+/// Returns the worst picture and the limit that it exceeds.
 fn outlier(rms: &[f64]) -> Option<(usize, f64)> {
     let limit_px = (OUTLIER_FACTOR * median(&mut rms.to_vec())?).max(GOOD_PX);
     let (worst, largest) = rms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
     (*largest > limit_px).then_some((worst, limit_px))
 }
 
-/// The share of the picture's fields that hold a corner.
+/// Returns the share of the picture's fields that contain a corner.
 pub fn coverage<'c>(
     (width, height): (usize, usize),
     corners: impl IntoIterator<Item = &'c (Point<Board>, Pixel)>,
@@ -268,8 +268,8 @@ pub fn coverage<'c>(
     seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64
 }
 
-/// Of the boards from the picture's plane: a board that is parallel to it carries no information on the focal
-/// length, wherever it is.
+/// Returns the tilts of the boards relative to the image plane: a board that is parallel to it carries no
+/// information on the focal length, wherever it is.
 fn tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
     let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])

@@ -15,28 +15,28 @@ pub(super) type Lattice = BTreeMap<(i32, i32), usize>;
 
 /// Neighbours are at least this far apart, px.
 const MIN_PX: f64 = 6.0;
-/// … and at most this far: a larger board is found in a smaller picture.
+/// Maximum distance of neighbours, px: a larger board is found in a smaller picture.
 const MAX_PX: f64 = 170.0;
 /// If there are enough candidates within this distance, none is searched farther away, px.
 const FIRST_PX: f64 = 60.0;
-/// The largest angle between a first step and an edge's direction, as its cosine.
+/// The largest angle between a first step and an edge's direction, as a cosine.
 const CONE: f64 = 0.966;
-/// A neighbour's own edge runs along the line to it: cosine.
+/// A neighbour must have an edge along the line from the corner: the largest angle, as a cosine.
 const ALONG: f64 = 0.90;
-/// A step differs from the prediction of the one before by at most this share of its length.
+/// A step differs from the prediction by the previous step by at most this share of its length.
 const PREDICTION_TOLERANCE: f64 = 0.28;
 /// The number of crossings that are examined along a first edge.
 const MAX_NEIGHBOURS: usize = 10;
-/// The contrast across the edge by that of the corners.
+/// Minimum ratio of the contrast across the edge to that of the corners.
 const EDGE_SHARE: f64 = 0.3;
 /// Contrasts of neighbours differ by at most this factor.
 const CONTRASTS: f64 = 3.5;
-/// Looks at edges in one picture.
+/// Maximum number of edge checks in one picture.
 const MAX_EDGE_CHECKS: usize = 250_000;
-/// Smaller lattices are none.
+/// Minimum number of corners of a lattice.
 const MIN_CORNERS: usize = 6;
 
-/// All lattices of a picture, the largest first.
+/// Returns all lattices of a picture, the largest first.
 pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice> {
     let mut field = Field::new(picture, crossings);
     let mut used = vec![false; crossings.len()];
@@ -55,7 +55,7 @@ pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice>
     all
 }
 
-/// Lowest and highest column and row.
+/// Returns the lowest and the highest column and row.
 pub(super) fn extent(lattice: &Lattice) -> [(i32, i32); 2] {
     let range = |of: fn(&(i32, i32)) -> i32| {
         let all = lattice.keys().map(of);
@@ -96,7 +96,7 @@ struct Field<'a> {
 
 const CELL_PX: f64 = 24.0;
 
-/// A corner of a lattice that grows: unit vectors along its columns' and rows' direction.
+/// Unit vectors along the directions of columns and rows, at a corner of a growing lattice.
 type Axes = [Vector2<f64>; 2];
 
 impl<'a> Field<'a> {
@@ -113,7 +113,7 @@ impl<'a> Field<'a> {
         Field { picture, crossings, cells, across, looks: 0 }
     }
 
-    /// The crossings within a distance of which this is true, the nearest first.
+    /// Returns the crossings within a distance that satisfy `is_one`, the nearest first.
     fn near(&self, at: Vector2<f64>, reach: f64, is_one: &dyn Fn(f64, Vector2<f64>) -> bool) -> Vec<(f64, usize)> {
         let cell = |place: f64| (place / CELL_PX).floor().max(0.0) as usize;
         let down = self.cells.len() / self.across;
@@ -169,7 +169,7 @@ impl<'a> Field<'a> {
         lattice
     }
 
-    /// The neighbour of a corner, with its own axes.
+    /// Returns the neighbour of a corner, with the neighbour's own axes.
     fn next(
         &mut self,
         lattice: &Lattice,
@@ -211,7 +211,7 @@ impl<'a> Field<'a> {
             }
             let other = &self.crossings[index];
             let toward = (other.at - here).normalize() * f64::from(sign);
-            // Of its two edges the one that leads here is this axis, the other the other one.
+            // The neighbour's edge that leads to this corner is the same axis; its second edge is the other axis.
             let which = usize::from(other.edges[1].dot(&toward).abs() > other.edges[0].dot(&toward).abs());
             let same =
                 |edge: Vector2<f64>, as_here: Vector2<f64>| if edge.dot(&as_here) < 0.0 { -edge } else { edge };
@@ -223,7 +223,7 @@ impl<'a> Field<'a> {
         None
     }
 
-    /// Does one edge run from a crossing to another?
+    /// Returns whether an edge runs from one crossing to the other.
     fn is_joined(&mut self, one: usize, two: usize) -> bool {
         self.looks += 1;
         let (a, b) = (&self.crossings[one], &self.crossings[two]);

@@ -18,20 +18,20 @@ pub struct Trial {
     pub model: LensModel,
     /// Root mean square distance of corners in left-out pictures, px; `None` if no such lens could be fitted.
     pub left_out_rms_px: Option<f64>,
-    /// By what share its mean square is larger than the best model's, the mean over the pictures.
+    /// The relative increase of the mean square over that of the best model, as the mean over the pictures.
     pub worse: f64,
-    /// The standard error of that share.
+    /// The standard error of `worse`.
     pub worse_error: f64,
 }
 
-/// A picture that was left out: its corners' distances under the lens of the others, px.
+/// A left-out picture: the distances of its corners under the lens of the other pictures, px.
 type LeftOut = Vec<f64>;
 
 /// The judged models.
 pub(super) struct Choice {
     pub model: LensModel,
     pub trials: Vec<Trial>,
-    /// Of the chosen model, each picture.
+    /// Each picture as it was left out, under the chosen model.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -91,7 +91,7 @@ fn trial(model: LensModel, pictures: Option<&Vec<LeftOut>>, best: &[LeftOut]) ->
     Trial { model, left_out_rms_px, worse, worse_error: (spread / count).sqrt() }
 }
 
-/// The pictures of one group under the lens of all others.
+/// Returns the pictures of one group under the lens of all other groups.
 fn without(
     model: LensModel,
     found: &LensFit,

@@ -18,7 +18,8 @@ use crate::geometry::PinholeCamera;
 
 /// Standard deviation of the displacement of the rim by radial terms, as a share of its radius.
 const RADIAL_SHARE: f64 = 0.2;
-/// The same of tangential terms: lenses of one maker differ by a thousandth.
+/// Standard deviation of the displacement of the rim by tangential terms, as a share of its radius: lenses of one
+/// maker differ by a thousandth.
 const TANGENTIAL_SHARE: f64 = 0.01;
 
 /// Returns the information of corners and prior together, in units of `variance_px2`; `None` if a picture

@@ -31,14 +31,14 @@ pub(super) struct LensFit {
 const MAX_STEPS: usize = 60;
 /// μ of (1), px².
 const BARRIER_PX2: f64 = 2.5e-3;
-/// The steps end when the sum of squares falls by a smaller share.
+/// The iteration ends when the sum of squares decreases by a smaller share.
 const CONVERGENCE_TOLERANCE: f64 = 1e-10;
-/// The least growth of the distorted radius with the undistorted one.
+/// The smallest derivative of the distorted radius by the undistorted one.
 const MIN_SLOPE: f64 = 0.05;
 const RADII: usize = 12;
-/// The principal point's deviation from the middle, as a share of the picture's side.
+/// Usual standard deviation of the principal point from the middle, as a share of the picture's side.
 const CENTRE_SHARE: f64 = 0.15;
-/// The deviation of the ratio of both focal lengths from 1.
+/// Usual standard deviation of the ratio of both focal lengths from 1.
 const RATIO: f64 = 0.02;
 
 /// Fits from a start; `None` if the corners determine no lens.
@@ -69,7 +69,7 @@ pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Optio
     Some(here.done())
 }
 
-/// The pose of one more picture under this lens, from a start, and its sum of squared residuals.
+/// Returns the pose of one more picture under this lens, from a start, and its sum of squared residuals.
 pub(super) fn place(
     camera: &PinholeCamera,
     corners: &Corners,
@@ -89,7 +89,7 @@ pub(super) fn place(
     Some((pose, gram.square))
 }
 
-/// The lens with the model's coefficients alone.
+/// Returns the lens with only the model's coefficients.
 fn restricted(model: LensModel, camera: &PinholeCamera) -> PinholeCamera {
     let all = numbers(camera);
     let kept = with_numbers(camera, &SVector::from_fn(|row, _| if model.has(row) { all[row] } else { 0.0 }));
@@ -99,7 +99,7 @@ fn restricted(model: LensModel, camera: &PinholeCamera) -> PinholeCamera {
     PinholeCamera { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..*camera }
 }
 
-/// fx, fy, cx, cy, k1, k2, p1, p2, k3.
+/// Returns fx, fy, cx, cy, k1, k2, p1, p2, k3.
 pub(super) fn numbers(camera: &PinholeCamera) -> SVector<f64, 9> {
     let c = camera;
     SVector::from([c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, c.k2, c.p1, c.p2, c.k3])
@@ -160,7 +160,7 @@ impl State {
         cost.is_finite().then_some(State { camera, poses, grams, radius, cost })
     }
 
-    /// The state after a step, and by how much the step should lower the cost.
+    /// Returns the state after a step, and the predicted decrease of the cost.
     fn step(&self, model: LensModel, damping: f64, views: &[&Corners]) -> Option<(State, f64)> {
         let (mut normal, mut pull) = (LensCovariance::zeros(), SVector::<f64, 9>::zeros());
         let mut poses = Vec::with_capacity(self.grams.len());
@@ -205,8 +205,8 @@ impl State {
     }
 }
 
-/// How far principal point and ratio of focal lengths are from the usual, in its deviations, and how that moves
-/// with the lens.
+/// Returns how far the principal point and the ratio of the focal lengths are from the usual values, in standard
+/// deviations, and the derivatives by the lens.
 pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     let [across, down] = [camera.width_px, camera.height_px].map(|size| size as f64);
     let by = |places: &[(usize, f64)]| {
@@ -223,7 +223,7 @@ pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     ]
 }
 
-/// s of (1) at each radius, and how it moves with the lens.
+/// Returns s of (1) at each radius, and its derivative by the lens.
 fn barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SVector<f64, 9>)> {
     let PinholeCamera { k1, k2, k3, .. } = *camera;
     (1..=RADII).map(move |index| {

@@ -7,7 +7,8 @@ use crate::cell::LensCovariance;
 use crate::geometry::{Board, Camera, PinholeCamera, Rigid};
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
-/// Slopes of a picture's corners, multiplied out. The pose moves on its right, turned by rad and shifted by mm.
+/// The products of the derivatives of a picture's corners. The pose is moved on the right, by rotations in rad and
+/// shifts in mm.
 pub(super) struct LensGram {
     /// Lens by lens.
     pub lens: LensCovariance,

@@ -2,7 +2,7 @@
 
 use strum::{IntoStaticStr, VariantArray};
 
-/// A lens model; each holds the coefficients of those before it.
+/// A lens model; each contains the coefficients of the models before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum LensModel {
     /// No distortion.
@@ -22,7 +22,7 @@ pub enum LensModel {
     Full,
 }
 
-/// The place of each coefficient among fx, fy, cx, cy, k1, k2, p1, p2, k3.
+/// The index of each coefficient among fx, fy, cx, cy, k1, k2, p1, p2, k3.
 const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
     ("k1", 4, LensModel::Radial1),
     ("k2", 5, LensModel::Radial2),
@@ -32,30 +32,30 @@ const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
 ];
 
 impl LensModel {
-    /// All of them, the simplest first.
+    /// All models, the simplest first.
     pub const ALL: &'static [LensModel] = <Self as VariantArray>::VARIANTS;
 
-    /// Its name on the command line and in files.
+    /// The model's name on the command line and in files.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// Is the number at this place, among fx, fy, cx, cy, k1, k2, p1, p2, k3, one of its own?
+    /// Returns whether the number at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3 belongs to the model.
     pub fn has(self, place: usize) -> bool {
         COEFFICIENTS.iter().find(|(_, at, _)| *at == place).is_none_or(|(_, _, model)| *model <= self)
     }
 
-    /// How many numbers it has, with focal lengths and principal point.
+    /// Returns the number of the model's parameters, including focal lengths and principal point.
     pub fn count(self) -> usize {
         (0..9).filter(|place| self.has(*place)).count()
     }
 
-    /// The coefficients that it has and the model before it has not.
+    /// Returns the coefficients that this model has and the previous model does not have.
     pub fn added(self) -> Vec<&'static str> {
         COEFFICIENTS.iter().filter(|(_, _, model)| *model == self).map(|(name, ..)| *name).collect()
     }
 
-    /// The coefficients that it leaves out.
+    /// Returns the coefficients that are not in the model.
     pub fn left_out(self) -> Vec<&'static str> {
         COEFFICIENTS.iter().filter(|(_, _, model)| *model > self).map(|(name, ..)| *name).collect()
     }

@@ -19,14 +19,14 @@ pub struct NextPicture {
     pub words: String,
     /// The middle of the board, px.
     pub middle: Pixel,
-    /// The lens's error after it, as a share of that before it.
+    /// The lens's error after this picture, as a share of the error before it.
     pub error_share: f64,
 }
 
 const PARTS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
 const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
 const TILT_DEG: f64 = 35.0;
-/// A picture that leaves more of the error is not worth taking.
+/// A picture is not worth taking if a larger share of the error remains after it.
 const MAX_REMAINING_SHARE: f64 = 0.98;
 /// Widths of the board as shares of the picture's width, the largest first.
 const WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
@@ -89,7 +89,7 @@ fn tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
     ]
 }
 
-/// The board with its middle on the ray of a part of the picture.
+/// Returns the pose of the board with its middle on the ray of a part of the picture.
 fn standing(
     camera: &PinholeCamera,
     board: &Board,
@@ -116,7 +116,7 @@ fn sighted(
     LensGram::compute(camera, &corners, pose)
 }
 
-/// Sum of the variances of pixels all over the picture.
+/// Returns the sum of the pixel variances over the whole picture.
 fn error(camera: &PinholeCamera, covariance: &LensCovariance) -> Option<f64> {
     let mut sum = 0.0;
     for index in 0..48 {

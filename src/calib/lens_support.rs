@@ -15,28 +15,28 @@ use nalgebra::{Matrix2, Matrix6, SMatrix};
 /// The part of the picture in which a lens is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Support {
-    /// The error that is meant, 95 %, px.
+    /// The error for which the support is stated, 95 %, px.
     pub error_px: f64,
-    /// The outline of the part in which the lens is known so well; `None` for the whole picture.
+    /// The outline of the part in which the lens is known to this error; `None` for the whole picture.
     pub outline_px: Option<Vec<Pixel>>,
-    /// Its share of the picture.
+    /// The part's share of the picture.
     pub share: f64,
 }
 
-/// The lens's error that is allowed, 95 %, px.
+/// The largest allowed error of the lens, 95 %, px.
 pub const SUPPORT_PX: f64 = 0.3;
 /// … and the error that is stated if the pictures do not allow this anywhere: a multiple of the error in the
 /// middle, and its largest value, px.
 const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
 const MAX_PX: f64 = 3.0;
-/// χ² of two numbers, 95 %.
+/// The 95 % quantile of χ² with two degrees of freedom.
 const CIRCLE_95: f64 = 5.991;
 const DIRECTIONS: usize = 48;
 const STEPS: usize = 60;
-/// The largest number of corners that the pose is fitted to.
+/// The largest number of corners to which the pose is fitted.
 const CORNERS: usize = 2000;
 
-/// The part in which a lens of this covariance is known.
+/// Returns the part in which a lens with this covariance is known.
 pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views: &[&Corners]) -> Support {
     let nowhere = Support { error_px: SUPPORT_PX, outline_px: Some(Vec::new()), share: 0.0 };
     let pixels: Vec<Pixel> = views.iter().flat_map(|corners| corners.iter().map(|(_, pixel)| *pixel)).collect();
@@ -73,7 +73,7 @@ pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views
     Support { error_px: allowed_px, outline_px: Some(outline), share }
 }
 
-/// How far it is from a pixel to the picture's rim in a direction, px.
+/// Returns the distance from a pixel to the picture's rim in a direction, px.
 fn to_the_rim(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
     let reach = |at: f64, along: f64, end: f64| match along {
         along if along > 1e-9 => (end - at) / along,
@@ -83,7 +83,7 @@ fn to_the_rim(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
     reach(from.u, turn.cos(), right).min(reach(from.v, turn.sin(), low)).max(0.0)
 }
 
-/// P: how a board's pose follows the lens.
+/// Returns P, the derivative of a board's pose by the lens.
 fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
     let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
     for pixel in pixels.iter().step_by(pixels.len().div_ceil(CORNERS).max(1)) {
@@ -94,7 +94,7 @@ fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>
     Some(scaled_inverse(&pose)? * cross)
 }
 
-/// How the pixel moves with the lens and with the pose of what it shows at unit distance.
+/// Returns the derivatives of the pixel by the lens and by the pose of an object at unit distance.
 fn slopes(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64, 2, 9>, SMatrix<f64, 2, 6>)> {
     let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
     let point = Point::<Camera>::new(ray.mm.into());

@@ -1,4 +1,4 @@
-//! What poses were meant as that fit no mount as they are read, in words.
+//! Describes in words how poses that fit no mount were probably meant.
 
 use crate::words::fixed;
 
@@ -7,7 +7,7 @@ use crate::words::fixed;
 pub enum Meaning {
     /// `flange_from_base`, or a camera of the other mount.
     Inverted {
-        /// Is it the mount that is wrong? Of camera and board, the nearer one sits on the flange.
+        /// Whether the mount is wrong. The nearer one of camera and board is on the flange.
         other_mount: bool,
     },
     /// Three angles in another order or about other axes; the text names them.
@@ -19,15 +19,15 @@ pub enum Meaning {
     },
     /// A quaternion with its four numbers in another order.
     Quaternion(&'static str),
-    /// The rotation alone is inverted.
+    /// Only the rotation is inverted.
     Transposed,
-    /// The axes are those of the other hand.
+    /// The axes are those of a left-handed frame.
     LeftHanded,
     /// Angles in radians.
     Radians,
     /// Each picture is paired with the pose of its neighbour.
     Shifted {
-        /// Beside the pose before?
+        /// Whether each picture is paired with the previous pose.
         late: bool,
     },
     /// The pictures are mirrored.
@@ -41,14 +41,14 @@ pub enum Meaning {
     },
 }
 
-/// A reading in which the poses fit.
+/// A reading with which the poses fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// The meaning.
     pub meaning: Meaning,
     /// The median distance of the boards, mm.
     pub median_mm: f64,
-    /// What the best of the other readings leaves, mm.
+    /// The residual of the best of the other readings, mm.
     pub next_mm: f64,
 }
 

@@ -25,7 +25,7 @@ pub struct Detected {
     pub corners: Corners,
     /// Half the window's side, px.
     pub half_window_px: usize,
-    /// How many corners the model of the grey levels placed; the others are `cornerSubPix`'s.
+    /// The number of corners that the model of the grey levels located; the others come from `cornerSubPix`.
     pub modelled: usize,
 }
 
@@ -121,7 +121,8 @@ pub(super) fn modelled(
     Detected { modelled: corners.len(), corners, ..found }
 }
 
-/// Corners of which too few are placed to compare them: those that the model places well, or that were seen.
+/// Returns the corners if too few are located to compare them: those that the model locates well, or that were
+/// seen.
 fn one_by_one(found: Detected, placed: Vec<Option<CornerEstimate>>, is_seen: &[bool]) -> Detected {
     let well = |placed: Option<CornerEstimate>| {
         placed.filter(|placed| placed.deviation_px < KNOWN_PX).map(|placed| placed.at)
@@ -163,7 +164,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Corners by their place on the board.
+/// Corners by their position on the board.
 struct Neighbours {
     square_mm: f64,
     pixels: BTreeMap<(i64, i64), Vector2<f64>>,
@@ -188,7 +189,7 @@ impl Neighbours {
     }
 }
 
-/// The shortest distance between neighbours, px.
+/// Returns the shortest distance between neighbours, px.
 pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
     let by_place = Neighbours::from_corners(corners, square_mm);
     let next = |q: &Point<BoardFrame>, pixel: &Pixel, step: Vector3<f64>| {

@@ -5,12 +5,12 @@ use super::error::CalibError;
 use super::foreign;
 use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid, nearest_motion};
 
-/// A board's pose with the residual of its corners: px among pixels, mm among points.
+/// A board's pose with the residual of its corners: px for pixels, mm for points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardPose<C: Frame> {
     /// The board's pose.
     pub camera_from_board: Rigid<C, Board>,
-    /// Root mean square of the distances between seen and computed corners.
+    /// Root mean square of the distances between measured and computed corners.
     pub rms: f64,
 }
 
@@ -36,7 +36,7 @@ pub fn board_pose<C: Frame>(
     }
 }
 
-/// The pose that carries the board's points best onto the measured ones.
+/// Returns the pose that maps the board's points best onto the measured ones.
 fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
     if corners.len() < 4 {
         let words = format!("{} points of the board were measured; 4 are needed", corners.len());
@@ -54,7 +54,8 @@ mod tests {
     use super::*;
     use crate::geometry::Camera;
 
-    /// By hand: a quarter turn about Z, then 100 mm ahead; the plane's own mirror image is no answer.
+    /// Calculated by hand: a quarter turn about Z, then 100 mm ahead. The mirror image of the plane is not a
+    /// solution.
     #[test]
     fn measured_points_give_the_pose() {
         let places = [[0.0, 0.0], [200.0, 0.0], [200.0, 125.0], [0.0, 125.0], [75.0, 50.0]];

@@ -13,7 +13,7 @@ use super::board::Board;
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-/// What a board has printed.
+/// The print on a board.
 pub(super) struct Print {
     kind: Kind,
     square_mm: f64,
@@ -23,64 +23,66 @@ pub(super) struct Print {
 
 enum Kind {
     Squares,
-    /// The markers' cells by the number of the square, and the marker's side by that of the square.
+    /// The markers' cells by the number of the square, and the ratio of the marker's side to the square's side.
     Markers {
         cells: Vec<Option<Vec<bool>>>,
         share: f64,
     },
-    /// Circles of a radius, mm, each of which is looked at alone.
+    /// Circles with this radius, mm, each of which is examined separately.
     Circles(f64),
 }
 
-/// A place that was found.
+/// A position that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Matched {
     pub at: Pixel,
-    /// How well noise and what is left let it be known, each way, px.
+    /// The standard deviation of the position along each axis, from noise and residuals, px.
     pub deviation_px: f64,
     /// White less black, grey levels.
     pub contrast: f64,
-    /// What the print leaves of the grey levels, rms.
+    /// The residual of the grey levels after the fit of the print, rms.
     pub left: f64,
-    /// How much the light changes from the place to the window's side, as a share of the contrast.
+    /// The change of the light from the position to the window's side, as a share of the contrast.
     pub slant: f64,
 }
 
 /// The place and the way in which the print around it is examined.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
-    /// From the board, mm, to the picture near the place.
+    /// The homography from the board, mm, to the picture near the position.
     pub plane: Matrix3<f64>,
-    /// The place on the board, mm.
+    /// The position on the board, mm.
     pub place: [f64; 2],
     /// The pixel at which the search starts.
     pub start: Pixel,
-    /// The window's half side on the board, mm, and at most in the picture, px.
+    /// The window's half side on the board, mm; `most_px` is its maximum in the picture, px.
     pub reach_mm: f64,
     pub most_px: f64,
-    /// The deviation of the picture's blur, px.
+    /// The standard deviation of the picture's blur, px.
     pub blur_px: f64,
 }
 
 const UNKNOWNS: usize = 9;
-/// Blurs that are tried, px.
+/// Standard deviations of the blur that are tried, px.
 const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
-/// The largest number of times that the print is rendered, and the displacement that ends it, px.
+/// The largest number of times that the print is rendered. The rendering ends earlier if the displacement is below
+/// `CONVERGENCE_PX`.
 const MAX_RENDERINGS: usize = 5;
 const CONVERGENCE_PX: f64 = 0.03;
-/// Turns in which pixels lose weight.
+/// Number of iterations in which the weights of pixels are reduced.
 const TURNS: usize = 4;
 /// The share of the window's pixels that must show the print.
 const MIN_PRINT_SHARE: f64 = 0.4;
-/// Less is no print, grey levels.
+/// Minimum contrast of a print, grey levels.
 const MIN_CONTRAST: f64 = 8.0;
-/// A print that is not quite as it is drawn leaves this share of the contrast at its edges.
+/// The residual at the edges of a print that differs slightly from its nominal geometry, as a share of the
+/// contrast.
 const MIN_RESIDUAL_SHARE: f64 = 0.06;
-/// What is left must be less than this share of the contrast, beside the noise.
+/// Maximum residual as a share of the contrast, in addition to the noise.
 const MAX_RESIDUAL_SHARE: f64 = 0.2;
 
 impl Print {
-    /// Of a chessboard, or a board with markers.
+    /// Returns the print of a chessboard, or of a board with markers.
     pub fn from_board(board: &Board, cells: &[Vec<bool>]) -> Self {
         let (columns, rows) = (board.columns() + 1, board.rows() + 1);
         let kind = match board.markers() {
@@ -96,7 +98,7 @@ impl Print {
         Print { kind, square_mm: board.square_mm(), columns, rows }
     }
 
-    /// Of a board of circles with this radius.
+    /// Returns the print of a board of circles with this radius.
     pub fn of_circles(board: &Board, radius_mm: f64) -> Self {
         Print {
             kind: Kind::Circles(radius_mm),
@@ -106,7 +108,7 @@ impl Print {
         }
     }
 
-    /// Black 0, white 1, around a place of the board.
+    /// Returns the print's colour around a position on the board, black 0, white 1.
     fn ink(&self, [x, y]: [f64; 2], place: [f64; 2]) -> f32 {
         if let Kind::Circles(radius_mm) = self.kind {
             return if (x - place[0]).hypot(y - place[1]) < radius_mm { 0.0 } else { 1.0 };
@@ -144,20 +146,20 @@ impl Print {
         None
     }
 
-    /// The blur with which the print is most like the picture at these places, px.
+    /// Returns the blur with which the print is most similar to the picture at these positions, px.
     pub fn blur_px(&self, picture: &GrayPicture, views: &[View], noise: f64) -> f64 {
         let of = |blur_px: f64| (blur_px, self.unlike(picture, views, (blur_px, noise)));
         likest(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
     }
 
-    /// At how many places the print is, and what it leaves of the contrast.
+    /// Returns at how many positions the print is found, and its mean residual as a share of the contrast.
     pub fn unlike(&self, picture: &GrayPicture, views: &[View], (blur_px, noise): (f64, f64)) -> (usize, f64) {
         let all = views.iter().filter_map(|view| self.matched(picture, &View { blur_px, ..*view }, noise));
         let left: Vec<f64> = all.map(|found| found.left / found.contrast.abs()).collect();
         (left.len(), left.iter().sum::<f64>() / left.len().max(1) as f64)
     }
 
-    /// The picture's and the print's grey levels in the window.
+    /// Returns the grey levels of the picture and of the print in the window.
     fn drawn(&self, picture: &GrayPicture, view: &View) -> Option<Drawn> {
         let inverse = view.plane.try_inverse()?;
         let there = view.plane * Vector3::new(view.place[0], view.place[1], 1.0);
@@ -230,7 +232,7 @@ pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<
     all.min_by(|a, b| a.1.1.total_cmp(&b.1.1)).map(|(tried, _)| tried)
 }
 
-/// A pixel and what the print has there.
+/// A pixel and the print's value there.
 struct PrintSample {
     offset: Vector2<f64>,
     gray: f64,
@@ -244,7 +246,7 @@ struct Drawn {
     reach_px: f64,
 }
 
-/// The least squares of (1), without pixels that show something else.
+/// Solves the least squares of (1), without pixels that show something else.
 fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     let by = |seen: &PrintSample| -> SVector<f64, UNKNOWNS> {
         let offset = seen.offset / drawn.reach_px;
@@ -271,7 +273,7 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     }
     let (found, factor, left, scale) = last?;
     let near: Vec<f64> = left.iter().copied().filter(|left| left.abs() < scale).collect();
-    // What counts are the edges of the print: a place of which a glare hides half is none.
+    // Only the edges of the print count: if a glare hides half of them, the position is not accepted.
     let edges = |most: f64| {
         let seen = drawn.pixels.iter().zip(&left).filter(|(_, left)| left.abs() < most);
         seen.map(|(seen, _)| seen.slope.norm_squared()).sum::<f64>()
@@ -290,7 +292,7 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     Some(Matched { at, deviation_px, contrast, left: rms, slant })
 }
 
-/// With a Gauss function of this deviation.
+/// Blurs with a Gauss function of this standard deviation.
 fn blurred(from: &[f32], side: usize, sigma_px: f64) -> Vec<f32> {
     if sigma_px < 0.2 {
         return from.to_vec();

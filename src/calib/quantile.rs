@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
-/// The value that an F-distributed number with these degrees of freedom stays below with this probability.
+/// Returns the limit below which an F-distributed number with these degrees of freedom lies with this probability.
 ///
 /// Degrees below 1 count as 1: with so little redundancy any statement is a guess, and this is the widest one.
 pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> f64 {
@@ -11,8 +11,8 @@ pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> 
         .map_or(f64::INFINITY, |f| f.inverse_cdf(probability))
 }
 
-/// The value that a number with Student's distribution stays below with this probability. Redundancies below 1
-/// count as 1, as above.
+/// Returns the limit below which a number with Student's distribution lies with this probability. Redundancies
+/// below 1 count as 1, as in `f_quantile`.
 pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
     StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
 }
@@ -22,9 +22,9 @@ pub fn student_95(redundancy: f64) -> f64 {
     student_quantile(redundancy, 0.975)
 }
 
-/// Radius of the sphere that holds a normally distributed error with 95 %; the covariance, mm², was estimated with
-/// `redundancy` degrees of freedom. The sum of three unequal squares is taken as one χ² of the same mean and variance
-/// (Satterthwaite, Biometrics Bulletin 2, 1946).
+/// Returns the radius of the sphere that contains a normally distributed error with 95 % probability. The
+/// covariance, mm², was estimated with `redundancy` degrees of freedom. The sum of three unequal squares is
+/// approximated by one χ² of the same mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
 pub(super) fn radius_95(covariance_mm2: &Matrix3<f64>, redundancy: f64) -> f64 {
     let (trace, square_sum) = (covariance_mm2.trace(), (covariance_mm2 * covariance_mm2).trace());
     if trace <= 0.0 {
@@ -38,7 +38,7 @@ pub(super) fn radius_95(covariance_mm2: &Matrix3<f64>, redundancy: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// From tables: χ²₃ at 95 % is 7.815; F(3, 12) is 3.49; one dimension alone gives 1.96.
+    /// From tables: χ²₃ at 95 % is 7.815; F(3, 12) is 3.49; with only one dimension the value is 1.96.
     #[test]
     fn radii_from_tables() {
         assert!((radius_95(&Matrix3::identity(), 1e5) - 7.815_f64.sqrt()).abs() < 0.003);

@@ -1,18 +1,18 @@
-//! How poses were probably meant that fit no camera mount as they are read.
+//! Finds how poses that fit no camera mount were probably meant.
 //!
 //! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of
 //! these readings is applied to all poses, and the closed-form mount of `consensus` is tried with it. The right
-//! reading leaves tenths of a millimetre, any other one centimetres, so that the one that fits can be named.
+//! reading leaves tenths of a millimetre, any other one centimetres, so that the reading that fits can be named.
 //! Nothing is repaired: the person corrects the file.
 //!
 //! Some mistakes look alike and are named together. A mount of the other kind has the same equations as inverted
-//! poses. Axes of the other hand are a point reflection up to a turn of base and flange: each place is negated. A
+//! poses. Left-handed axes are a point reflection up to a rotation of base and flange: each position is negated. A
 //! selected base frame or tool fits as well as none: only the rough mount of the cell's file shows it.
 //!
-//! With the ratio k of robot to board lengths as an unknown, the part of the closed form that is linear gives k
-//! too: of stations i, j
+//! If the ratio k of robot to board lengths is an unknown, the linear part of the closed form also determines k.
+//! For stations i, j
 //!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                                  (1)
-//! with the moved part (H, h) of the chain, the mount (X, x) and the board's place b.
+//! with the moved part (H, h) of the chain, the mount (X, x) and the board's position b.
 
 use super::arrangement::Arrangement;
 use super::board::Board;
@@ -26,13 +26,13 @@ use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Pixel, Poi
 use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
 use rayon::prelude::*;
 
-/// Triples that are tried of each reading.
+/// Number of triples that are tried for each reading.
 const MAX_TRIPLES: usize = 120;
-/// A reading that leaves more than this fits not, mm.
+/// A reading with a larger residual than this does not fit, mm.
 const FITS_MM: f64 = 5.0;
-/// The reading that is named leaves this share of what the poses leave as they are, or less.
+/// A reading is reported only if its residual is at most this share of the residual of the poses as written.
 const MAX_ERROR_RATIO: f64 = 0.2;
-/// Readings that leave less than this many times the best are named with it.
+/// Readings whose residual is below this multiple of the best one's are reported together with it.
 const MAX_RATIO_TO_BEST: f64 = 3.0;
 
 /// Returns the readings in which these stations fit, best first; none if they fit as they are, or in no reading.
@@ -88,7 +88,8 @@ pub(super) fn fitting<A: Arrangement>(
     named(as_read.median_mm, &tried)
 }
 
-/// The readings in which poses hold the tool's tip at one spot, best first; none if they fit as they are, or in no way.
+/// Returns the readings with which the poses keep the tool's tip at one spot, best first; none if the poses fit as
+/// they are, or in no reading.
 pub fn of_tip(poses: &[Rigid<Base, Flange>]) -> Vec<Reading> {
     let rms_mm = |poses: &[Rigid<Base, Flange>]| Some(tool_point(poses).ok()?.rms_mm);
     let read = |way: &Way| -> Vec<Rigid<Base, Flange>> {
@@ -100,7 +101,7 @@ pub fn of_tip(poses: &[Rigid<Base, Flange>]) -> Vec<Reading> {
     named(as_read_mm, &tried)
 }
 
-/// The readings that fit, of those that were tried, each with what it leaves, mm.
+/// Returns those of the tried readings that fit, each with its residual, mm.
 fn named(as_read_mm: f64, tried: &[(Meaning, f64)]) -> Vec<Reading> {
     let best = tried.iter().map(|(_, left_mm)| *left_mm).fold(f64::INFINITY, f64::min);
     if !(best <= FITS_MM && best <= MAX_ERROR_RATIO * as_read_mm) {
@@ -118,7 +119,7 @@ fn named(as_read_mm: f64, tried: &[(Meaning, f64)]) -> Vec<Reading> {
 
 type Way = Box<dyn Fn(&Isometry3<f64>) -> Isometry3<f64> + Send + Sync>;
 
-/// Each reading of one pose by itself.
+/// Returns each reading that changes every pose separately.
 fn ways() -> Vec<(Meaning, Way)> {
     let angles = |words: &'static str, turn: fn([f64; 3]) -> UnitQuaternion<f64>| -> (Meaning, Way) {
         (Meaning::Angles(words), by_angles(turn))
@@ -153,7 +154,8 @@ fn ways() -> Vec<(Meaning, Way)> {
         ),
         angles(NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('y', b) * turn_about('z', c)),
         angles(NEW_X_NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('x', b) * turn_about('z', c)),
-        // The second angle of these goes to 180°, and the rotation keeps the triple with the smaller one.
+        // In these readings the second angle ranges up to 180°. The rotation only determines the triple with the
+        // smaller one.
         angles(NEW_Z, |angles| {
             let [a, b, c] = other_triple(angles);
             turn_about('z', a) * turn_about('y', b) * turn_about('z', c)
@@ -170,8 +172,8 @@ fn ways() -> Vec<(Meaning, Way)> {
         (
             Meaning::RotationVector { radians: false },
             by_angles(|angles| {
-                // The rotation keeps A, B, C up to the other triple of the same rotation; a rotation vector is half
-                // a turn at most.
+                // The rotation determines A, B, C except for the other triple of the same rotation; a rotation
+                // vector is at most half a turn.
                 let [written, other] = [angles, other_triple(angles)].map(Vector3::from);
                 UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
             }),
@@ -192,7 +194,7 @@ const NEW_Z: &str =
 const NEW_X_NEW_Z: &str =
     "the angles turn about Z, the new X and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
 
-/// The other A, B, C of the same rotation, rad, each within half a turn.
+/// Returns the other A, B, C of the same rotation, rad, each within half a turn.
 fn other_triple([a, b, c]: [f64; 3]) -> [f64; 3] {
     let half = |angle: f64| if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI };
     [half(a), -half(b), half(c)]
@@ -211,7 +213,7 @@ fn kuka([a, b, c]: [f64; 3]) -> UnitQuaternion<f64> {
     turn_about('z', a) * turn_about('y', b) * turn_about('x', c)
 }
 
-/// The pose with the rotation that its A, B, C mean otherwise, given in rad.
+/// Returns the pose with the rotation of its angles A, B, C in the other reading, in rad.
 fn by_angles(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> Way {
     Box::new(move |pose: &Isometry3<f64>| {
         let written: KukaPose = KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose));
@@ -240,7 +242,7 @@ fn mirrored<C: crate::geometry::Frame>(
     stations.iter().map(pose).collect()
 }
 
-/// A mount from three stations, held against all.
+/// A mount from three stations, compared with all stations.
 struct ClosedForm {
     median_mm: f64,
     ratio: f64,
@@ -248,7 +250,8 @@ struct ClosedForm {
     board: Isometry3<f64>,
 }
 
-/// The mount by the three stations that agree best with all; with `free`, lengths of board and robot differ by a factor.
+/// Returns the mount by the three stations that agree best with all; with `free`, lengths of board and robot differ
+/// by a factor.
 fn closed_form(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
@@ -281,7 +284,7 @@ fn grown(pose: &Isometry3<f64>, ratio: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(pose.translation.vector * ratio), pose.rotation)
 }
 
-/// The board that agrees best with the others, and its median distance from them.
+/// Returns the board pose that agrees best with the others, and its median distance from them.
 fn medoid(boards: &[Isometry3<f64>], rim: &[Point3<f64>]) -> Option<(Isometry3<f64>, f64)> {
     let distance = |one: &Isometry3<f64>, other: &Isometry3<f64>| {
         rim.iter().map(|place| (one * place - other * place).norm()).sum::<f64>() / rim.len() as f64
@@ -294,7 +297,7 @@ fn medoid(boards: &[Isometry3<f64>], rim: &[Point3<f64>]) -> Option<(Isometry3<f
     boards.iter().enumerate().filter_map(of).min_by(|one, other| one.1.total_cmp(&other.1))
 }
 
-/// The factor k and the mount by (1), the rotation as it is.
+/// Returns the factor k and the mount by (1); the rotation does not change.
 fn with_ratio(
     moved: &[Isometry3<f64>; 3],
     seen: &[Isometry3<f64>; 3],

@@ -24,7 +24,7 @@ use super::robot_settle::{Settled, State, settle};
 use super::robot_spread::spread;
 use nalgebra::Vector3;
 
-/// Fewer pictures than this estimate no arm.
+/// With fewer pictures than this no arm is estimated.
 pub const MIN_VIEWS: usize = 12;
 /// How often the size of this arm's numbers is estimated.
 const SIZINGS: usize = 3;
@@ -107,7 +107,8 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     })
 }
 
-/// A touch of what cannot be touched, and touches that do not determine the tip.
+/// Returns what is wrong with the touches: an object that cannot be touched, or touches that do not determine the
+/// tip.
 fn wrong_touch(data: &RobotData) -> Option<String> {
     let is_other = |touch: &&ArmTouch| match touch.at {
         Touched::Spot(_) => false,
@@ -135,8 +136,9 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     })
 }
 
-/// Cross-validation residual for each axis of the view, without the noise of the pictures and of the arm's numbers,
-/// mm: of the fixed camera if there is one, since the board on the flange is about as far out as a tool.
+/// Returns the cross-validation residual for each axis of the view, without the noise of the pictures and of the
+/// arm's parameters, mm. Only the fixed camera's pictures are used, if there are any, since the board on the flange
+/// is about as far from it as a tool.
 fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<f64> {
     let is_fixed = |view: &ArmView| data.rigs[view.rig].kind == RigKind::EyeToHand;
     let has_fixed = data.views.iter().any(is_fixed);
@@ -156,11 +158,11 @@ fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<
         square += (turn * off).xy().norm_squared() - expected[(0, 0)] - expected[(1, 1)];
         count += 2.0;
     }
-    // A robot's stated repeatability is three deviations.
+    // The stated repeatability of a robot is three standard deviations.
     Some((square / f64::max(count, 1.0)).max(0.0).sqrt().max(REPEAT_MM / 3.0))
 }
 
-/// A picture's number, and the error of the prediction of its board by the others, in the board's frame, mm.
+/// A picture's number, and the error with which the other pictures predict its board, in the board's frame, mm.
 type LeftOut = (usize, Vector3<f64>);
 
 fn rms_mm(left_out: &[LeftOut]) -> f64 {
@@ -173,7 +175,7 @@ fn first_touch(data: &RobotData, spot: usize) -> Vector3<f64> {
     first.map_or(Vector3::zeros(), |touch| touch.pose.base_from_flange.origin().mm.coords)
 }
 
-/// Each picture held against the others.
+/// Predicts each picture from the pictures of the other groups and returns the errors.
 fn left_out(state: &State, data: &RobotData) -> Option<Vec<LeftOut>> {
     let mut all = Vec::new();
     for group in 0..GROUPS {

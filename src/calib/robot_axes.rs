@@ -9,14 +9,15 @@ use nalgebra::Isometry3;
 /// The largest difference between axis angles and controller, mm and degrees, if both belong to one robot.
 const SAME_MM: f64 = 5.0;
 const SAME_DEG: f64 = 1.0;
-/// The board rotates between two pictures as the flange does; the largest difference, degrees rms.
+/// The largest difference between the rotations of board and flange from picture to picture, degrees rms.
 const SAME_TURN_DEG: f64 = 0.7;
-/// … and shifts along the axis of that rotation as the flange does; the largest difference, mm rms.
+/// The largest difference between the shifts of board and flange along the axis of that rotation, mm rms.
 const SAME_SHIFT_MM: f64 = 5.0;
 /// Rotations with a well-defined axis.
 const AXIS_DEG: (f64, f64) = (5.0, 170.0);
 
-/// Do the axis angles belong to the controller's poses and to the pictures? If not, which fault explains it.
+/// Checks whether the axis angles agree with the controller's poses and the pictures. If not, returns the fault
+/// that explains the difference.
 pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
     if data.views.iter().all(|view| view.pose.joints.is_none()) {
         return None;
@@ -64,9 +65,9 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
     ))
 }
 
-/// By how much a board moves other than the flange from picture to picture, rms: the angle of the turn, degrees,
-/// and the shift along its axis, mm. A screw has both wherever it is seen from, so that this needs neither mount
-/// nor board.
+/// Returns the difference between the motions of a board and of the flange from picture to picture, rms: the angle
+/// of the rotation, degrees, and the shift along its axis, mm. Both are the same for a screw motion from every
+/// viewpoint, so that neither mount nor board pose is needed.
 fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange>) -> (f64, f64) {
     let (mut turns, mut shifts, mut count) = (0.0, 0.0, 0.0_f64);
     for (rig, kind) in data.rigs.iter().map(|rig| rig.kind).enumerate() {
@@ -85,7 +86,7 @@ fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange
             };
             let ((moved_deg, moved_mm), (seen_deg, seen_mm)) = (screw(&moved), screw(&seen));
             turns += (moved_deg - seen_deg).powi(2);
-            // The axis of a small rotation is not known, and that of half a turn has no sign.
+            // The axis of a small rotation is poorly determined, and that of half a turn has no sign.
             let has_axis = |deg: &f64| (AXIS_DEG.0..AXIS_DEG.1).contains(deg);
             let is_screw = has_axis(&moved_deg) && has_axis(&seen_deg);
             shifts += if is_screw { (moved_mm - seen_mm).powi(2) } else { 0.0 };

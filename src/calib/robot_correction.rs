@@ -19,38 +19,39 @@ pub use crate::cell::SMOOTH_NUMBERS;
 pub struct ArmPose {
     /// The axis angles, if they are known.
     pub joints: Option<Joints>,
-    /// The flange by the controller.
+    /// The flange pose as the controller reports it.
     pub base_from_flange: Rigid<Base, Flange>,
 }
 
 /// How the flange's true pose differs from the controller's.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Correction {
-    /// By the arm's geometry.
+    /// Corrects with errors of the arm's geometry.
     Geometry {
-        /// The arm as drawn.
+        /// The arm's nominal geometry.
         geometry: ArmGeometry,
         /// Its errors.
         errors: [f64; ARM_NUMBERS],
     },
-    /// By a motion that changes smoothly with the flange's place.
+    /// Corrects with a motion that changes smoothly with the flange's position.
     Smooth {
         /// The middle of the measured volume, mm.
         middle_mm: [f64; 3],
-        /// Its half size, mm.
+        /// Half the size of the measured volume, mm.
         half_mm: [f64; 3],
-        /// Turns (rad) and shifts (mm) at the middle, and how they change along x, y, z to the volume's side.
+        /// Rotations (rad) and shifts (mm) at the middle, and their changes along x, y, z from the middle to the
+        /// side of the volume.
         numbers: [f64; SMOOTH_NUMBERS],
     },
 }
 
-/// Steps of the fixed point by which (2) is inverted; each leaves about a thousandth of the error before.
+/// Steps of the fixed-point iteration that inverts (2); each reduces the error to about a thousandth.
 const INVERSE_STEPS: usize = 8;
-/// Beyond the measured volume by this share of its half size nothing is measured or touched.
+/// Nothing is measured or touched farther outside of the measured volume than this share of its half size.
 const BEYOND: f64 = 0.1;
 
 impl Correction {
-    /// The correction of these numbers, of the arm as drawn.
+    /// Creates the correction from these parameters and the arm's nominal geometry.
     pub fn new(numbers: &CorrectionNumbers, geometry: ArmGeometry) -> Self {
         match *numbers {
             CorrectionNumbers::Geometry(errors) => Correction::Geometry { geometry, errors },
@@ -60,7 +61,7 @@ impl Correction {
         }
     }
 
-    /// Its numbers, as the file has them.
+    /// Returns the correction's parameters in the form of the file.
     pub fn for_file(&self) -> CorrectionNumbers {
         match *self {
             Correction::Geometry { errors, .. } => CorrectionNumbers::Geometry(errors),
@@ -73,7 +74,7 @@ impl Correction {
     /// Returns the flange's true pose, (1) or (2); `None` if the correction needs axis angles and there are none.
     pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
         match self {
-            // What the controller's own numbers differ from the drawing by stays.
+            // The difference between the controller's own parameters and the nominal geometry stays.
             Correction::Geometry { geometry, errors } => {
                 Some(pose.base_from_flange * off(geometry, errors, pose.joints.as_ref()?))
             }
@@ -86,8 +87,8 @@ impl Correction {
         }
     }
 
-    /// The pose that the controller has to be sent so that the flange comes to this one; `joints` are the axis
-    /// angles there.
+    /// Returns the pose that must be sent to the controller so that the flange reaches `base_from_flange`; `joints`
+    /// are the axis angles there.
     pub fn sent_flange(&self, base_from_flange: &Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
         match self {
             Correction::Geometry { geometry, errors } => {
@@ -116,7 +117,7 @@ impl Correction {
         }
     }
 
-    /// Rotation and shift at a place, mm, of a smooth correction.
+    /// Returns rotation and shift of a smooth correction at a position, mm.
     fn motion_at(&self, place: Point<Base>) -> (UnitQuaternion<f64>, nalgebra::Vector3<f64>) {
         let Correction::Smooth { middle_mm, half_mm, numbers } = self else {
             return (UnitQuaternion::identity(), nalgebra::Vector3::zeros());

@@ -1,4 +1,4 @@
-//! What is measured to calibrate an arm: rigs of camera and board, pictures, and touches.
+//! The data for the calibration of an arm: rigs of camera and board, pictures, and touches.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::Twist;
@@ -35,7 +35,7 @@ pub struct Rig {
 /// A picture.
 #[derive(Debug, Clone)]
 pub struct ArmView {
-    /// Its name in messages.
+    /// The picture's name in messages.
     pub name: String,
     /// The rig that made the picture.
     pub rig: usize,
@@ -49,7 +49,7 @@ pub struct ArmView {
     pub rms_px: f64,
 }
 
-/// The robot's repeatability, mm and rad.
+/// The robot's repeatability, mm; `REPEAT_RAD` is that of the rotation, rad.
 pub(super) const REPEAT_MM: f64 = 0.03;
 const REPEAT_RAD: f64 = 5e-5;
 /// The least assumed error of a corner, px.
@@ -90,21 +90,21 @@ pub(super) fn information(
     scaled_inverse(&(of_corners + of_robot))
 }
 
-/// What the tip touches.
+/// The object that the tip touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Touched {
     /// A spot by its number, which is fixed and not known; touches of one spot share it.
     Spot(usize),
     /// A corner of the fixed board before the camera on the flange.
     Corner {
-        /// The rig of that board.
+        /// The rig with that board.
         rig: usize,
         /// The corner.
         place: Point<Board>,
     },
-    /// A place that the fixed camera sees.
+    /// A position that the fixed camera sees.
     Seen {
-        /// The rig of that camera.
+        /// The rig with that camera.
         rig: usize,
         /// The place.
         place: Point<Camera>,
@@ -123,7 +123,7 @@ pub struct ArmTouch {
 /// What is measured.
 #[derive(Debug, Clone)]
 pub struct RobotData {
-    /// The arm, as drawn.
+    /// The arm's nominal geometry.
     pub geometry: ArmGeometry,
     /// The rigs.
     pub rigs: Vec<Rig>,

@@ -1,18 +1,18 @@
-//! What a calibration of an arm found.
+//! The result of a calibration of an arm.
 
 use super::robot_correction::Correction;
 use super::robot_data::Rig;
 use super::robot_settle::State;
 use nalgebra::{DMatrix, Vector3};
 
-/// One number of the correction.
+/// One parameter of the correction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Number {
-    /// What it is, with its unit.
+    /// The parameter's name, with its unit.
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// How far off it may be, 95 %.
+    /// The parameter's uncertainty, 95 %.
     pub uncertainty: f64,
     /// Its deviation after the estimate divided by that before: 1 if the data carry no information, 0 if they
     /// determine it completely.
@@ -26,18 +26,18 @@ pub struct RobotFound {
     pub correction: Correction,
     /// Its numbers.
     pub numbers: Vec<Number>,
-    /// The rigs as they come out with it.
+    /// The rigs as calculated with the correction.
     pub rigs: Vec<Rig>,
     /// The tip on the flange, if there were touches, mm.
     pub tip_mm: Option<Vector3<f64>>,
     /// How far left-out pictures put the board from its expected place, rms, mm: with mounts and boards alone.
     pub left_out_before_mm: f64,
-    /// The same with the correction.
+    /// The rms distance of the board from its expected position in left-out pictures, with the correction, mm.
     pub left_out_after_mm: f64,
     pub(super) plain: State,
     pub(super) state: State,
     pub(super) covariance: DMatrix<f64>,
     pub(super) variance: f64,
-    /// What is left of a single pose that no number of the arm explains, each way, mm.
+    /// The residual of a single pose that no parameter of the arm explains, along each axis, mm.
     pub(super) scatter_mm: f64,
 }

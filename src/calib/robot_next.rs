@@ -31,7 +31,7 @@ pub struct Viewpoint {
 /// A pose that is allowed for the arm.
 #[derive(Debug, Clone)]
 pub struct Candidate {
-    /// What would be seen.
+    /// The view that the picture would show.
     pub viewpoint: Viewpoint,
     /// The pose.
     pub pose: ArmPose,
@@ -44,22 +44,22 @@ pub struct NextPose {
     pub rig: usize,
     /// The pose.
     pub pose: ArmPose,
-    /// The weakest number that the data determine.
+    /// The least well determined parameter, among those that the data determine.
     pub weakest: String,
-    /// Its deviation after this picture by that before.
+    /// The ratio of this parameter's standard deviation after the picture to that before.
     pub weakest_share: f64,
-    /// The tip's stated error over the volume, its median, by that before, after the picture that makes it least.
+    /// The ratio of the tip's stated error, the median over the volume, after the best picture to that before it.
     pub tip_share: f64,
 }
 
 impl NextPose {
-    /// Would no further picture reduce the tip's stated error enough to be worth taking?
+    /// Returns whether no further picture would reduce the tip's stated error enough to be worth taking.
     pub fn is_enough(&self) -> bool {
         self.tip_share > MAX_REMAINING_SHARE
     }
 }
 
-/// A picture that leaves more of the tip's stated error is not worth taking.
+/// A picture is not worth taking if a larger share of the tip's stated error remains after it.
 const MAX_REMAINING_SHARE: f64 = 0.95;
 /// A number counts as determined if less than this share of its usual deviation is left.
 pub const DETERMINED_SHARE: f64 = 0.7;
@@ -68,7 +68,7 @@ const TILTS_DEG: [f64; 2] = [20.0, 42.0];
 const TURNS: usize = 4;
 const DIRECTIONS: usize = 6;
 
-/// The flange poses at which a rig's camera would see its board whole.
+/// Returns the flange poses at which a rig's camera would see the complete board.
 pub fn viewpoints(
     found: &RobotFound,
     views: &[ArmView],
@@ -98,7 +98,7 @@ pub fn viewpoints(
     all
 }
 
-/// Flat and tilted several ways, each rotated about the view several times.
+/// Returns rotations of the board: flat and tilted several ways, each rotated about the view several times.
 fn turns() -> Vec<UnitQuaternion<f64>> {
     let about = |index: usize, count: usize| std::f64::consts::TAU * index as f64 / count as f64;
     let tilt = |tilt_deg: f64| {
@@ -140,7 +140,7 @@ fn viewpoint(
     Some(Viewpoint { rig, base_from_flange: Rigid::claim(base_from_flange), information })
 }
 
-/// What a picture would leave of the weakest determined number, and of the tip's error.
+/// The shares of the errors of the weakest determined parameter and of the tip that would remain after a picture.
 struct Gain {
     weakest_share: f64,
     tip_share: f64,

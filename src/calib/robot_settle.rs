@@ -1,4 +1,4 @@
-//! Minimises (1) of `robot`: Levenberg–Marquardt over the arm's numbers, mounts, boards, tip and spots.
+//! Minimises (1) of `robot`: Levenberg–Marquardt over the arm's parameters, mounts, boards, tip and spots.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::{Twist, exp, log};
@@ -6,24 +6,24 @@ use super::robot_correction::{ArmPose, Correction};
 use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, Touched};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 
-/// Deviation of one touch, mm.
+/// Standard deviation of one touch, mm.
 const TOUCH_MM: f64 = 0.1;
 /// Standard deviation of the tip's distance from the flange, mm: the prior if touches do not determine the tip.
 const TIP_MM: f64 = 300.0;
 const MAX_STEPS: usize = 40;
-/// The factors by which an arm may be better or worse than usual.
+/// The range of the factor by which an arm's errors may be smaller or larger than usual.
 const SIZES: (f64, f64) = (0.3, 4.0);
 
 /// The unknowns.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub correction: Correction,
-    /// Are the correction's numbers free?
+    /// Whether the correction's parameters are free.
     pub corrects: bool,
-    /// How large they are, by what is usual.
+    /// The factor between the size of this arm's parameters and the usual one.
     pub size: f64,
     pub rigs: Vec<Rig>,
-    /// Is the tip free?
+    /// Whether the tip is free.
     pub touches: bool,
     pub tip: Vector3<f64>,
     pub spots: Vec<Vector3<f64>>,
@@ -39,12 +39,12 @@ impl State {
         self.own() + 12 * self.rigs.len()
     }
 
-    /// How large each number of the correction may be, as a deviation.
+    /// Returns the expected size of each parameter of the correction, as a standard deviation.
     pub fn usual(&self) -> Vec<f64> {
         self.correction.usual().into_iter().map(|usual| usual * self.size).collect()
     }
 
-    /// How many numbers of the correction are free.
+    /// Returns how many parameters of the correction are free.
     pub fn own(&self) -> usize {
         if self.corrects { self.correction.numbers().len() } else { 0 }
     }
@@ -80,7 +80,7 @@ impl State {
         })
     }
 
-    /// The residuals, each divided by its deviation.
+    /// Returns the residuals, each divided by its standard deviation.
     fn residuals(&self, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DVector<f64>> {
         let mut all = Vec::with_capacity(6 * views.len() + 3 * touches.len());
         for (view, root) in views.iter().zip(roots) {
@@ -101,7 +101,8 @@ impl State {
     }
 }
 
-/// A settled state, with the covariance of its unknowns and what the residuals' variance is by that which was stated.
+/// A converged state, with the covariance of its unknowns and the ratio of the residuals' variance to the stated
+/// one.
 pub(super) struct Settled {
     pub state: State,
     pub inverse: DMatrix<f64>,
@@ -109,8 +110,8 @@ pub(super) struct Settled {
 }
 
 impl Settled {
-    /// How large the numbers of this arm are, by what is usual: the variance component of the second sum of (1), from the
-    /// numbers that the data determine (Förstner, as in `adjust`).
+    /// Returns the factor between the size of this arm's parameters and the usual one: the variance component of
+    /// the second sum of (1), from the parameters that the data determine (Förstner, as in `adjust`).
     pub fn size(&self) -> f64 {
         let (mut square, mut redundancy) = (0.0, 0.0);
         for (index, (number, usual)) in self.state.correction.numbers().iter().zip(self.state.usual()).enumerate() {
@@ -122,7 +123,7 @@ impl Settled {
     }
 }
 
-/// What is known beforehand: the deviation of each unknown that has one, with its value.
+/// Returns the prior knowledge: index, value and standard deviation of each unknown that has one.
 fn known(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
     let numbers = state.correction.numbers().iter().zip(usual).take(state.own()).enumerate();
     let mut all: Vec<_> = numbers.map(|(index, (number, usual))| (index, *number, *usual)).collect();
@@ -169,7 +170,7 @@ pub(super) fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> 
         damping *= 0.1;
         state = next;
         let inverse = scaled_inverse(&undamped)?;
-        // The numbers that the data determine, of those that are free.
+        // The number of free parameters that the data determine.
         let told: f64 =
             state.count() as f64 - (0..state.own()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
         let redundancy = (there.len() as f64 - told).max(1.0);

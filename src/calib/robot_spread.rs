@@ -25,7 +25,7 @@ pub(super) fn slope(
     Some(slope)
 }
 
-/// The covariance of a place, mm².
+/// Returns the covariance of a position, mm².
 pub(super) fn spread(settled: &Settled, place: &dyn Fn(&State) -> Option<Vector3<f64>>) -> Option<Matrix3<f64>> {
     let slope = slope(&settled.state, &settled.inverse, place)?;
     let spread = &slope * &settled.inverse * slope.transpose();
@@ -62,7 +62,7 @@ impl RobotFound {
         self.plain.touches.then_some(self.plain.tip)
     }
 
-    /// The rigs as they come out without a correction.
+    /// Returns the rigs as calculated without a correction.
     pub fn rigs_before(&self) -> &[Rig] {
         &self.plain.rigs
     }

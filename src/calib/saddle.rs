@@ -17,32 +17,32 @@ use statrs::function::erf::erf;
 
 const UNKNOWNS: usize = 9;
 const MAX_STEPS: usize = 30;
-/// The steps end when the corner moves by less, px.
+/// The iteration ends when the corner moves by less than this, px.
 const CONVERGENCE_PX: f64 = 1e-4;
-/// A corner that moves farther from its start is another one, px.
+/// A corner that moves farther from its start than this is another corner, px.
 const MAX_MOVE_PX: f64 = 1.5;
-/// Half contrasts below this are no corner, grey levels.
+/// Minimum half contrast of a corner, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
-/// What the model leaves, as a share of the half contrast …
+/// Maximum residual of the model, as a share of the half contrast, in addition to the picture's noise.
 const MAX_LEFT: f64 = 0.25;
 /// … beside the picture's noise. Its mean square over a window spreads by this many deviations.
 const NOISE_SPREAD: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
-/// No lens is sharper.
+/// The smallest blur of the model, px: no lens is sharper.
 const SHARPEST_PX: f64 = 0.05;
 
-/// A corner as the model has it.
+/// A corner with the parameters of the fitted model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Saddle {
     /// The corner.
     pub at: Pixel,
-    /// How well the noise of the picture lets it be known, each way, px.
+    /// The standard deviation of the position along each axis, from the picture's noise, px.
     pub deviation_px: f64,
     /// Half the contrast; its sign states which squares are black.
     pub contrast: f64,
-    /// What the model leaves beside the noise, rms, as a share of the half contrast.
+    /// The rms residual of the model in addition to the noise, as a share of the half contrast.
     pub left: f64,
-    /// How much the light changes from the corner to the window's side, as a share of the contrast.
+    /// The change of the light from the corner to the window's side, as a share of the contrast.
     pub slant: f64,
 }
 
@@ -124,14 +124,14 @@ impl Model {
         }
     }
 
-    /// The grey level and its slope.
+    /// Returns the grey level and its derivatives.
     fn gray(&self, u: f64, v: f64) -> (f64, SVector<f64, UNKNOWNS>) {
         let offset = Vector2::new(u - self.at.u, v - self.at.v);
         let blur = self.log_blur.exp();
         let edge = |angle: f64| {
             let along = Vector2::new(angle.cos(), angle.sin());
             let distance = along.perp(&offset);
-            // ∫ erf(t / (s √2)) dt = t erf(t / (s √2)) + s √(2/π) exp(−t² / 2s²); by s it changes with √(2/π)
+            // ∫ erf(t / (s √2)) dt = t erf(t / (s √2)) + s √(2/π) exp(−t² / 2s²); its derivative by s is √(2/π)
             // exp(−t² / 2s²).
             let [ahead, behind] = [distance + 0.5, distance - 0.5].map(|t| {
                 let step = erf(t / (blur * std::f64::consts::SQRT_2));
@@ -198,7 +198,7 @@ impl Patch {
         Some(Patch { pixels, half_window_px: half_window_px as f64 })
     }
 
-    /// Directions as given; mean and contrast by least squares.
+    /// Returns the start model, with the given directions; mean and contrast by least squares.
     fn begin(&self, at: Pixel, edges: [Vector2<f64>; 2]) -> Model {
         let angles = edges.map(|edge| edge.y.atan2(edge.x));
         let log_blur = START_BLUR_PX.min(self.half_window_px / 3.0).ln();
@@ -230,7 +230,8 @@ impl Patch {
 mod tests {
     use super::*;
 
-    /// A corner at (20.3, 19.6) with edges along 20° and 100°, drawn by sixteen rays a side of each pixel.
+    /// Renders a corner at (20.3, 19.6) with edges along 20° and 100°, with sixteen rays along each side of each
+    /// pixel.
     fn drawn() -> GrayPicture {
         let mut picture = GrayPicture::filled(41, 41, 0);
         let [one, two] = [20.0_f64, 100.0].map(|deg| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin()));

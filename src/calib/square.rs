@@ -19,37 +19,37 @@ use crate::geometry::{Board, Frame, PinholeCamera, Point};
 use nalgebra::{Isometry3, SMatrix, SVector};
 
 const MAX_STEPS: usize = 8;
-/// The steps end when the size changes by less than this share.
+/// The iteration ends when the size changes by less than this share.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
-/// A size that is right is called wrong in one calibration of a thousand.
+/// The probability with which a calibration calls a correct size wrong.
 const FALSE_ALARM: f64 = 1e-3;
 
-/// The squares' size, or the focal length, as the robot's motions state it.
+/// The squares' size, or the focal length, as determined by the robot's motions.
 #[derive(Debug, Clone)]
 pub struct SquareSize<A: Arrangement> {
     /// The measured size divided by the stated size; 1 if both agree.
     pub ratio: f64,
     of: Factor,
-    /// Its standard deviation, the lens's part included.
+    /// The standard deviation of the ratio, including the lens's part.
     pub deviation: f64,
-    /// How well the deviation is known.
+    /// The degrees of freedom with which `deviation` was estimated.
     pub redundancy: f64,
     /// Mount and board with this size.
     pub adjusted: Adjusted<A>,
 }
 
 impl<A: Arrangement> SquareSize<A> {
-    /// The ratio's 95 % bound to both sides.
+    /// Returns the 95 % bound of the ratio, to both sides.
     pub fn ratio_95(&self) -> f64 {
         student_quantile(self.redundancy, 0.975) * self.deviation
     }
 
-    /// How far this size in place of the stated one moves a point before the camera, mm.
+    /// Returns how far a point in front of the camera moves if this size replaces the stated one, mm.
     pub(super) fn moves_mm(&self, stated: &Adjusted<A>, at: Point<A::From>) -> f64 {
         stated.to_from_camera.distance_at_mm(self.adjusted.to_from_camera, at)
     }
 
-    /// The same with a lens that is known to this covariance only.
+    /// Adds the uncertainty of a lens with this covariance.
     pub(super) fn with_lens(
         self,
         camera: &PinholeCamera,
@@ -61,7 +61,7 @@ impl<A: Arrangement> SquareSize<A> {
         Some(SquareSize { deviation: step.deviation * self.ratio, ..self })
     }
 
-    /// Do the data contradict the stated size?
+    /// Returns whether the data contradict the stated size.
     pub fn contradicts(&self) -> bool {
         let allowed = student_quantile(self.redundancy, 1.0 - FALSE_ALARM / 2.0) * self.deviation;
         let off = (self.ratio - 1.0).abs();
@@ -69,7 +69,7 @@ impl<A: Arrangement> SquareSize<A> {
     }
 }
 
-/// A station's view with squares of another size.
+/// Returns a station's view with squares of another size.
 pub(super) fn scaled<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
     let at = |q: &Point<Board>| Point::new(q.mm * ratio);
     let seen = match &station.seen {
@@ -83,7 +83,7 @@ pub(super) fn scaled<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
     Station { seen, ..station.clone() }
 }
 
-/// Camera and stations with this factor.
+/// Returns camera and stations with this factor.
 fn with_factor<C: Frame>(
     camera: &PinholeCamera,
     stations: &[&Station<C>],
@@ -129,7 +129,7 @@ struct Step {
     deviation: f64,
 }
 
-/// One step of the size, to first order, with what else is unknown eliminated.
+/// Computes one step of the size, to first order, with the other unknowns eliminated.
 fn step<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[Station<A::From>],
@@ -144,7 +144,7 @@ fn step<A: Arrangement>(
         let (gram, size) = (chain.gram(camera, &station.seen)?, chain.factor_gram(camera, &station.seen, of)?);
         let lens_cross = chain.lens_cross(camera, &station.seen)?;
         let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
-        // Mount, board and size against the flange's deviation.
+        // The cross terms of mount, board and size with the flange's deviation.
         let mut cross = SMatrix::<f64, 13, 6>::zeros();
         cross.fixed_rows_mut::<12>(0).copy_from(&gram.cross());
         cross.row_mut(12).copy_from(&size.cross.fixed_rows::<6>(12).transpose());

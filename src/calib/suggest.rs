@@ -19,16 +19,16 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 pub struct Suggestion {
     /// The pose to which the flange is to go.
     pub base_from_flange: KukaPose,
-    /// The uncertainty after it, mm.
+    /// The uncertainty after this pose, mm.
     pub uncertainty_mm: f64,
 }
 
 const TILT_DEG: f64 = 25.0;
 const NEARER: f64 = 0.8;
-/// Tilted beyond this, corners are found badly, degrees.
+/// If the board is tilted by more than this, its corners are detected poorly, degrees.
 const MAX_TILT_DEG: f64 = 50.0;
 
-/// The next pose, if one was found that is better than nothing.
+/// Returns the next pose, if one was found that reduces the uncertainty.
 pub fn next_pose<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,

@@ -1,4 +1,4 @@
-//! The smooth surface through the corners of a board as a picture shows them, and the distance of a corner from it.
+//! The smooth surface through the corners of a board in a picture, and the distance of a corner from it.
 
 use super::board::Corners;
 use super::foreign;
@@ -7,25 +7,28 @@ use super::saddle::Saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
-/// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
+/// Minimum limit of a corner's distance from the surface through the others, px; beyond its limit the corner counts
+/// as another one. The limit is at least `OUTLIER_MEDIANS` times the median distance of all corners.
 const OUTLIER_PX: f64 = 0.4;
 const OUTLIER_MEDIANS: f64 = 5.0;
 /// … and, if it is placed well, by this multiple of the surface's own deviation there.
 const UNCERTAIN: f64 = 5.0;
-/// … and the least limit there, px: at a board's outer corners a lens bends by more than a third degree.
+/// The smallest limit at a well-located corner, px: at a board's outer corners a lens bends by more than a third
+/// degree.
 const MIN_OUTLIER_PX: f64 = 0.9;
-/// The standard deviation up to which a single corner is accepted, px.
+/// The largest standard deviation with which a single corner is accepted, px.
 pub(super) const KNOWN_PX: f64 = 0.2;
 /// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
 /// The largest standard deviation that a corner may have after it was combined with the surface, px.
 const KNOWN_AT_LAST_PX: f64 = 0.17;
-/// A corner that the model places worse is looked for by its print as well, px.
+/// A corner with a larger standard deviation than this in the model is also located by its print, px.
 pub(super) const WELL_PX: f64 = 0.08;
-/// The extent of the print that is examined around a corner, in squares, and in the picture, px.
+/// The extent of the print that is examined around a corner, in squares; `PRINT_PX` is the limit in the picture,
+/// px.
 pub(super) const PRINT_SQUARES: f64 = 0.5;
 pub(super) const PRINT_PX: f64 = 16.0;
-/// A start position may be this much farther from its prediction, px.
+/// Additional tolerance between a start position and its prediction, px.
 pub(super) const START_PX: f64 = 1.5;
 /// The number of corners at which the blur is estimated.
 pub(super) const BLUR_CORNERS: usize = 6;
@@ -36,26 +39,27 @@ const ROUGH_PX: f64 = 0.05;
 const PALE: f64 = 0.15;
 const NEAR: f64 = 2.6;
 const PALE_PX: f64 = 1.5;
-/// Light that changes within the window by more than this share of the contrast is such a rim, too.
+/// Light that changes within the window by more than this share of the contrast is also a glare's rim.
 const SLANT: f64 = 0.1;
 const SLANT_PX: f64 = 1.0;
-/// What the model leaves beside the noise, as a share of the half contrast, beyond which the corner is less well known …
+/// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger one the
+/// corner's position is less certain.
 const USUAL_LEFT: f64 = 0.06;
-/// … in px for the whole half contrast.
+/// The additional uncertainty for a residual equal to the whole half contrast, px.
 const LEFT_PX: f64 = 2.0;
 
-/// A corner as the model places it.
+/// A corner as the model locates it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CornerEstimate {
     pub at: Pixel,
-    /// How well noise, and what the model leaves, let it be known, each way, px.
+    /// The standard deviation of the position along each axis, from noise and the model's residual, px.
     pub deviation_px: f64,
     /// White minus black there, grey levels; 0 if it is not determined.
     pub contrast: f64,
 }
 
 impl CornerEstimate {
-    /// By the print, in a picture with this much noise.
+    /// Returns the corner located by the print, in a picture with this noise.
     pub fn from_match(found: &Matched, noise: f64) -> Self {
         let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
         CornerEstimate {
@@ -65,7 +69,7 @@ impl CornerEstimate {
         }
     }
 
-    /// By the model of the grey levels.
+    /// Returns the corner located by the model of the grey levels.
     pub fn of_saddle(found: &Saddle) -> Self {
         let deviation_px = doubt_px(found.deviation_px, found.left, found.slant);
         CornerEstimate { at: found.at, deviation_px, contrast: 2.0 * found.contrast.abs() }
@@ -79,23 +83,23 @@ fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
     deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - SLANT).max(0.0))
 }
 
-/// A smooth surface through corners: a plane's homography, and what a lens and a board that is not quite flat bend it by, a
-/// polynomial of third degree.
+/// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the bending by
+/// a lens and a board that is not quite flat.
 pub(super) struct Surface {
     middle: Vector2<f64>,
     reach_mm: f64,
     plane: Matrix3<f64>,
     bend: SMatrix<f64, TERMS, 2>,
-    /// The median distance of the corners from it, px.
+    /// The median distance of the corners from the surface, px.
     usual_px: f64,
-    /// How far corners are from it for other reasons than noise, each way, px.
+    /// The standard deviation of the corners from the surface along each axis for other reasons than noise, px.
     rough_px: f64,
-    /// How well it is known itself, by the terms, px².
+    /// The covariance of the surface itself, by the polynomial's terms, px².
     spread: SMatrix<f64, TERMS, TERMS>,
 }
 
 pub(super) const TERMS: usize = 10;
-/// What a lens bends a place by, at a picture's width from its middle, in widths.
+/// The displacement by a lens at a distance of one picture width from the middle, in picture widths.
 const LENS: f64 = 0.5;
 
 impl Surface {
@@ -141,18 +145,19 @@ impl Surface {
             surface.spread = factor.inverse();
             let apart: Vec<f64> = corners.iter().map(|(q, pixel)| surface.at(*q).distance_px(*pixel)).collect();
             surface.usual_px = median(&mut apart.clone())?;
-            // A far one pulls no more (Geman and McClure).
+            // A distant corner has almost no influence (Geman and McClure).
             let usual = surface.usual_px.max(0.02);
             let far = |apart: &f64| (1.0 + (apart / (3.0 * usual)).powi(2)).powi(-2);
             weights = apart.iter().zip(&trust).map(|(apart, trust)| trust * far(apart)).collect();
         }
-        // Half of a round normal cloud lies within 1.18 of its deviation each way.
+        // Half of a normal distribution in two dimensions lies within 1.18 standard deviations of one axis.
         let noise_px = median(&mut deviations_px.to_vec())?;
         surface.rough_px = ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(ROUGH_PX.powi(2)).sqrt();
         Some(surface)
     }
 
-    /// A corner farther from it is another one, px: one that is badly known may be farther, and counts the less.
+    /// Returns the largest distance of this corner from the surface, px; a more distant one is another corner. The
+    /// limit is larger for a corner with an uncertain position, which has a smaller weight.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
         let is_well = placed.deviation_px < WELL_PX;
         let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
@@ -160,7 +165,7 @@ impl Surface {
         OUTLIER_PX.max(OUTLIER_MEDIANS * self.usual_px).max(own_px)
     }
 
-    /// How well it is known at a place, each way, px².
+    /// Returns the variance of the surface at a position, along each axis, px².
     fn variance(&self, q: Point<BoardFrame>) -> f64 {
         let terms = terms(&self.place(q));
         (terms.transpose() * self.spread * terms)[(0, 0)]
@@ -179,7 +184,7 @@ impl Surface {
         Some(Pixel::at(there.u + own * (placed.at.u - there.u), there.v + own * (placed.at.v - there.v)))
     }
 
-    /// The print around a place as it is seen.
+    /// Returns the view of the print around a position.
     pub fn view(&self, q: Point<BoardFrame>, reach_mm: f64, blur_px: f64) -> View {
         let (scale, middle) = (1.0 / self.reach_mm, self.middle / self.reach_mm);
         let to_place = Matrix3::new(scale, 0.0, -middle.x, 0.0, scale, -middle.y, 0.0, 0.0, 1.0);
@@ -228,7 +233,7 @@ fn terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
     SVector::from([1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y])
 }
 
-/// Through those corners that are placed.
+/// Returns the surface through those corners that are located.
 pub(super) fn surface_of(
     corners: &Corners,
     placed: &[Option<CornerEstimate>],

@@ -13,32 +13,32 @@ use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Point, Rig
 use nalgebra::Vector3;
 use std::fmt::Write;
 
-/// Beyond this angle from its normal a board's corners are placed badly, degrees.
+/// If the angle of view to the board's normal is larger than this, the corners are located poorly, degrees.
 const GRAZING_DEG: f64 = 65.0;
-/// Corners that miss the board's pose by this many times what others do make a picture doubtful.
+/// A picture is doubtful if its corners miss the board's pose by this multiple of the usual residual.
 const ROUGHER: f64 = 3.0;
-/// Corners that miss it by less are good in any company, px or mm.
+/// Corners with a smaller residual than this are good, independent of the other pictures, px or mm.
 const MIN_RMS: f64 = 0.05;
-/// A pose that is off by less than both was not mistyped, mm and degrees.
+/// A pose with smaller errors than both limits was not mistyped: `TYPED_MM` in mm, `TYPED_DEG` in degrees.
 const TYPED_MM: f64 = 1.0;
 const TYPED_DEG: f64 = 0.2;
 
 /// What is probably wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {
-    /// The board was taken upside down.
+    /// The board was detected upside down.
     Flipped,
     /// This picture and another have exchanged poses.
     Swapped {
         /// The other picture.
         with: String,
     },
-    /// The picture shows what another pose should: a copy, or a picture missed.
+    /// The picture shows the board as another pose predicts it: a copy, or a missing picture.
     ShowsPoseOf {
         /// The other picture.
         other: String,
     },
-    /// One number of the pose.
+    /// One number of the pose is mistyped.
     Mistyped {
         /// Its key.
         key: &'static str,
@@ -47,7 +47,7 @@ pub enum Fault {
         /// The value by the picture.
         seen: f64,
     },
-    /// Two angles or lengths at each other's place.
+    /// Two exchanged angles or lengths.
     Exchanged {
         /// One key.
         key: &'static str,
@@ -61,12 +61,12 @@ pub enum Fault {
     },
     /// The picture itself is doubtful: its corners miss the board's pose by more than those of other pictures.
     Rough {
-        /// Root mean square of its corners, px or mm.
+        /// Root mean square of the picture's corners, px or mm.
         rms: f64,
-        /// That of the other pictures, in the middle.
+        /// The median of the other pictures' values.
         usual: f64,
     },
-    /// A little off, and no number that a person would mistype.
+    /// A small deviation that no mistyped number explains.
     Little,
     /// None of these.
     Unknown {
@@ -80,7 +80,7 @@ pub enum Fault {
 pub struct Suspect {
     /// The picture.
     pub name: String,
-    /// How far apart picture and robot put the board's middle, mm.
+    /// The distance between the positions of the board's middle by picture and by robot, mm.
     pub mm: f64,
     /// What is probably wrong.
     pub fault: Fault,
@@ -168,7 +168,7 @@ impl<A: Arrangement> Trial<'_, A> {
         said.distance_at_mm(self.poses[index].camera_from_board, self.board.middle())
     }
 
-    /// Does what a picture shows fit this flange pose?
+    /// Returns whether the picture fits this flange pose.
     fn fits(&self, index: usize, base_from_flange: Rigid<Base, Flange>) -> bool {
         let station = Station { base_from_flange, ..self.stations[index].clone() };
         self.fits_as(&station, &self.poses[index])
@@ -209,7 +209,7 @@ impl<A: Arrangement> Trial<'_, A> {
         board_pose(self.camera, &station.seen).is_ok_and(|pose| self.fits_as(&station, &pose))
     }
 
-    /// Is the picture to be doubted before the pose?
+    /// Returns the fault if the picture is more doubtful than the pose.
     fn poor_picture(&self, index: usize) -> Option<Fault> {
         let pose = &self.poses[index];
         let (place, normal) = (

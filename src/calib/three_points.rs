@@ -21,7 +21,7 @@ use nalgebra::Isometry3;
 /// A corner of the board that was touched.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touched {
-    /// Its column and row, from 0.
+    /// The corner's column and row, from 0.
     pub corner: (usize, usize),
     /// The place of the pointer's tip.
     pub place: Point<Base>,
@@ -36,17 +36,17 @@ pub struct ThreePoints<A: Arrangement> {
     pub base_from_board: Rigid<Base, BoardFrame>,
     /// Root mean square of the board's corners in the picture, px.
     pub pnp_rms_px: f64,
-    /// Touched distance minus the board's own: 1–2, 2–3, 1–3, mm.
+    /// Touched distance minus the board's nominal one: 1–2, 2–3, 1–3, mm.
     pub distance_errors_mm: [f64; 3],
     /// Distance of the fourth touched corner from its place by the result, mm.
     pub check_mm: Option<f64>,
-    /// Would the same corners, touched from another end of the board, have the same distances?
+    /// Whether the same corners, touched from another end of the board, would have the same distances.
     pub looks_alike: bool,
 }
 
-/// Sine of the angle at the first point below which three points count as collinear.
+/// If the sine of the angle at the first point is smaller than this, three points count as collinear.
 const MIN_SINE: f64 = 0.1;
-/// The touched points are at least this many squares apart.
+/// Minimum distance between touched points, in squares.
 const MIN_SQUARES: f64 = 2.5;
 
 /// Calibrates. `touched` are three corners and, as the fourth, an optional check; `base_from_flange` is the flange
@@ -106,7 +106,8 @@ pub fn three_points<A: Arrangement>(
     })
 }
 
-/// Origin in the first point, X towards the second, the third on the side of Y (Eq. 3.14–3.17, Z normalised).
+/// Returns the frame with its origin in the first point, X towards the second, and the third on the side of Y (Eq.
+/// 3.14–3.17, Z normalised).
 fn frame_through<F: Frame>(points: [Point<F>; 3], apart_mm: f64, what: &str) -> Result<Isometry3<f64>, CalibError> {
     let sides = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| points[a].distance_mm(points[b]));
     let shortest = sides.iter().copied().fold(f64::INFINITY, f64::min);

@@ -16,13 +16,13 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 pub struct ToolPoint {
     /// The tip.
     pub tip: Point<Flange>,
-    /// The spot that it was held at.
+    /// The spot at which the tip was held.
     pub spot: Point<Base>,
-    /// How far each pose puts the tip from the spot, mm.
+    /// The distance of the tip from the spot in each pose, mm.
     pub residuals_mm: Vec<f64>,
-    /// Root mean square of them, mm.
+    /// Root mean square of the residuals, mm.
     pub rms_mm: f64,
-    /// Radius that holds the tip's error with 95 %, mm.
+    /// Radius that contains the tip's error with 95 % probability, mm.
     pub uncertainty_mm: f64,
 }
 
@@ -31,11 +31,11 @@ pub struct ToolPoint {
 pub enum AxisTouch {
     /// Flange poses in which a point of the axis behind the tip is at the spot.
     Behind(Vec<Rigid<Base, Flange>>),
-    /// A plate, by touched places, and flange poses in which the pad lies flat on it.
+    /// A plate, by touched points, and flange poses in which the pad lies flat on the plate.
     Plate {
-        /// Places of the plate, by the tool's tip or a pointer.
+        /// Points of the plate, touched with the tool's tip or a pointer.
         places: Vec<Point<Base>>,
-        /// Flange poses with the pad flat on it.
+        /// Flange poses with the pad flat on the plate.
         flat: Vec<Rigid<Base, Flange>>,
     },
 }
@@ -43,21 +43,22 @@ pub enum AxisTouch {
 /// A tool's axis with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolAxis {
-    /// Out of the pad.
+    /// The direction out of the pad.
     pub axis: Vector<Flange>,
-    /// How far each touch is from the mean, degrees; empty for one touch.
+    /// The deviation of each touch from the mean, degrees; empty for one touch.
     pub residuals_deg: Vec<f64>,
-    /// How flat the plate's places are, mm rms; `None` without a plate or with three places.
+    /// The rms deviation of the plate's points from a plane, mm; `None` without a plate or with three points.
     pub plate_rms_mm: Option<f64>,
 }
 
-/// Poses that are needed.
+/// Minimum number of poses.
 pub const MIN_POSES: usize = 4;
-/// The worst-determined direction of the tip is this well determined at least: √ of the mean squared sine of turns.
+/// The limit for the worst-determined direction of the tip: the root of the mean squared sine of the rotations.
 const MIN_LEVER: f64 = 0.12;
-/// No arm's flange comes nearer to its base's origin in each of several poses, mm; in metres all of its reach is below it.
+/// If the flange positions in several poses are all nearer to the base's origin than this, mm, the numbers are
+/// metres. No arm's flange comes so near in each pose, but in metres its complete reach is below this number.
 const IN_METRES: f64 = 10.0;
-/// A second point closer than this to the tip gives no axis, mm.
+/// Minimum distance of the second point from the tip that gives an axis, mm.
 const MIN_BEHIND_MM: f64 = 20.0;
 
 /// Computes the tool's point.
@@ -143,7 +144,7 @@ fn behind(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector
     poses.iter().map(axis).collect()
 }
 
-/// The plate's normal and how far its places are from flat, mm rms.
+/// Returns the plate's normal, and the rms deviation of its points from a plane, mm.
 fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibError> {
     let few = |why: &str| CalibError::Tool(format!("the plate's {} touched places {why}", places.len()));
     if places.len() < 3 {
@@ -163,13 +164,14 @@ fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibErr
     Ok((normal, (places.len() > 3).then_some(rms_mm)))
 }
 
-/// The plate's normal in the flange, on the side that the flange's own axis points to: a pad faces away from the arm.
+/// Returns the plate's normal in the flange, on the side to which the flange's own axis points: a pad faces away
+/// from the arm.
 fn facing(pose: &Rigid<Base, Flange>, normal: &Vector3<f64>) -> Vector3<f64> {
     let in_flange = pose.inverse().rotation() * normal;
     if in_flange.z < 0.0 { -in_flange } else { in_flange }
 }
 
-/// The tool's frame: at the tip, Z along the axis, X as near to the flange's X as Z lets it.
+/// Returns the tool's frame: at the tip, Z along the axis, X as near to the flange's X as Z permits.
 pub fn flange_from_tool(tip: Point<Flange>, axis: Vector<Flange>) -> Rigid<Flange, Tool> {
     let z = axis.mm;
     let along = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
@@ -184,7 +186,7 @@ mod tests {
     use crate::geometry::KukaPose;
     use crate::verdict::Verdict;
 
-    /// Poses that hold the tip (10, −5, 180) at the spot (600, 50, 200), each with these angles.
+    /// Returns poses that hold the tip (10, −5, 180) at the spot (600, 50, 200), each with these angles.
     fn poses(tip: Point<Flange>, angles: &[[f64; 3]]) -> Vec<Rigid<Base, Flange>> {
         let spot = Vector3::new(600.0, 50.0, 200.0);
         let pose = |&[a_deg, b_deg, c_deg]: &[f64; 3]| {
@@ -202,8 +204,7 @@ mod tests {
         Point::at(TIP[0], TIP[1], TIP[2])
     }
 
-    /// The cases of a poses file in which A and C are exchanged, and of one in metres; poses that are right have no
-    /// other reading.
+    /// A poses file with A and C exchanged, and one in metres; correct poses have no other reading.
     #[test]
     fn other_readings_of_the_angles_and_metres_are_named() {
         let right = poses(tip(), &ANGLES);
@@ -254,7 +255,8 @@ mod tests {
         assert!(tool_point(&poses(tip(), &ANGLES[..3])).expect_err("three").to_string().contains("4 are needed"));
     }
 
-    /// By hand: with the second point 60 mm behind along (0, 0.6, 0.8) in the flange, that is the axis.
+    /// Calculated by hand: the second point is 60 mm behind the tip along (0, 0.6, 0.8) in the flange, and this
+    /// direction is the axis.
     #[test]
     fn a_second_point_gives_the_axis() {
         let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");
@@ -269,7 +271,7 @@ mod tests {
         assert!(tool_axis(&point, &AxisTouch::Behind(poses(near, &ANGLES[1..2]))).is_err());
     }
 
-    /// By hand: on a level plate, a flange turned by C = 180° has the normal along its own +Z.
+    /// Calculated by hand: on a level plate, a flange turned by C = 180° has the normal along its own +Z.
     #[test]
     fn a_plate_gives_the_axis() {
         let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");

@@ -21,10 +21,11 @@ use super::pose::board_pose;
 use crate::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera, Point, Rigid, median};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// The angles of (1) differ by less than this, rad: an arm that is off its drawing, and corners in a small picture.
+/// Maximum difference between the angles of (1), rad: for an arm that differs from its nominal geometry, and
+/// corners in a small picture.
 const SAME_TURN_RAD: f64 = 0.05;
 
-/// The turns of a board after which it looks as before, the first of them none.
+/// Returns the rotations after which a board looks as before; the first one is the identity.
 fn turns(board: &Board) -> Vec<Isometry3<f64>> {
     let far =
         board.corners().into_iter().fold([0.0, 0.0], |far: [f64; 2], q| [far[0].max(q.mm.x), far[1].max(q.mm.y)]);
@@ -41,7 +42,7 @@ fn turns(board: &Board) -> Vec<Isometry3<f64>> {
     }
 }
 
-/// Corners with the places on the board that they have in this turn.
+/// Returns the corners with their positions on the board after this rotation.
 fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
     corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
 }
@@ -78,7 +79,7 @@ pub fn same_way_round<A: Arrangement>(
     Ok(())
 }
 
-/// The median distance of the boards from the first one's, mm, and the turn of each station.
+/// The median distance of the boards from the first one's, mm, and the rotation of each station.
 type Ways = (f64, Vec<usize>);
 
 fn nearer(best: Option<Ways>, next: Ways) -> Option<Ways> {
@@ -125,7 +126,8 @@ impl Stations {
         let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.turned[index][way];
         let first = held(three[0].0, 0);
         let apart_mm = |index: usize, way: usize| {
-            // A turn moves corners about the middle: a point beside it distinguishes the rotations.
+            // A rotation moves corners about the middle: a second point beside the middle distinguishes the
+            // rotations.
             let beside = self.middle + Vector3::x() * self.middle.coords.norm();
             let board = held(index, way);
             (first * self.middle - board * self.middle).norm() + (first * beside - board * beside).norm()

@@ -3,7 +3,7 @@
 use super::devices::is_host;
 use hyper::Uri;
 
-/// An address that was read.
+/// An address after parsing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Address {
     pub scheme: &'static str,
@@ -14,7 +14,8 @@ pub(super) struct Address {
     pub path: String,
 }
 
-/// Reads an address of one of these schemes, each with its usual port. No user, no query, no name of a folder above.
+/// Reads an address of one of these schemes, each with its usual port. A user, a query or a parent folder (`..`) is
+/// refused.
 pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Address> {
     let uri: Uri = text.parse().ok()?;
     let (scheme, usual) = schemes.into_iter().find(|(scheme, _)| uri.scheme_str() == Some(scheme))?;

@@ -15,9 +15,9 @@ use toml::de::DeValue;
 /// Which arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ArmModel {
-    /// One that has a name.
+    /// An arm with a known name.
     Named(&'static Preset),
-    /// Any other: every number is in the file.
+    /// Any other arm: every number is in the file.
     Custom,
 }
 
@@ -35,7 +35,7 @@ impl Setting for ArmModel {
 }
 
 settings! {
-    /// `[arm]` as it is written.
+    /// `[arm]` as it is written in the file.
     pub struct ArmTable {
         /// Which arm.
         model: ArmModel, (), default ArmModel::Named(&PRESETS[0]);
@@ -63,19 +63,21 @@ settings! {
         max_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
         /// Highest speed of each axis, degrees a second.
         max_speed_deg_s: Option<[f64; 6]>, 1.0..=2_000.0, default None;
-        /// Highest acceleration of each axis, degrees a second squared; unstated, its speed in 0.3 s.
+        /// Highest acceleration of each axis, degrees a second squared; without it, the value that reaches the
+        /// axis's speed in 0.3 s.
         max_acceleration_deg_s2: Option<[f64; 6]>, 1.0..=50_000.0, default None;
-        /// Angle that each axis keeps from its limits, degrees.
+        /// Minimum angle of each axis from its limits, degrees.
         limit_margin_deg: f64, 0.0..=45.0, default 3.0;
-        /// Angle that axis 5 keeps from the wrist's pole, degrees: there axes 4 and 6 are one.
+        /// Minimum angle of axis 5 from the wrist singularity, degrees: there axes 4 and 6 coincide.
         wrist_margin_deg: f64, 0.5..=45.0, default 5.0;
-        /// Angle that the elbow keeps from the stretched arm, degrees.
+        /// Minimum angle of the elbow from the extended arm, degrees.
         elbow_margin_deg: f64, 0.5..=45.0, default 5.0;
-        /// Distance that the wrist's centre keeps from axis 1, mm.
+        /// Minimum distance of the wrist's centre from axis 1, mm.
         overhead_margin_mm: f64, 1.0..=500.0, default 50.0;
-        /// Distance that the arm's middle line keeps from a keep-out box, mm: half its thickness and some air.
+        /// Minimum distance of the arm's centre line from a keep-out box, mm: half the arm's thickness and a
+        /// margin.
         clearance_mm: f64, 0.0..=500.0, default 80.0;
-        /// The same for the tool's middle line, mm.
+        /// Minimum distance of the tool's centre line from a keep-out box, mm.
         tool_clearance_mm: f64, 0.0..=500.0, default 40.0;
     }
 }
@@ -87,7 +89,7 @@ pub struct KeepOut {
     pub name: String,
     /// Lower corner, mm.
     pub min: Point<Base>,
-    /// Upper corner, mm; it exceeds the lower one in every axis.
+    /// Upper corner, mm; it exceeds the lower corner in every axis.
     pub max: Point<Base>,
 }
 
@@ -119,7 +121,7 @@ impl Arm {
         (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.farthest_mm(&self.geometry)))
     }
 
-    /// Margins, as the file has them.
+    /// The margins, as in the file.
     pub fn margins(&self) -> &ArmTable {
         &self.table
     }
@@ -158,7 +160,8 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
     Some(Arm { geometry, axes, table, keep_out, correction: None })
 }
 
-/// A known arm's lengths are not in the file; its axes may be narrower there.
+/// Returns geometry and axes of an arm with a known name. The file must not state its lengths, but may restrict its
+/// axes.
 fn known(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
     let own = preset.axes();
     let given = [
@@ -302,7 +305,8 @@ mod tests {
                      min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\
                      max_speed_deg_s = [200, 200, 200, 300, 300, 400]\n";
         assert_eq!(problems(other), [""; 0]);
-        // By hand: these are the lengths of a KR 10 R1420; with an upper arm of 615 mm they differ by 5 mm.
+        // Calculated by hand: these are the lengths of a KR 10 R1420; with an upper arm of 615 mm they differ by 5
+        // mm.
         let nearest = |text: &str| {
             let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
             cell.arm().nearest_named().map(|(preset, off_mm)| (preset.name, off_mm))

@@ -30,7 +30,7 @@ pub struct ArmGeometry {
     pub signs: [i8; 6],
 }
 
-/// What the axes can do.
+/// The limits of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmAxes {
     /// Lowest angles, degrees.

@@ -5,14 +5,14 @@
 
 use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
 
-/// An arm by its name.
+/// The data of an arm with a known name.
 #[derive(Debug, PartialEq)]
 pub struct Preset {
-    /// Its word in the cell's file.
+    /// The arm's keyword in the cell's file.
     pub name: &'static str,
-    /// The public model that its numbers come from: the repository on GitHub and the package.
+    /// The public model from which the numbers come: the repository on GitHub and the package.
     pub source: &'static str,
-    /// Its lengths, offsets and signs.
+    /// The arm's lengths, offsets and signs.
     pub geometry: ArmGeometry,
     /// Lowest angles, degrees.
     pub min_deg: PerAxis,
@@ -29,14 +29,14 @@ const fn lengths([a1_mm, a2_mm]: [f64; 2], [c1_mm, c2_mm, c3_mm, c4_mm]: [f64; 4
 }
 
 impl Preset {
-    /// What its axes can do.
+    /// Returns the limits of the arm's axes.
     pub fn axes(&self) -> ArmAxes {
         let Preset { min_deg, max_deg, max_speed_deg_s, .. } = *self;
         let max_acceleration_deg_s2 = max_speed_deg_s.map(|speed_deg_s| speed_deg_s / SPEED_UP_S);
         ArmAxes { min_deg, max_deg, max_speed_deg_s, max_acceleration_deg_s2 }
     }
 
-    /// The largest difference between its lengths and another arm's, mm.
+    /// Returns the largest difference between this arm's lengths and those of another arm, mm.
     pub fn farthest_mm(&self, other: &ArmGeometry) -> f64 {
         let lengths =
             |arm: &ArmGeometry| [arm.a1_mm, arm.a2_mm, arm.b_mm, arm.c1_mm, arm.c2_mm, arm.c3_mm, arm.c4_mm];
@@ -56,7 +56,7 @@ impl Preset {
     }
 }
 
-/// Every arm that has a name; the first one is the default.
+/// Every arm with a known name; the first one is the default.
 pub static PRESETS: [Preset; 21] = [
     Preset {
         name: "kr6-r700-2",

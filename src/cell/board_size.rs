@@ -1,13 +1,14 @@
-//! Which board a file speaks of: a look through another board, or one of another size, would put it elsewhere.
+//! The board to which a file refers: a verification with another board, or one of another size, would find another
+//! position.
 
 use crate::config::Section;
 
 const SQUARE_MM: std::ops::RangeInclusive<f64> = 0.5..=500.0;
 
-/// Which board it is, as the command line names it.
+/// The board, in the notation of the command line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardSize {
-    /// Its corners or squares, `9x6` or `charuco:8x6:15:4X4_50`.
+    /// The board's corners or squares, `9x6` or `charuco:8x6:15:4X4_50`.
     pub board: String,
     /// Side of a square, mm.
     pub square_mm: f64,

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 /// A broker.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Broker {
-    /// Its address, `nats://HOST:PORT` or `tls://HOST:PORT`.
+    /// The broker's address, `nats://HOST:PORT` or `tls://HOST:PORT`.
     pub address: String,
-    /// The certificate authority's file, PEM; without it the system's ones count.
+    /// The certificate authority's file, PEM; without it the system's authorities are used.
     pub ca: Option<PathBuf>,
     /// How the broker identifies this program.
     pub login: BrokerLogin,
@@ -19,9 +19,9 @@ pub struct Broker {
 /// How a broker identifies a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BrokerLogin {
-    /// It lets anybody in.
+    /// The broker accepts everyone.
     Anybody,
-    /// By a file of credentials, as `nsc` writes it.
+    /// With a file of credentials, as `nsc` writes it.
     Credentials(PathBuf),
     /// By a user's name and the password that is alone in a file.
     Password {
@@ -32,7 +32,7 @@ pub enum BrokerLogin {
     },
 }
 
-/// Without encryption, and with it; both have the same usual port.
+/// The scheme without encryption; `SCHEMES` are both with their usual port, which is the same.
 const OPEN: &str = "nats";
 const SCHEMES: [(&str, u16); 2] = [(OPEN, 4_222), ("tls", 4_222)];
 
@@ -85,7 +85,8 @@ impl Broker {
 mod tests {
     use super::super::Cell;
 
-    /// What would go to another computer so that everybody on the way reads it is refused.
+    /// A password is refused if it would go to another computer without encryption, since everyone on the way could
+    /// read it.
     #[test]
     fn a_password_goes_encrypted() {
         let found = |keys: &str| {

@@ -18,10 +18,10 @@ use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
 
-/// Covariance of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, in this order: how well a lens is known.
+/// Covariance of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, in this order: the uncertainty of a lens.
 pub type LensCovariance = SMatrix<f64, 9, 9>;
 
-/// A lens's covariance as its file holds it: the upper triangle, row by row.
+/// A lens's covariance in the form of its file: the upper triangle, row by row.
 struct Covariance(LensCovariance);
 
 impl Setting for Covariance {
@@ -45,12 +45,12 @@ impl Setting for Covariance {
     }
 }
 
-/// A camera's intrinsics as their file, `[camera]`, holds them.
+/// A camera's intrinsics in the form of their file, `[camera]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intrinsics {
     /// The camera.
     pub camera: PinholeCamera,
-    /// How well it is known; without it, it is taken as true.
+    /// The covariance of the intrinsics; without it, they are used as exact.
     pub covariance: Option<LensCovariance>,
     /// Serial number of the camera that was calibrated.
     pub serial: Option<String>,
@@ -73,7 +73,7 @@ const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
 const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 
 impl Intrinsics {
-    /// A camera of which nothing else is known.
+    /// Creates intrinsics with only a camera.
     pub fn from_camera(camera: PinholeCamera) -> Self {
         Intrinsics {
             camera,
@@ -87,12 +87,12 @@ impl Intrinsics {
         }
     }
 
-    /// Is this text a lens as OpenCV, ROS or a Zivid writes it?
+    /// Returns whether this text is a lens as OpenCV, ROS or a Zivid writes it.
     pub fn is_foreign(text: &str) -> bool {
         foreign_lens::is_lens(text)
     }
 
-    /// A lens of another program; its file states no covariance.
+    /// Reads a lens of another program; its file states no covariance.
     fn foreign(file: &str, text: &str) -> Result<Self, Problems> {
         let wrong = |message: String| {
             let list = vec![Problem { line: 1, key: String::new(), message }];
@@ -120,7 +120,7 @@ impl Intrinsics {
         Ok(Intrinsics::from_camera(camera))
     }
 
-    /// Checks the text of an intrinsics file: ours, or one as OpenCV, ROS or a Zivid writes it.
+    /// Checks the text of an intrinsics file: one of this program, or one as OpenCV, ROS or a Zivid writes it.
     ///
     /// # Errors
     /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
@@ -205,7 +205,7 @@ fn corner_without_ray(camera: &PinholeCamera) -> Option<Pixel> {
     let corners = [Pixel::at(0.0, 0.0), Pixel::at(right, 0.0), Pixel::at(right, low), Pixel::at(0.0, low)];
     let has_ray = |corner: &Pixel| {
         let ray: Option<Vector<geometry::Camera>> = camera.unproject(*corner);
-        // Beyond its fold the model has a second, false inverse on the other side of the axis.
+        // Beyond the fold of the distortion, the model has a second, false inverse on the other side of the axis.
         ray.is_some_and(|ray| {
             let (x, y) = ((corner.u - camera.cx_px) / camera.fx_px, (corner.v - camera.cy_px) / camera.fy_px);
             ray.mm.x * x + ray.mm.y * y >= 0.0
@@ -220,9 +220,9 @@ pub trait Mount {
     type To: Frame;
     /// The frame that points are mapped from.
     type From: Frame;
-    /// The table of its file.
+    /// The table of the mount's file.
     const TABLE: &'static str;
-    /// Has this mount an axis that a calibration may or may not have measured?
+    /// Whether this mount has an axis that a calibration may or may not have measured.
     const HAS_AXIS: bool = false;
     /// Whether it is a board; its file then states the board's size.
     const IS_BOARD: bool = false;
@@ -270,22 +270,22 @@ impl Mount for TargetMount {
     const IS_BOARD: bool = true;
 }
 
-/// A mounted pose as its file holds it.
+/// A mounted pose in the form of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MountedPose<M: Mount> {
     /// The pose.
     pub pose: KukaPose,
-    /// When it was calibrated.
+    /// The date of the calibration.
     pub date: Option<Date>,
     /// Root mean square of the residuals, mm.
     pub rms_mm: Option<f64>,
     /// 95 % uncertainty at the panel, mm.
     pub uncertainty_mm: Option<f64>,
-    /// Tool only: was the axis measured, or only the point?
+    /// Tool only: whether the axis was measured, or only the point.
     pub axis_measured: Option<bool>,
-    /// Board only: which one it is.
+    /// Board only: the board that was used.
     pub board: Option<BoardSize>,
-    /// Serial number of what is mounted.
+    /// Serial number of the mounted device.
     pub serial: Option<String>,
     /// Hash of the arm's correction with which the robot's poses were corrected; `None` if they were not corrected.
     pub robot_correction: Option<String>,
@@ -298,7 +298,7 @@ const PLACE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
 const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
 
 impl<M: Mount> MountedPose<M> {
-    /// A pose of which nothing else is known.
+    /// Creates a mounted pose with only its pose.
     pub fn from_pose(pose: KukaPose) -> Self {
         MountedPose {
             pose,

@@ -15,7 +15,7 @@ impl Date {
         (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
     }
 
-    /// The day of a time in UTC.
+    /// Returns the UTC date of a time.
     pub fn of_unix_s(unix_s: i64) -> Self {
         Date(utc_day(unix_s))
     }
@@ -44,7 +44,7 @@ impl Setting for Date {
 mod tests {
     use super::*;
 
-    /// From `date -u -d @…`.
+    /// Expected values from `date -u -d @…`.
     #[test]
     fn days_have_their_dates() {
         for (unix_s, expected) in [

@@ -1,4 +1,4 @@
-//! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
+//! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices.
 
 use crate::config::{Choice, Section};
 use core::net::IpAddr;
@@ -9,24 +9,24 @@ use std::path::{Path, PathBuf};
 pub enum Camera<Device> {
     /// `kind = "simulated"`: the renderer.
     Simulated,
-    /// `kind = "recorded"`: a folder played in file order.
+    /// `kind = "recorded"`: a folder of files that is played in file order.
     Recorded {
         /// The folder.
         folder: PathBuf,
     },
-    /// A camera, by the kind that names it.
+    /// A real camera, of the kind that the file names.
     Device(Device),
 }
 
 impl<Device> Camera<Device> {
-    /// Is it the renderer?
+    /// Returns whether the camera is the renderer.
     pub fn is_simulated(&self) -> bool {
         matches!(self, Camera::Simulated)
     }
 }
 
-/// What makes a device of one kind: the word for it, the keys that it must have with what to do, the keys that it
-/// alone has, and how they are taken.
+/// The description of a device kind: its keyword, its required keys with advice for each, the keys that only this
+/// kind has, and the function that parses them.
 pub(super) struct Kind<'k, Parse> {
     pub word: &'static str,
     pub required: &'k [(&'static str, &'static str)],
@@ -34,7 +34,7 @@ pub(super) struct Kind<'k, Parse> {
     pub parse: Parse,
 }
 
-/// A camera of this kind, a recorded or a simulated one; a key that has no effect is a problem.
+/// Reads a camera of this kind, a recorded or a simulated one; a key without effect is a problem.
 pub(super) fn parse_camera<Device>(
     cell_folder: &Path,
     section: &Section<'_, '_>,
@@ -68,7 +68,7 @@ pub(super) fn parse_camera<Device>(
     right.then_some(camera)
 }
 
-/// Which controller the robot link speaks to.
+/// The controller with which the robot link communicates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RobotKind {
     /// A mock controller inside this program.
@@ -81,12 +81,12 @@ impl Choice for RobotKind {
     const WORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
 }
 
-/// What a mock controller does.
+/// The implementation of a mock controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MockController {
-    /// Executes the controller's programs as they ship.
+    /// Executes the controller's programs as they are delivered.
     Programs,
-    /// A model of them, written by hand.
+    /// A handwritten model of the programs.
     Model,
 }
 
@@ -112,12 +112,12 @@ impl Robot {
         self.kind
     }
 
-    /// What a mock controller does.
+    /// The implementation of the mock controller.
     pub fn controller(&self) -> MockController {
         self.controller
     }
 
-    /// Name or address of the controller; this machine for the mock.
+    /// Name or address of the controller; for the mock, this machine.
     pub fn host(&self) -> &str {
         &self.host
     }
@@ -138,7 +138,7 @@ impl Robot {
         self.programs_sum
     }
 
-    /// Whether its address can only be this machine's own.
+    /// Returns whether the controller's address can only be this machine's own.
     pub fn is_on_this_machine(&self) -> bool {
         is_this_computer(&self.host)
     }
@@ -149,7 +149,8 @@ pub(super) fn is_this_computer(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
-/// An address, or a host's name as RFC 1123 has it; underscores as some networks have them.
+/// Returns whether this is an IP address, or a host name as in RFC 1123; underscores are allowed, as in some
+/// networks.
 pub(super) fn is_host(host: &str) -> bool {
     let is_label = |label: &str| {
         (1..=63).contains(&label.len())
@@ -157,7 +158,7 @@ pub(super) fn is_host(host: &str) -> bool {
             && !label.starts_with('-')
             && !label.ends_with('-')
     };
-    // What ends in a number is meant as an address.
+    // A text that ends in a number is meant as an address.
     let is_number = |label: &str| label.chars().all(|c| c.is_ascii_digit());
     let is_name = || {
         host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number)
@@ -168,7 +169,7 @@ pub(super) fn is_host(host: &str) -> bool {
 /// The ports that the controller's firewall opens (`eki.md` 1.3).
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 
-/// Sums of programs are below 1000003.
+/// The checksums of programs are below 1000003.
 const MAX_CHECKSUM: usize = 1_000_002;
 
 const THIS_MACHINE: &str = "127.0.0.1";

@@ -8,22 +8,22 @@
 use crate::geometry::PinholeCamera;
 use saphyr::{LoadableYamlNode, Scalar, Yaml};
 
-/// The top keys by which such a file is known.
+/// The top keys by which such a file is identified.
 const KNOWN_BY: [&str; 6] =
     ["CameraIntrinsics:", "camera_matrix:", "cameraMatrix:", "Camera_Matrix:", "distortion_coefficients:", "K:"];
 
-/// Is this text a lens as another program writes it?
+/// Returns whether this text is a lens in the format of another program.
 pub(super) fn is_lens(text: &str) -> bool {
     let mut lines = text.lines().map(str::trim_start);
     lines.any(|line| KNOWN_BY.iter().any(|key| line.starts_with(key)))
 }
 
-/// The lens.
+/// Reads the lens.
 ///
 /// # Errors
-/// What is missing or of another kind, and what to do.
+/// What is missing or of another kind, and how to correct it.
 pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
-    // OpenCV heads its files by a directive that no YAML has, and marks its matrices.
+    // OpenCV begins its files with a directive that is not valid YAML, and tags its matrices.
     let plain: Vec<String> = text
         .lines()
         .map(|line| if line.starts_with('%') { String::new() } else { line.replace("!!opencv-matrix", "") })
@@ -89,7 +89,7 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         "D",
     ];
     let coefficients = numbers(top, &names);
-    // Four of a fisheye's are no k1, k2, p1, p2, and its file may look the same.
+    // Four coefficients of a fisheye lens are not k1, k2, p1, p2, and its file may look the same.
     if !matches!((coefficients.len(), model), (5.., _) | (4, Some(_))) {
         return Err("distortion_coefficients k1, k2, p1, p2 and k3 are missing; of four alone, distortion_model plumb_bob too".to_owned());
     }
@@ -116,7 +116,7 @@ fn scalar(node: &Yaml<'_>) -> Option<f64> {
     match node {
         Yaml::Value(Scalar::Integer(number)) => Some(*number as f64),
         Yaml::Value(Scalar::FloatingPoint(number)) => Some(number.into_inner()),
-        // `600.` is a number to OpenCV and a text to YAML.
+        // `600.` is a number in OpenCV and a text in YAML.
         Yaml::Value(Scalar::String(text)) => text.trim().parse().ok(),
         _ => None,
     }
@@ -127,7 +127,8 @@ fn number(top: &Yaml<'_>, path: &[&str]) -> Option<f64> {
     scalar(get(top, path)?)
 }
 
-/// The numbers of the first of these keys: a list, or a matrix with `data`; a text or a hole among them makes it empty.
+/// Returns the numbers of the first of these keys: a list, or a matrix with `data`; empty if one of them is a text
+/// or missing.
 fn numbers(top: &Yaml<'_>, names: &[&str]) -> Vec<f64> {
     let node = names.iter().find_map(|name| get(top, &[name]));
     let data = node.and_then(|node| get(node, &["data"]).or(Some(node)));

@@ -1,4 +1,4 @@
-//! `[flange_camera]` with `kind = "gige"`: which camera, and what it is set to.
+//! `[flange_camera]` with `kind = "gige"`: the camera and its settings.
 
 use super::devices::Kind;
 use crate::config::Section;
@@ -9,11 +9,12 @@ pub const PIXEL_FORMATS: [&str; 5] = ["BayerRG8", "BayerGR8", "BayerGB8", "Bayer
 /// A GigE Vision camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gige {
-    /// The serial number; with neither this nor an address the only camera found.
+    /// The serial number; without serial number and address, the only camera that is found is used.
     pub serial: Option<String>,
-    /// IP address or host name, instead of the serial number: then nothing is searched for.
+    /// IP address or host name, instead of the serial number: then no camera is searched for.
     pub address: Option<String>,
-    /// The set of values kept in the camera that all else starts from; its size and place on the sensor are never changed.
+    /// The user set in the camera from which all other settings start; image size and position on the sensor are
+    /// never changed.
     pub user_set: String,
     /// One of [`PIXEL_FORMATS`].
     pub pixel_format: &'static str,
@@ -44,7 +45,7 @@ fn parse(section: &Section<'_, '_>) -> Option<Gige> {
     // A missing value is reported by the code that knows the kind.
     let exposure_us = section.parse::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
     let gain_db = section.parse::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
-    // From GigE Vision's least to the largest of an ordinary jumbo frame.
+    // From the minimum of GigE Vision to the largest usual jumbo frame.
     let packet_bytes = section.parse("packet_bytes", 576..=9_000, Some(1_400));
     let (serial, address) = (serial?, address?);
     if serial.is_some() && address.is_some() {

@@ -1,27 +1,27 @@
-//! `store`: the folder of what is remembered, and how long clips and scans are kept in it.
+//! `store`: the folder of the stored data, and how long clips and scans are kept in it.
 
 use crate::config::Section;
 
-/// For how long clips and scans of a kind of cycles are kept; what is not stated is no limit.
+/// The time for which clips and scans of a class of cycles are kept; an absent value sets no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct KeepFor {
-    /// Days before the newest cycle's end.
+    /// Number of days before the newest cycle's end.
     pub days: Option<usize>,
-    /// This number of newest cycles.
+    /// Number of newest cycles.
     pub cycles: Option<usize>,
 }
 
-/// `[store.keep]`: how long clips and scans are kept. Pages, records and what was taught are kept for ever.
+/// `[store.keep]`: how long clips and scans are kept. Pages, records and taught data are kept for ever.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Retention {
-    /// Of cycles that passed.
+    /// The limit for cycles that passed.
     pub passed: KeepFor,
-    /// Of cycles that ended otherwise.
+    /// The limit for cycles that ended otherwise.
     pub failed: KeepFor,
 }
 
 impl Retention {
-    /// Whether nothing is ever removed.
+    /// Returns whether no file is ever removed.
     pub fn is_for_ever(&self) -> bool {
         *self == Retention::default()
     }
@@ -40,7 +40,7 @@ pub(super) struct StoreTable {
     pub record_key: Option<String>,
 }
 
-/// `store = "folder"`, or `[store]` with `folder`, `record_key` and `keep`.
+/// Reads `store = "folder"`, or `[store]` with `folder`, `record_key` and `keep`.
 pub(super) fn parse_store(top: &Section<'_, '_>) -> Option<StoreTable> {
     let default = || Some("store".to_owned());
     if !top.is_table("store") {

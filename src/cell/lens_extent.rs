@@ -7,26 +7,26 @@ use crate::geometry::{Pixel, polygon};
 use std::fmt::Write;
 use toml::de::DeValue;
 
-/// The part of the picture in which a lens is known to a stated error.
+/// The part of the picture in which a lens is calibrated to a stated error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Supported {
     /// The error, 95 %, px.
     pub error_px: f64,
-    /// The outline; without corners, nowhere.
+    /// The outline of the part; if it has no corners, the part is empty.
     pub outline_px: Vec<Pixel>,
 }
 
 impl Supported {
-    /// Is the lens known at this pixel?
+    /// Returns whether the lens is calibrated at this pixel.
     pub fn holds(&self, pixel: Pixel) -> bool {
         polygon::contains(&self.outline_px, pixel)
     }
 }
 
-/// Model and support of a lens; all may be absent, as in files of other programs.
+/// Model and support of a lens; all values may be absent, as in files of other programs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LensExtent {
-    /// The coefficients of the model, `k1k2`.
+    /// The coefficients of the lens model, such as `k1k2`.
     pub model: Option<String>,
     /// Each coefficient that was left out, with the reason.
     pub left_out: Vec<String>,
@@ -35,7 +35,7 @@ pub struct LensExtent {
 }
 
 impl LensExtent {
-    /// Is the lens known at this pixel?
+    /// Returns whether the lens is calibrated at this pixel.
     pub fn holds(&self, pixel: Pixel) -> bool {
         self.supported.as_ref().is_none_or(|supported| supported.holds(pixel))
     }

@@ -6,39 +6,41 @@ use crate::geometry::{Base, Point};
 use crate::words::list;
 
 settings! {
-    /// `[limits]`. The upper ends are the program's own: a cell may be stricter, never laxer.
+    /// `[limits]`. The upper limits are the program's own: a cell may be stricter, never less strict.
     pub struct Limits {
-        /// Motion that is sent and not yet executed, at most, s: what the arm can still do when the link drops.
+        /// Maximum duration of motion that is sent and not yet executed, s: the motion that the arm can still make
+        /// when the link fails.
         window_s: f64, 0.1..=1.0, default 1.0;
-        /// Commands that are sent and not yet executed, at most.
+        /// Maximum number of commands that are sent and not yet executed.
         window_commands: usize, 5..=50, default 50;
-        /// Points that are queued before a path starts.
+        /// Minimum number of points that are queued before a path starts.
         min_points: usize, 2..=50, default 5;
-        /// Time between heartbeats of the application, both ways, ms.
+        /// Time between heartbeats of the application, in both directions, ms.
         heartbeat_ms: usize, 10..=100, default 100;
-        /// Silence after which either end stops while anything is queued, ms.
+        /// Silence after which either end stops if anything is queued, ms.
         watchdog_ms: usize, 40..=400, default 400;
         /// How long a localization may be used before Verify must renew it, s.
         token_s: f64, 10.0..=600.0, default 600.0;
         /// The time limit for a stop, after which it is a fault, s.
         stop_deadline_s: f64, 0.5..=10.0, default 10.0;
-        /// How long the output `warning` of `[io.outputs]` is on before the first motion after a rest, s.
+        /// How long the output `warning` of `[io.outputs]` is on before the first motion after a standstill, s.
         warning_s: f64, 0.5..=30.0, default 3.0;
         /// How long a film is watched after it is fully wet, s (ASTM F22: up to a minute); a recipe may override it.
         observation_s: f64, 5.0..=600.0, default 60.0;
-        /// Broken film from which a grid fails, mm²; a recipe may override it.
+        /// Area of broken film from which a grid fails, mm²; a recipe may override it.
         min_break_mm2: f64, 0.1..=10_000.0, default 5.0;
-        /// Error at the tool that is used while the error budget is not measured whole, mm; stated, not measured.
+        /// Error at the tool that is used while not all parts of the error budget are measured, mm; stated, not
+        /// measured.
         tool_error_mm: Option<f64>, 0.01..=20.0, default None;
-        /// Error of the last verification of a calibration with which a cycle may start, mm.
+        /// Largest error of the last verification of a calibration with which a cycle may start, mm.
         verify_limit_mm: f64, 0.05..=10.0, default 0.5;
-        /// Age of the last verification with which a cycle may start, h.
+        /// Largest age of the last verification with which a cycle may start, h.
         verify_max_age_h: f64, 0.1..=8_760.0, default 24.0;
         /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
         /// Upper corner of that box, in the base frame, mm.
         box_max_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
-        /// Longest step from one waypoint to the next, mm.
+        /// Longest distance from one waypoint to the next, mm.
         max_step_mm: f64, 1.0..=1_000.0, default 100.0;
         /// Largest turn of the tool from one waypoint to the next, degrees.
         max_turn_deg: f64, 0.1..=180.0, default 15.0;
@@ -54,12 +56,12 @@ settings! {
 pub struct Workspace {
     /// Lower corner, mm.
     pub min: Point<Base>,
-    /// Upper corner, mm; it exceeds the lower one in every axis.
+    /// Upper corner, mm; it exceeds the lower corner in every axis.
     pub max: Point<Base>,
 }
 
 impl Workspace {
-    /// Whether a point lies inside.
+    /// Returns whether the box contains this point.
     pub fn holds(&self, point: Point<Base>) -> bool {
         (0..3).all(|axis| (self.min.mm[axis]..=self.max.mm[axis]).contains(&point.mm[axis]))
     }

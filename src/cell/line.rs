@@ -18,7 +18,7 @@ pub struct Line {
     pub serial: Option<String>,
     /// Its work order.
     pub order: Option<String>,
-    /// Who is responsible, as the operator.
+    /// The person responsible, named as the operator.
     pub operator: Option<String>,
 }
 

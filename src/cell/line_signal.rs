@@ -4,22 +4,22 @@ use crate::config::Section;
 use std::collections::BTreeMap;
 use strum::VariantArray;
 
-/// What the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in the order of
-/// CELL_LINE.
+/// The signals that the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in
+/// the order of CELL_LINE.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString, VariantArray,
 )]
 #[strum(serialize_all = "snake_case")]
 pub enum LineSignal {
-    /// `ready`: a start request is looked at.
+    /// `ready`: a start request is accepted for examination.
     Ready,
-    /// `cycle_done`: the cycle is over, and the part may be taken.
+    /// `cycle_done`: the cycle is complete, and the part may be removed.
     CycleDone,
-    /// `pass`: with `cycle_done`, the verdict.
+    /// `pass`: with `cycle_done`, the verdict is pass.
     Pass,
-    /// `fail`: with `cycle_done`, every verdict but pass.
+    /// `fail`: with `cycle_done`, the verdict is any other than pass.
     Fail,
-    /// `review`: the cycle waits for a person's word on a result.
+    /// `review`: the cycle waits for a person's decision on a result.
     Review,
     /// `fault`: a person is needed. The controller itself sets it if it does not hear from this program.
     Fault,
@@ -31,7 +31,7 @@ impl LineSignal {
         self.into()
     }
 
-    /// Its bit in what is sent to the controller.
+    /// The signal's bit in the word that is sent to the controller.
     pub fn bit(self) -> u32 {
         1 << (self as u32)
     }

@@ -76,7 +76,7 @@ use crate::geometry::Joints;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// `[calibration]`: the calibration files, each needed by some commands alone.
+/// `[calibration]`: the calibration files, each needed only by some commands.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CalibrationFiles {
     /// [`Intrinsics`] of the scanner's colour camera.
@@ -96,7 +96,7 @@ pub struct CalibrationFiles {
 }
 
 impl CalibrationFiles {
-    /// Those that are named, each with its key.
+    /// The files that are stated, each with its key.
     pub fn named(&self) -> Vec<(&'static str, &Path)> {
         let all = [
             ("scanner", &self.scanner),
@@ -243,7 +243,7 @@ impl Cell {
         &self.store
     }
 
-    /// How long clips and scans are kept in it.
+    /// How long clips and scans are kept in the store.
     pub fn keep(&self) -> &Retention {
         &self.keep
     }
@@ -280,7 +280,7 @@ impl Cell {
         &self.robot
     }
 
-    /// What presses the disc onto the panel.
+    /// The device that presses the disc onto the panel.
     pub fn tool(&self) -> &Tool {
         &self.tool
     }
@@ -316,12 +316,12 @@ impl Cell {
         &self.rough
     }
 
-    /// The limits that hold for every panel.
+    /// The limits that apply to every panel.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// The arm and what it must keep out of.
+    /// The arm and its keep-out boxes.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }

@@ -1,4 +1,4 @@
-//! `[poses]` and `[io]`: what the user gives names to, and what goes off by itself.
+//! `[poses]` and `[io]`: the user's names, and the outputs that are switched off automatically.
 
 use super::line_signal::{LineSignal, parse_line_outputs};
 use crate::config::Section;
@@ -36,11 +36,11 @@ fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "snake_case")]
 pub enum Output {
-    /// `light`: on for film, off for 3D.
+    /// `light`: on for pictures of the film, off for 3D shots.
     Light,
     /// `spray`: water.
     Spray,
-    /// `lens_shutter`: shuts or purges the lens.
+    /// `lens_shutter`: closes or purges the lens.
     LensShutter,
     /// `extraction`: dust extraction.
     Extraction,
@@ -73,15 +73,15 @@ impl Output {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "snake_case")]
 pub enum Feedback {
-    /// `light_on`: on, and as bright as it gets.
+    /// `light_on`: the lamp is on and has reached its full brightness.
     LightOn,
     /// `water_off`: the valve is closed.
     WaterOff,
-    /// `lens_shut`: no drop reaches the lens.
+    /// `lens_shut`: no drop can reach the lens.
     LensShut,
     /// `extraction_flow`: the extraction draws air.
     ExtractionFlow,
-    /// `tool_running`: the sander turns.
+    /// `tool_running`: the sander rotates.
     ToolRunning,
     /// `tool_stands`: the sander is at rest. With `tool_running` it makes a pair of which one is always on. Off is
     /// then proven by a signal that is present, and a broken wire is noticed.
@@ -95,7 +95,8 @@ impl Feedback {
     }
 }
 
-/// The input of the selector switch at the cell, by its name in `[io.feedbacks]`: on while it is at local.
+/// The input of the selector switch at the cell, by its name in `[io.feedbacks]`: on while the switch is in the
+/// position local.
 pub const LOCAL_CONTROL: &str = "local_control";
 /// The output of the horn or lamp that warns before the first motion, by its name in `[io.outputs]`.
 pub const WARNING: &str = "warning";
@@ -112,12 +113,12 @@ pub struct InputsOutputs {
 }
 
 impl InputsOutputs {
-    /// Number n of `$OUT[n]` by name.
+    /// The number n of `$OUT[n]` for each name.
     pub fn outputs(&self) -> &BTreeMap<String, u16> {
         &self.outputs
     }
 
-    /// Number n of `$IN[n]` by name.
+    /// The number n of `$IN[n]` for each name.
     pub fn feedbacks(&self) -> &BTreeMap<String, u16> {
         &self.feedbacks
     }
@@ -127,8 +128,8 @@ impl InputsOutputs {
         &self.mapped_inputs
     }
 
-    /// The outputs that the controller switches off by itself when an epoch ends, and how long after it, s; tool and
-    /// water at once. What is not in it stays as it is, as the lens shutter does.
+    /// The outputs that the controller switches off automatically, and the delay after the end of an epoch, s; tool
+    /// and water at once. An output without an entry does not change, for example the lens shutter.
     pub fn off_after_s(&self) -> &BTreeMap<String, u16> {
         &self.off_after_s
     }
@@ -147,24 +148,24 @@ impl InputsOutputs {
         numbers
     }
 
-    /// The bits of the state message's `Out` that are tool and water: what goes off at once.
+    /// Returns the bits of the state message's `Out` for tool and water, which are switched off at once.
     pub fn harmful_bits(&self) -> u32 {
         let at_once = self.off_after_s.iter().filter(|(_, after_s)| **after_s == 0);
         let bits = at_once.filter_map(|(name, _)| bit(&self.outputs, *self.outputs.get(name)?));
         bits.fold(0, |bits, bit| bits | 1u32.checked_shl(bit).unwrap_or(0))
     }
 
-    /// The number of an output that the process uses.
+    /// Returns the number of an output that the process uses.
     pub fn output(&self, output: Output) -> Option<u16> {
         self.outputs.get(output.name()).copied()
     }
 
-    /// The number of a feedback that the process uses.
+    /// Returns the number of a feedback that the process uses.
     pub fn feedback(&self, feedback: Feedback) -> Option<u16> {
         self.feedbacks.get(feedback.name()).copied()
     }
 
-    /// Which bit of the state message's `Out` the output of this number is.
+    /// Returns the bit of the state message's `Out` for the output with this number.
     pub fn output_bit(&self, number: u16) -> Option<u32> {
         bit(&self.outputs, number)
     }
@@ -175,22 +176,22 @@ impl InputsOutputs {
         [Feedback::ToolRunning, Feedback::ToolStands].iter().all(|feedback| self.feedback(*feedback).is_some())
     }
 
-    /// Which bit of the state message's `In` a feedback is.
+    /// Returns the bit of the state message's `In` for a feedback.
     pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
         bit(&self.feedbacks, self.feedback(feedback)?)
     }
 
-    /// Which bit of the state message's `In` the input of this name is.
+    /// Returns the bit of the state message's `In` for the input with this name.
     pub fn input_bit(&self, name: &str) -> Option<u32> {
         bit(&self.feedbacks, *self.feedbacks.get(name)?)
     }
 
-    /// Each output's name, and whether it is on in the state message's `Out`.
+    /// Returns each output's name, and whether it is on in the state message's `Out`.
     pub fn outputs_in(&self, bits: u32) -> Vec<(&str, bool)> {
         signals(&self.outputs, bits)
     }
 
-    /// Each feedback's name, and whether it is on in the state message's `In`.
+    /// Returns each feedback's name, and whether it is on in the state message's `In`.
     pub fn feedbacks_in(&self, bits: u32) -> Vec<(&str, bool)> {
         signals(&self.feedbacks, bits)
     }
@@ -210,9 +211,9 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
 const MAX_FEEDBACKS: usize = 31;
 /// Outputs that do harm while no one supervises them: the tool, and all that let water run.
 const OFF_AT_ONCE: [&str; 3] = ["rinse", "spray", "tool"];
-/// An output that is left on for longer is left on, s.
+/// Maximum delay after which an output is switched off, s.
 const MAX_OFF_DELAY_S: u16 = 600;
-/// As many as the controller's list of mapped inputs has places.
+/// The size of the controller's list of mapped inputs.
 const MAX_MAPPED: usize = 8;
 
 pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
@@ -238,7 +239,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     for (name, number) in &constant {
         feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
     }
-    // What proves that water or tool are off is never set from here.
+    // The inputs that prove that water or tool are off are never set by this program.
     let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
     let feigned: Vec<_> = io.mapped_inputs.iter().filter(|(_, number)| proves(number)).collect();
     for (name, number) in &feigned {
@@ -256,7 +257,7 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     right.then_some(io)
 }
 
-/// `[io.off_after_s]`: what the controller's program switches off after the end of an epoch.
+/// Reads `[io.off_after_s]`: the outputs that the controller's program switches off after the end of an epoch.
 fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
     let stated = section.parse_named::<u16>(&(0..=MAX_OFF_DELAY_S));
     let mut right = true;
@@ -275,7 +276,7 @@ fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -
         right = false;
     }
     let at_once = OFF_AT_ONCE.map(|name| (name, 0));
-    // A stop while it warns must not leave it on.
+    // A stop during the warning must not leave the warning output on.
     let later = [(Output::Extraction.name(), 30), (Output::Light.name(), 60), (WARNING, 1)];
     let usual = at_once.into_iter().chain(later);
     let mut all: BTreeMap<String, u16> =

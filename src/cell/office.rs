@@ -5,7 +5,7 @@ use crate::config::Section;
 use std::fmt;
 use std::path::Path;
 
-/// The longest name of a cell.
+/// The maximum length of a cell's name, in characters.
 const MAX_CHARACTERS: usize = 40;
 const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 
@@ -20,8 +20,8 @@ pub struct Office {
     pub behind_min: usize,
 }
 
-/// The name of a cell: letters, digits, `-` and `_`, so that it is also a part of a subject, of a message's name
-/// and of an address.
+/// The name of a cell: letters, digits, `-` and `_`, so that it can also be part of a subject, a message name and
+/// an address.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellName(String);
 
@@ -41,7 +41,7 @@ impl CellName {
         ))
     }
 
-    /// As it is written.
+    /// The name as it is written.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -53,7 +53,7 @@ impl fmt::Display for CellName {
     }
 }
 
-/// The outer `None` is a problem, the inner one no office.
+/// Reads the office. The outer `None` is a problem, the inner one means that no office is configured.
 pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
     let broker = Broker::parse(folder, section, "broker");
     let cell = section.parse::<Option<String>>("cell", (), Some(None));

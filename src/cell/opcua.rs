@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 pub enum Anonymous {
-    /// Nothing: every session needs an account.
+    /// Without an account nothing is allowed: every session needs one.
     Nothing,
-    /// To read, and to stop or abort as on the operator's page.
+    /// Without an account a session may read, and stop or abort as on the operator's page.
     Read,
 }
 
@@ -33,7 +33,7 @@ pub struct OpcUa {
     pub certificates: PathBuf,
 }
 
-/// The folder of the certificates in the store.
+/// The name of the certificates' folder in the store.
 const IN_STORE: &str = "opcua";
 
 impl OpcUa {

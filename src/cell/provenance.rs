@@ -8,11 +8,11 @@ use toml::de::DeValue;
 /// The origin of a calibration's numbers; every key may be absent.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Provenance {
-    /// The program that made it, with its version.
+    /// The program that made the file, with its version.
     pub program: Option<String>,
     /// SHA-256 of each picture or points file that was used.
     pub pictures: Vec<String>,
-    /// The residual of each of them, in their order: px for intrinsics, mm for a mount.
+    /// The residual of each picture or points file, in the same order: px for intrinsics, mm for a mount.
     pub residuals: Vec<f64>,
 }
 
@@ -63,7 +63,7 @@ impl Setting for Numbers {
     }
 }
 
-/// A picture that was set aside may be far off.
+/// The allowed residuals: a picture that was set aside may have a large residual.
 const RESIDUALS: RangeInclusive<f64> = 0.0..=100_000.0;
 
 pub(super) fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Display>) {

@@ -7,7 +7,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
-/// With their usual ports.
+/// The schemes with their usual ports.
 const SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 
 /// The destination of signed records.
@@ -52,7 +52,7 @@ impl fmt::Display for WebFolder {
     }
 }
 
-/// The outer `None` is a problem, the inner one that nothing is pushed.
+/// Reads `[push]`. The outer `None` is a problem, the inner one means that nothing is pushed.
 pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Push>> {
     if !section.is_present() {
         return Some(None);

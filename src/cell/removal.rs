@@ -12,15 +12,15 @@ settings! {
         preston_mm2_per_n: f64, 1e-9..=10.0, required;
         /// Its standard deviation, percent of the coefficient.
         preston_deviation_percent: f64, 0.0..=100.0, required;
-        /// How much ln k falls while the disc sweeps a square metre, 1/m².
+        /// The decrease of ln k for each square metre that the disc sweeps, 1/m².
         wear_per_m2: f64, -100.0..=1_000.0, required;
-        /// Its standard deviation, 1/m².
+        /// Standard deviation of the wear, 1/m².
         wear_deviation_per_m2: f64, 0.0..=1_000.0, required;
         /// Correlation of ln k and the wear.
         correlation: f64, -1.0..=1.0, required;
         /// Standard deviation of one coupon from the model, percent.
         coupon_deviation_percent: f64, 0.0..=100.0, required;
-        /// Rms by which coupons that were left out differ from what the others foretell, percent.
+        /// Rms prediction error of coupons that were left out and predicted from the others, percent.
         left_out_percent: f64, 0.0..=1_000.0, required;
         /// Coupons.
         coupons: usize, 3..=10_000, required;
@@ -28,7 +28,7 @@ settings! {
         least_force_n: Option<f64>, 0.5..=500.0, default None;
         /// The largest force on a coupon, N.
         most_force_n: Option<f64>, 0.5..=500.0, default None;
-        /// The pad's modulus over its thickness, N/mm³.
+        /// The pad's modulus divided by its thickness, N/mm³.
         pad_n_mm3: f64, 1e-4..=1_000.0, required;
         /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
         orbit_mm: f64, 0.0..=50.0, required;
@@ -37,7 +37,7 @@ settings! {
     }
 }
 
-/// A removal model as its file holds it.
+/// A removal model in the form of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemovalCalibration {
     /// Its numbers.

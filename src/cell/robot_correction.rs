@@ -1,4 +1,4 @@
-//! `[robot_correction]`: how the arm differs from its drawing, as `panelprep calibrate robot` found it.
+//! `[robot_correction]`: how the arm differs from its nominal geometry, as measured by `panelprep calibrate robot`.
 
 use super::date::Date;
 use super::provenance::Provenance;
@@ -6,15 +6,15 @@ use crate::config::{self, Problems, Section, Setting};
 use std::fmt::Write;
 use toml::de::DeValue;
 
-/// Numbers of a correction by the arm's geometry.
+/// Number of parameters of a correction by the arm's geometry.
 pub const GEOMETRY_NUMBERS: usize = 32;
-/// Numbers of a smooth correction.
+/// Number of parameters of a smooth correction.
 pub const SMOOTH_NUMBERS: usize = 24;
 
 /// The numbers of a correction, rotations in rad, lengths in mm; `calib::robot_correction` describes each of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CorrectionNumbers {
-    /// Errors of the arm's geometry: the axis angles are needed to apply it.
+    /// Errors of the arm's geometry: the axis angles are needed to apply them.
     Geometry([f64; GEOMETRY_NUMBERS]),
     /// A motion that changes smoothly with the flange's place.
     Smooth {
@@ -28,7 +28,7 @@ pub enum CorrectionNumbers {
 }
 
 impl CorrectionNumbers {
-    /// The word of the file for this kind.
+    /// Returns the file's keyword for this kind.
     pub fn kind(&self) -> &'static str {
         match self {
             CorrectionNumbers::Geometry(_) => "geometry",
@@ -44,14 +44,14 @@ impl CorrectionNumbers {
     }
 }
 
-/// A correction as its file holds it.
+/// A correction in the form of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotCorrection {
     /// Its numbers.
     pub numbers: CorrectionNumbers,
-    /// What left-out pictures were off without it, rms, mm.
+    /// Error of left-out pictures without the correction, rms, mm.
     pub left_out_before_mm: f64,
-    /// What they are off with it.
+    /// Error of left-out pictures with the correction, rms, mm.
     pub left_out_after_mm: f64,
     /// When.
     pub date: Option<Date>,
@@ -119,7 +119,7 @@ impl RobotCorrection {
         Some(RobotCorrection { numbers, left_out_before_mm, left_out_after_mm, date, provenance })
     }
 
-    /// The file that [`RobotCorrection::check`] reads back to the last bit.
+    /// Returns the text of a file that [`RobotCorrection::check`] reads back with identical bits.
     #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
     pub fn to_toml(&self) -> String {
         let mut text = format!("[robot_correction]\nkind = {}\n", toml::Value::from(self.numbers.kind()));

@@ -8,7 +8,7 @@ use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
 pub struct RoughMounts {
     /// The pose of the fixed camera.
     pub base_from_camera: Option<Rigid<Base, Camera>>,
-    /// How the flange camera sits on the flange.
+    /// The pose of the flange camera on the flange.
     pub flange_from_camera: Option<Rigid<Flange, FlangeCamera>>,
 }
 

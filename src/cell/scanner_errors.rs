@@ -1,4 +1,4 @@
-//! `[scanner_errors]` in the 3D camera's own file: what `panelprep calibrate scanner` found in scans of a flat
+//! `[scanner_errors]` in the 3D camera's own file: the result of `panelprep calibrate scanner` from scans of a flat
 //! board. Reader and writer together.
 
 use super::date::Date;
@@ -7,30 +7,30 @@ use crate::config::Section;
 use crate::geometry::{DepthField, FIELD_SIZE, FieldRectangle};
 use std::ops::RangeInclusive;
 
-/// The 3D camera's own errors as its file holds them.
+/// The 3D camera's own errors in the form of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredScanner {
     /// White noise of a pixel at 700 mm, standard deviation, mm.
     pub white_mm: f64,
     /// The smooth error of one scan, standard deviation, mm.
     pub smooth_mm: f64,
-    /// Over squares of this side it is alike, mm.
+    /// Side of the squares within which the smooth error is the same, mm.
     pub correlation_mm: f64,
-    /// Measured over true distances, less one, percent.
+    /// The ratio of measured to true distances, minus one, percent.
     pub scale_percent: f64,
-    /// Its standard deviation from scan to scan beyond what the smooth error explains, percent.
+    /// Standard deviation of the scale from scan to scan beyond what the smooth error explains, percent.
     pub scale_deviation_percent: f64,
-    /// Places of the board.
+    /// Number of positions of the board.
     pub places: usize,
     /// The error that is the same in each scan, and is corrected; `None` if there is none.
     pub field: Option<DepthField>,
     /// When.
     pub date: Option<Date>,
-    /// Program, scans and what each leaves of a plane, mm.
+    /// Program, scans and the residual of each scan from a plane, mm.
     pub provenance: Provenance,
 }
 
-/// The name of its table.
+/// The name of the errors' table.
 const TABLE: &str = "scanner_errors";
 const LENGTH_MM: RangeInclusive<f64> = 5.0..=2_000.0;
 const ERROR_MM: RangeInclusive<f64> = 0.001..=10.0;
@@ -69,7 +69,7 @@ impl MeasuredScanner {
         }))
     }
 
-    /// Its three keys, all or none of them.
+    /// Reads the field's three keys: all of them or none.
     fn field(section: &Section<'_, '_>) -> Option<Option<DepthField>> {
         let direction = |key| section.parse::<Option<[f64; 2]>>(key, DIRECTION, Some(None));
         let (from, to) = (direction("field_from"), direction("field_to"));
@@ -89,7 +89,7 @@ impl MeasuredScanner {
         }
     }
 
-    /// Writes the table so that [`MeasuredScanner::parse`] reads it back to the last bit.
+    /// Writes the table so that [`MeasuredScanner::parse`] reads it back with identical bits.
     pub(super) fn write(&self, text: &mut String) {
         text.push_str("\n[scanner_errors]\n");
         let numbers = [

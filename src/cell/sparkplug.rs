@@ -10,7 +10,7 @@ pub enum NodeCommands {
     /// None.
     #[default]
     None,
-    /// Hold, stop and abort, with an operator's rights.
+    /// Hold, stop and abort are accepted, with an operator's rights.
     Operator,
 }
 
@@ -19,7 +19,7 @@ impl Choice for NodeCommands {
         &[("none", NodeCommands::None), ("operator", NodeCommands::Operator)];
 }
 
-/// The broker, and by which names the cell is known there.
+/// The broker, and the names of the cell there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SparkplugNode {
     /// The broker's name or address.
@@ -32,17 +32,17 @@ pub struct SparkplugNode {
     pub login: Option<(String, PathBuf)>,
     /// The group of edge nodes.
     pub group_id: String,
-    /// The cell's name in it.
+    /// The cell's name in the group.
     pub edge_node_id: String,
     /// The host application without which nothing is published.
     pub primary_host_id: Option<String>,
-    /// Which commands are taken.
+    /// The commands that are accepted.
     pub commands: NodeCommands,
-    /// Whether data go by alias; some hosts know no aliases.
+    /// Whether data are sent by alias; some hosts do not support aliases.
     pub aliases: bool,
 }
 
-/// How the broker proves who it is, and the cell in turn.
+/// How the broker proves its identity, and the cell its own.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerTls {
     /// The certificate of the authority that has signed the broker's, PEM.
@@ -51,7 +51,7 @@ pub struct BrokerTls {
     pub own: Option<[PathBuf; 2]>,
 }
 
-/// Ports that are one.
+/// Valid port numbers.
 const PORTS: std::ops::RangeInclusive<u16> = 1..=u16::MAX;
 /// The usual ports of MQTT over TLS and without it.
 const USUAL: [u16; 2] = [8_883, 1_883];
@@ -93,7 +93,7 @@ pub(super) fn parse_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Optio
     })
 }
 
-/// Two keys that belong together.
+/// Reads two keys that belong together.
 fn both(
     section: &Section<'_, '_>,
     keys: [&'static str; 2],
@@ -110,7 +110,8 @@ fn both(
     }
 }
 
-/// Without TLS everybody on the way could read the password and send commands: only a broker on this computer needs none.
+/// Reads the TLS settings. Without TLS everyone on the way could read the password and send commands: only a broker
+/// on this computer needs no TLS.
 fn parse_tls(
     folder: &Path,
     section: &Section<'_, '_>,

@@ -6,13 +6,13 @@ use crate::config::{Choice, Section};
 use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::words::apart;
 
-/// What presses the disc onto the panel.
+/// The tool that presses the disc onto the panel.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Tool {
     /// `kind = "spring"`: a pad on a tool that is fixed to the flange; it receives no commands.
     #[default]
     Spring,
-    /// A tool that presses with a force of its own.
+    /// A tool with its own force control.
     Compliant(CompliantTool),
 }
 
@@ -37,23 +37,23 @@ pub struct CompliantTool {
     pub id: u16,
     /// Its stroke, mm; the tool centre point is calibrated at half the stroke.
     pub stroke_mm: f64,
-    /// The actuator's strongest pull, N, negative: it holds the tool back in the air.
+    /// The actuator's strongest pull, N, negative: the pull holds the tool back in the air.
     pub min_force_n: f64,
     /// The actuator's strongest push, N.
     pub max_force_n: f64,
-    /// What hangs on the actuator, kg.
+    /// The mass that the actuator carries, kg.
     pub payload_kg: f64,
     /// The reading of its sensor at no force, N.
     pub zero_n: f64,
-    /// From one command to the next, ms.
+    /// Time from one command to the next, ms.
     pub period_ms: u16,
     /// The time limit for a reply, ms.
     pub reply_ms: u16,
-    /// How far the force may be from its set-point, N.
+    /// Maximum deviation of the force from its set-point, N.
     pub band_n: f64,
-    /// For how long it may be farther from it, ms.
+    /// Maximum time for which the deviation may be larger than `band_n`, ms.
     pub band_ms: u16,
-    /// For how long the tool may press without contact, ms.
+    /// Maximum time for which the tool may press without contact, ms.
     pub contact_ms: u16,
 }
 
@@ -78,7 +78,7 @@ impl Choice for Kind {
         &[("spring", Kind::Spring), ("simulated", Kind::Simulated), ("acf", Kind::Acf)];
 }
 
-/// Keys of every compliant tool, and those of one at the end of a cable.
+/// Keys of every compliant tool; `OF_ACF` are those of a tool at the end of a cable.
 const OF_COMPLIANT: [&str; 10] = [
     "stroke_mm",
     "min_force_n",
@@ -107,7 +107,7 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
     let port = section.parse("tcp_port", 1..=65_535, Some(7_070_u16));
     let login = section.parse::<String>("login", (), Some("ferba".to_owned()));
     let id = section.parse("id", 0..=65_535, Some(1_040_u16));
-    // The simulated one's own; a real one must state its own.
+    // The defaults are those of the simulated tool; for a real tool the values must be stated.
     let stroke_mm = section.parse("stroke_mm", 2.0..=200.0, Some(30.0));
     let min_force_n = section.parse("min_force_n", -1_000.0..=-1.0, Some(-60.0));
     let max_force_n = section.parse("max_force_n", 1.0..=1_000.0, Some(100.0));
@@ -156,7 +156,7 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
     Some(Tool::Compliant(tool))
 }
 
-/// Whether every key has an effect, none is missing, and address and word are some.
+/// Returns whether every key has an effect, none is missing, and address and login are valid.
 fn is_right(section: &Section<'_, '_>, kind: Kind, (host, login): (Option<&str>, &str)) -> bool {
     let mut right = true;
     let mut wrong = |key: &str, message: String| {
@@ -207,7 +207,7 @@ mod tests {
         assert_eq!(acf.address, Some(ToolAddress { host: "172.31.1.150".to_owned(), port: 7_070 }));
         assert_eq!((acf.login.as_str(), acf.id, acf.stroke_mm, acf.payload_kg), ("ferba", 1_040, 35.5, 2.1));
         assert_eq!(tool("[tool]\nkind = 'simulated'").compliant().map(|tool| tool.address.clone()), Some(None));
-        // A lost link or a force out of its band leaves time for the retract.
+        // After a lost link or a force outside of its band, time remains for the retract.
         assert!(acf.reply_ms <= 150 && acf.band_ms <= 200 && acf.contact_ms <= 250);
     }
 

@@ -9,17 +9,18 @@ use std::path::{Path, PathBuf};
 pub struct ZividCamera {
     /// Its serial number; without this and without a file, the only camera found is used.
     pub serial: Option<String>,
-    /// A file camera, `.zfc`, instead: the SDK plays raw pictures that were recorded once.
+    /// A file camera, `.zfc`, instead of a real one: the SDK plays raw pictures that were recorded before.
     pub file_camera: Option<PathBuf>,
     /// The settings of 3D shots with colour, as Zivid Studio saves them; needed for such a shot.
     pub settings: Option<PathBuf>,
-    /// The settings of colour pictures; likewise.
+    /// The settings of colour pictures, as Zivid Studio saves them; needed for such a picture.
     pub settings_2d: Option<PathBuf>,
     /// `libpanelprep_zivid.so`; if none is stated, it is searched like any library.
     pub library: Option<PathBuf>,
 }
 
-/// The keys that a Zivid alone has, and how they are taken; its files start at the cell's folder.
+/// Returns the keys that only a Zivid has, and the function that parses them; its file paths are relative to the
+/// cell's folder.
 pub(super) fn kind(cell_folder: &Path) -> Kind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
     let keys = &["serial", "file_camera", "settings", "settings_2d", "library"];
     Kind { word: "zivid", required: &[], keys, parse: |section: &Section<'_, '_>| parse(cell_folder, section) }

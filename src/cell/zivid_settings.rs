@@ -1,11 +1,12 @@
-//! A Zivid camera's settings, YAML files as Zivid Studio saves them: what of them this program must know before the
-//! SDK reads them.
+//! A Zivid camera's settings, YAML files as Zivid Studio saves them: the values that this program must check before
+//! the SDK reads them.
 //!
-//! 3D shots are taken by a file with `Settings`, pictures of the film by one with `Settings2D`. A film is lit by
-//! the cell's own lamp: the camera's projector would show on the water as a moving glare, and it heats the camera.
-//! So Brightness must be 0 in every acquisition of a film's settings, and must be stated: the SDK's own default
-//! lights the projector. A lamp on alternating current flickers with half of the mains' period; an exposure of a
-//! multiple of that gets the same light each time. All else is the SDK's to judge. Text in, values out.
+//! 3D shots are taken with a file with `Settings`, pictures of the film with a file with `Settings2D`. A film is
+//! lit by the cell's own lamp: the camera's projector would appear on the water as a moving glare, and it heats the
+//! camera. So Brightness must be 0 in every acquisition of a film's settings, and must be stated: the SDK's own
+//! default switches the projector on. A lamp on alternating current flickers with half of the mains' period; an
+//! exposure of a multiple of this time gets the same light each time. All other values are checked by the SDK. Text
+//! in, values out.
 
 use crate::config::{Problem, Problems};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
@@ -31,7 +32,7 @@ impl Mains {
         self.into()
     }
 
-    /// From one brightest instant of a lamp to the next, µs: half of the mains' period.
+    /// Time from one brightest instant of a lamp to the next, µs: half of the mains' period.
     pub fn flicker_us(self) -> f64 {
         match self {
             Mains::Hz50 => 1e6 / 100.0,
@@ -46,7 +47,7 @@ impl Mains {
     }
 }
 
-/// What settings are for.
+/// The purpose of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ZividUse {
     /// 3D shots with colour.
@@ -55,7 +56,7 @@ pub enum ZividUse {
     Film,
 }
 
-/// What is known of a settings file.
+/// The values of a settings file that this program uses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZividSettings {
     usage: ZividUse,
@@ -86,12 +87,12 @@ impl ZividSettings {
         found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
     }
 
-    /// What they are for.
+    /// The purpose of the settings.
     pub fn usage(&self) -> ZividUse {
         self.usage
     }
 
-    /// Exposure of each acquisition that states it, µs.
+    /// Exposure of each acquisition with a stated exposure, µs.
     pub fn exposures_us(&self) -> &[f64] {
         &self.exposures_us
     }
@@ -107,7 +108,7 @@ impl ZividSettings {
         Mains::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
     }
 
-    /// What they are, a sentence each.
+    /// Describes the settings, one sentence for each property.
     pub fn summary(&self) -> Vec<String> {
         let usage = match self.usage {
             ZividUse::Scan => "Zivid settings for 3D shots with colour",
@@ -128,7 +129,7 @@ impl ZividSettings {
     }
 }
 
-/// A node, and its place in words.
+/// A YAML node, and its path in words.
 struct Node<'y> {
     yaml: &'y MarkedYaml<'y>,
     key: String,
@@ -245,7 +246,7 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
     exposures_us.unwrap_or_default()
 }
 
-/// What is wrong with the projector's light in an acquisition of a film.
+/// Returns what is wrong with the projector's light in an acquisition of a film.
 fn lit(acquisition: &Node<'_>) -> Option<Problem> {
     const WHY: &str =
         "the film is lit by the cell's own lamp: the projector's light glares on the water and heats the camera";
@@ -287,7 +288,7 @@ mod tests {
         assert_eq!(film_60.fitting(), [Mains::Hz60]);
     }
 
-    /// By hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6.
+    /// Calculated by hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6 periods.
     #[test]
     fn an_exposure_fits_mains_whose_flicker_it_is_a_multiple_of() {
         let fits = |us: f64| [Mains::Hz50, Mains::Hz60].map(|mains| mains.fits(us));

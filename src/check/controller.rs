@@ -1,5 +1,5 @@
-//! The controller's files beside a cell's file: what of them contradicts each other, and the sum by which the programs name
-//! themselves.
+//! Checks the controller's files against a cell's file: contradictions between them, and the checksum by which the
+//! programs identify themselves.
 
 use super::report::FileReport;
 use crate::cell::{Cell, RobotKind};

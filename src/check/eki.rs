@@ -17,19 +17,19 @@ use crate::config::Problem;
 use crate::eki::channel::{Findings, StatedChannel, read};
 pub(super) use clash::{addresses_apart, clashes};
 
-/// What was found in one file.
+/// The result of the check of one file.
 pub(super) struct Checked {
-    /// What the controller refuses or cannot work with.
+    /// Properties that the controller refuses or with which it cannot work.
     pub(super) problems: Vec<Problem>,
-    /// What it accepts although it leads to trouble.
+    /// Properties that the controller accepts although they lead to problems.
     pub(super) warnings: Vec<Problem>,
-    /// What the channel does, a sentence each.
+    /// The properties of the channel, a sentence each.
     pub(super) says: Vec<String>,
     /// The channel; `None` if the file is no channel.
     pub(super) channel: Option<StatedChannel>,
 }
 
-/// Checks one file by itself; `name` is that of the file.
+/// Checks one file by itself; `name` is the file's name.
 pub(super) fn check(name: &str, text: &str) -> Checked {
     let (channel, mut found) = match read(name, text) {
         Ok(read) => read,

@@ -5,16 +5,17 @@ use crate::config::Problem;
 use crate::krl::{File, Kss, analyse, parse};
 use std::collections::BTreeMap;
 
-/// Names that one warning lists.
+/// Maximum number of names that one warning lists.
 const MAX_LISTED: usize = 12;
 
-/// Whether this is the name of a KRL file.
+/// Returns whether this is the name of a KRL file.
 pub fn is_krl(name: &str) -> bool {
     let name = name.to_lowercase();
     [".src", ".sub", ".dat"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// Checks files, each with its place among all, its name and its text, for this version of KSS, if it is known.
+/// Checks files, each with its index among all files, its name and its text, for this version of KSS, if it is
+/// known.
 pub(super) fn check(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usize, FileReport)> {
     let read: Vec<File> = files.iter().map(|(_, name, text)| parse(name, text)).collect();
     let analysis = analyse(&read, kss);
@@ -38,7 +39,7 @@ fn each_once(warnings: Vec<Problem>) -> Vec<Problem> {
     all
 }
 
-/// At least one problem each, in the order of their lines.
+/// Combines at least one problem into one, in the order of the lines.
 fn together(mut same: Vec<Problem>) -> Problem {
     let first = same.remove(0);
     if same.is_empty() {
@@ -52,7 +53,8 @@ fn together(mut same: Vec<Problem>) -> Problem {
     Problem { line: first.line, key: names.join(", "), message: first.message }
 }
 
-/// What was read and checked and no rehearsal executes, by what it is: the lines, the first ones of many.
+/// Returns what was read and checked but is not executed by a rehearsal, by kind: its lines, only the first ones if
+/// there are many.
 fn only_checked(unexecuted: &[Problem]) -> Option<String> {
     let mut lines: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for place in unexecuted {
@@ -65,7 +67,7 @@ fn only_checked(unexecuted: &[Problem]) -> Option<String> {
         let first: Vec<String> = of.iter().take(3).map(usize::to_string).collect();
         each.push((of.len(), format!("{what} (line {}{more})", first.join(", "))));
     }
-    // What occurs most often comes first.
+    // The most frequent kind comes first.
     each.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
     let rest = each.len().saturating_sub(MAX_LISTED);
     let mut each: Vec<String> = each.into_iter().take(MAX_LISTED).map(|(_, words)| words).collect();

@@ -2,14 +2,14 @@
 
 use crate::config::Problem;
 
-/// What was found in one file.
+/// The result of the check of one file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FileReport {
     /// The kind of the file; `None` if it is not clear.
     pub kind: Option<&'static str>,
     /// What is wrong, in the order of the lines.
     pub problems: Vec<Problem>,
-    /// What is allowed and a trap, in the order of the lines.
+    /// Properties that are allowed but lead to problems, in the order of the lines.
     pub warnings: Vec<Problem>,
     /// What was understood, a sentence each; empty if a file of ours cannot be understood.
     pub says: Vec<String>,

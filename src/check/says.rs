@@ -1,4 +1,4 @@
-//! What the program understood of a file, in words.
+//! Describes in words how the program understood a file.
 
 use crate::cell::{
     Arm, ArmModel, Camera, Cell, Gige, Intrinsics, Mount, MountedPose, Output, RemovalCalibration, RobotCorrection,
@@ -30,7 +30,7 @@ fn say_gige(gige: &Gige, device: &str) -> String {
     }
 }
 
-/// What the controller switches off by itself, and when.
+/// Describes the outputs that the controller switches off automatically, and when.
 fn say_off(after_s: &BTreeMap<String, u16>) -> String {
     let say = |(name, after_s): (&String, &u16)| match after_s {
         0 => format!("{name} at once"),
@@ -107,7 +107,7 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
     ]
 }
 
-/// What the cell cannot prove of its tool.
+/// Describes what the cell cannot prove about its tool.
 fn say_tool_off(cell: &Cell) -> &'static str {
     let has_tool = cell.io().output(Output::Tool).is_some();
     if has_tool && !cell.io().proves_tool_off() {

@@ -1,12 +1,13 @@
-//! Decodes the bytes of a file to text: finds out which encoding it has.
+//! Decodes the bytes of a file to text, after determining its encoding.
 //!
-//! Files of the controller come in many encodings. Their structure is ASCII; what is not is in comments and texts, so that
-//! no byte is a reason to refuse one. Files of ours are UTF-8, as every command reads them.
+//! Files of the controller come in many encodings. Their structure is ASCII; other characters occur only in
+//! comments and texts, so that no byte is a reason to refuse a file. Files of this program are UTF-8, as every
+//! command reads them.
 
 use crate::config::Problem;
 use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 
-/// A file that is no text in an encoding that is read here.
+/// A file whose bytes are not text in a supported encoding.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NotText(String);
@@ -20,7 +21,7 @@ pub struct Decoded {
     pub warning: Option<Problem>,
 }
 
-/// Which line is not UTF-8, and what to do.
+/// Returns the error that states the line that is not UTF-8, and how to correct it.
 pub fn not_utf_8(bytes: &[u8], error: &std::str::Utf8Error) -> NotText {
     if matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]) {
         return NotText("is UTF-16, as PowerShell's > writes it; save the file as UTF-8".to_owned());
@@ -60,14 +61,14 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<Decoded, NotText> {
     Ok(declared_or_assumed(bytes, encoding, stated.as_deref(), is_xml))
 }
 
-/// Whether a file of this name with these bytes is XML, as `is_eki` finds it of the text.
+/// Returns whether a file of this name with these bytes is XML, by the same rule that `is_eki` applies to text.
 fn is_xml(name: &str, bytes: &[u8]) -> bool {
     let mark = [0xFF, 0xFE, 0xEF, 0xBB, 0xBF, 0];
     let mut start = bytes.iter().filter(|byte| !mark.contains(*byte) && !byte.is_ascii_whitespace());
     name.to_lowercase().ends_with(".xml") || start.next() == Some(&b'<')
 }
 
-/// UTF-16 by its mark, or by a first character that is ASCII.
+/// Detects UTF-16 by its byte order mark, or by a first character that is ASCII.
 fn by_first_bytes(bytes: &[u8]) -> Option<&'static Encoding> {
     match bytes {
         [0xFF, 0xFE, ..] => Some(UTF_16LE),
@@ -86,10 +87,11 @@ fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<Decoded, NotText>
     Ok(Decoded { text: text.into_owned(), warning: None })
 }
 
-/// In the encoding that is declared, or UTF-8; a byte a character if the bytes are not that.
+/// Decodes with the declared encoding, or UTF-8; if the bytes are not valid in it, each byte becomes a character.
 fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> Decoded {
     let read = encoding.decode_without_bom_handling_and_without_replacement(bytes);
-    // What a UTF-16 file declares is known by its first bytes alone; here there are none.
+    // UTF-16 is detected only from a file's first bytes, and this file does not have them: a declared UTF-16 cannot
+    // be right.
     let is_wide = [UTF_16LE, UTF_16BE].contains(&encoding);
     if let Some(text) = read.filter(|_| !is_wide) {
         return Decoded { text: text.into_owned(), warning: None };
@@ -117,7 +119,7 @@ fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option
     Decoded { text, warning: is_xml.then(warning) }
 }
 
-/// The encoding that an XML declaration names.
+/// Returns the encoding that an XML declaration names.
 fn declared(bytes: &[u8]) -> Option<String> {
     let start = &bytes[..bytes.len().min(200)];
     let start: String = start.iter().map(|&byte| char::from(byte)).collect();
@@ -157,7 +159,8 @@ mod tests {
         let wide: Vec<u8> = "&ACCESS".encode_utf16().flat_map(u16::to_le_bytes).collect();
         assert_eq!(text("a.src", &wide), is("&ACCESS"));
         assert_eq!(text("a.toml", "x = 'ü'".as_bytes()), is("x = 'ü'"));
-        // By the table of Windows-1252, 0x93 and 0x94 are quotes; by GBK's, D6D0 CEC4 is the word for Chinese.
+        // In the table of Windows-1252, 0x93 and 0x94 are quotes; in that of GBK, D6D0 CEC4 is the word for
+        // Chinese.
         let declared = |label: &str, bytes: &[u8]| {
             text("a.xml", &[format!("<?xml version='1.0' encoding='{label}'?>").as_bytes(), bytes].concat())
         };
@@ -166,7 +169,7 @@ mod tests {
         assert!(declared("Shift_JIS", b"<A/>").is_ok());
     }
 
-    /// Whatever its author meant, the structure is read, and the line with the first such byte is named.
+    /// The structure is read whatever encoding the author used, and the line with the first such byte is named.
     #[test]
     fn xml_in_another_encoding_than_it_states_is_read_with_a_warning() {
         let warned = |bytes: &[u8]| {

@@ -42,10 +42,10 @@ fn settings(file: &Path) -> Result<ArchiveSettings, Fault> {
     ArchiveSettings::check(&file.display().to_string(), &text).map_err(Fault::stage)
 }
 
-/// The end waits so long for names of hosts that are still looked up.
+/// Maximum time that the program waits at its end for host names that are still being resolved.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Works on this to its end.
+/// Runs this future until it ends.
 fn work<T, E: std::error::Error + Send + Sync + 'static>(
     doing: impl Future<Output = Result<T, E>>,
 ) -> Result<T, Fault> {
@@ -157,7 +157,7 @@ fn words(one: &CheckedCell) -> String {
     format!("cell {cell}: {records} records, {same}; {signatures} signatures hold; {files} files are whole{gone}")
 }
 
-/// A cell's list, from its store or from the file that `store list --json` wrote.
+/// Returns a cell's list, from its store or from the file that `store list --json` wrote.
 fn list(named: &str) -> Result<CellList, Fault> {
     #[derive(Deserialize)]
     struct Written {

@@ -322,13 +322,14 @@ impl RequestHandler {
         }
     }
 
-    /// What is requested now.
+    /// Returns the current request, or `None` if there is none.
     fn requested(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
         self.remember_step(state);
         self.sign.works();
         self.parts.supervisor.check()?;
-        // What was requested when the loop last came round was taken: else it would be answered by now.
+        // The request that was returned in the loop's last round was accepted: otherwise it would have been
+        // answered already.
         self.answer(Exit::Done, self.reasons(state), state);
         self.publish_status(state);
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
@@ -423,7 +424,8 @@ impl RequestHandler {
             Refusal::Robot(_) | Refusal::Failed(_) => Exit::Fault,
         };
         if matches!(refusal, Refusal::Failed(_)) {
-            // It was taken and failed on its way: what was found wrong by it stays. It may fail before its reply is due.
+            // The request was accepted and failed later: the problems that it found stay in the answer. It may fail
+            // before its reply is due.
             self.noted.insert(0, reason);
             if self.waits_for_reset {
                 self.answer(exit, self.noted.clone(), &state);

@@ -37,7 +37,7 @@ impl Running<'_> {
         }
     }
 
-    /// Keeps one request with its answer.
+    /// Records one request with its answer.
     pub(super) fn keep_asked(
         &mut self,
         wanted: Wanted,

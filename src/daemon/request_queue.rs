@@ -16,7 +16,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
-/// Requests of one user, and of all users, that wait for the loop. Urgent ones are not counted.
+/// Largest number of requests that wait for the loop, of one user and of all users. Urgent requests are not
+/// counted.
 const MAX_QUEUED_PER_USER: usize = 8;
 const MAX_QUEUED: usize = 32;
 
@@ -40,7 +41,7 @@ struct Inside {
     /// Each with the other clients that wait for the same stop or abort.
     urgent: VecDeque<(Request, Followers)>,
     others: VecDeque<Request>,
-    /// Who waits for the same as the urgent request that was taken last.
+    /// The other clients that wait for the reply to the urgent request that was taken last.
     followers: Followers,
     is_closed: bool,
 }
@@ -49,8 +50,9 @@ struct Inside {
 type Followers = Vec<oneshot::Sender<Reply>>;
 
 impl Inside {
-    /// The same stop or abort of the same person is one request, however often it is pressed: who presses without
-    /// end must not keep everybody else out. Signals are counted.
+    /// Adds an urgent request. The same stop or abort of the same person is one request, however often it is
+    /// pressed: a person who presses without end must not keep all others out. Signals are not merged, because they
+    /// are counted.
     fn put_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
             (What::Table(one), What::Table(other)) => one == other && waiting.who == request.who,
@@ -94,12 +96,12 @@ pub enum RequestQueueError {
          always accepted)"
     )]
     Full {
-        /// Of the same user, or of all users.
+        /// The number of waiting requests of the same user, or of all users.
         waiting: usize,
     },
 }
 
-/// Both ends of a new queue.
+/// Creates a new queue and returns both of its ends.
 pub fn request_queue() -> (RequestSender, RequestQueue) {
     let shared = Arc::new(Shared::default());
     (RequestSender(shared.clone()), RequestQueue(shared))
@@ -107,7 +109,7 @@ pub fn request_queue() -> (RequestSender, RequestQueue) {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every change is made whole under the lock.
+        // Every change is completed under the lock.
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -143,7 +145,8 @@ impl RequestSender {
         Ok(())
     }
 
-    /// From now on what is urgent goes to the robot by this line first. The first line counts.
+    /// Sets the line by which urgent requests go to the robot first, from now on. Only the first line that is set
+    /// is used.
     pub fn stops_by(&self, line: StopLine) {
         #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
         let _ = self.0.stop_line.set(line);
@@ -169,7 +172,7 @@ impl RequestQueue {
 }
 
 impl RequestQueue {
-    /// Who waits for the reply to the last urgent request, beside the one who made it.
+    /// Takes the reply channels of the other clients that wait for the reply to the last urgent request.
     pub fn followers(&self) -> Vec<oneshot::Sender<Reply>> {
         std::mem::take(&mut self.0.lock().followers)
     }
@@ -196,7 +199,7 @@ mod tests {
     use crate::eki::{CELLCMD, CELLSTAT, Epoch, LinkLimits, Pace, Report};
     use crate::record::{Front, Who};
 
-    /// A controller that runs by the wall clock, and the link to it.
+    /// Returns a controller that runs by the wall clock, and the link to it.
     fn linked() -> (MockServer, BlockingLink) {
         let [commands, states] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
         let setup = Setup { clock: Clock::Free, ..Setup::new(commands, states) };
@@ -211,7 +214,7 @@ mod tests {
         (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
     }
 
-    /// The request is not taken, as if the loop waited for its disk: the robot is stopped all the same. A hold
+    /// The loop does not take the request, as if it waited for its disk: the robot is stopped all the same. A hold
     /// waits for the loop.
     #[test]
     fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {
@@ -267,7 +270,7 @@ mod tests {
             let what = What::Table(request);
             sender.send(Request { what, who: who(), reply: Some(reply) }).expect("a place");
             if request == Hold {
-                // This one waits on.
+                // The client of this request still waits for its answer.
                 std::mem::forget(answer);
             }
         }

@@ -17,7 +17,7 @@ use crate::stages::abrade::off_limit_mm;
 use crate::verdict::Reason;
 use crate::words::apart;
 
-/// This many times the distance for which a person must look ends a path in contact at once.
+/// A deviation above this multiple of the review limit ends a path in contact at once.
 const FAR_OFF_LIMITS: f64 = 4.0;
 
 impl Running<'_> {
@@ -58,7 +58,7 @@ impl Running<'_> {
             R::Interrupted { cause: cause @ StopCause::Override } => {
                 self.epoch_over(Trouble::Override, reason("interrupted", &cause))?;
             }
-            // Why comes as a condition.
+            // The cause is reported as a condition of the robot.
             R::Interrupted { .. } => self.events.push_back(Event::Told(Report::EpochOver { trouble: None })),
             R::Slow { id, contact, waited } => {
                 let waited_s = waited.as_secs_f64();
@@ -93,7 +93,7 @@ impl Running<'_> {
         }
         self.watch_outputs(state)?;
         let facts = &self.state.facts;
-        // While the cell works the acts themselves prove it.
+        // While the cell works, the acts themselves prove that the outputs are off.
         let asks = self.state.at.rests() && (facts.tool_may_run || facts.water_may_run);
         if asks && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) {
             self.events.push_back(Event::Told(Report::OutputsOff));
@@ -108,7 +108,8 @@ impl Running<'_> {
         self.contrary = Contrary::default();
         let why = contrary_reason(switch, &self.cell.wiring, state);
         if self.state.at.rests() || matches!(self.state.at, At::Completing { .. }) {
-            // What is shown at rest is why it rests; and nothing follows from it for a cycle that has its result.
+            // At rest, the shown reason must stay the one for which the cell rests. For a cycle that has its
+            // result, the contradiction has no consequence.
             tracing::warn!("{}", why.message);
         } else {
             self.note(Kind::Robot, vec![why])?;
@@ -142,7 +143,7 @@ impl Running<'_> {
         }
     }
 
-    /// The link has ended the epoch for this reason.
+    /// Records the reason for which the link ended the epoch, and reports the end to the table.
     fn epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.note(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Told(Report::EpochOver { trouble: Some(trouble) }));

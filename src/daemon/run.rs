@@ -1,4 +1,4 @@
-//! The loop itself: one for a service, for a single cycle and for a replay.
+//! The loop itself: the same for a service, for a single cycle and for a replay.
 
 use super::abrasion::Abrasion;
 use super::answers::reason;
@@ -28,7 +28,7 @@ use std::time::Duration;
 /// For each person, the shortest time between two recorded stops or aborts that change nothing.
 const MIN_REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What the loop is connected to.
+/// The ports to which the loop is connected.
 pub struct Ports<'a> {
     /// The robot.
     pub robot: &'a mut dyn RobotPort,
@@ -38,7 +38,7 @@ pub struct Ports<'a> {
     pub record: &'a mut dyn RecordPort,
     /// The source of requests.
     pub requests: &'a mut dyn RequestPort,
-    /// The queue of what is seen and computed, which has the cameras.
+    /// The queue for pictures and computations; it owns the cameras.
     pub computing: Computing<'a>,
     /// Whether time passes only while the loop waits for the robot's next report.
     pub lock_step: bool,
@@ -50,16 +50,16 @@ pub struct LoopStart {
     pub cell: Arc<CellSetup>,
     /// The one cycle that is run; `None` if cycles are requested, one after the other.
     pub cycle: Option<Arc<CycleSetup>>,
-    /// The state to which the journal leads.
+    /// The state that results from the journal.
     pub state: State,
-    /// What the loop remembers beside it.
+    /// What the loop remembers in addition to the state.
     pub before: Begin,
 }
 
 /// How it ended.
 #[derive(Debug)]
 pub struct LoopOutcome {
-    /// The state that was left.
+    /// The state at the end of the loop.
     pub state: State,
     /// The last verdict, if a cycle ran.
     pub verdict: Option<Verdict>,
@@ -123,7 +123,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// One event: journal, step, effects.
+    /// Processes one event: writes the journal, calculates the step and performs its effects.
     pub(super) fn on_event(&mut self, event: Event) -> Result<(), DaemonError> {
         if let Some((request, refusal)) = self.refused_just_now(event) {
             self.ports.requests.publish(News::Refused(request, refusal));
@@ -150,7 +150,7 @@ impl Running<'_> {
         if state.job.running && !before.job.running {
             self.keep_clock()?;
         }
-        // What is no longer due is abandoned.
+        // An act that is no longer due is abandoned.
         if self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
             self.computing.abandon();
         }
@@ -190,7 +190,7 @@ impl Running<'_> {
         is_recorded.then_some((request, refusal))
     }
 
-    /// The next thing that happened; `None` when it is time to leave.
+    /// Returns the next event; `None` when the loop must end.
     pub(super) fn next_event(&mut self) -> Result<Option<Event>, DaemonError> {
         loop {
             if let Some(event) = self.events.pop_front() {
@@ -202,7 +202,7 @@ impl Running<'_> {
             if let Some(why) = self.ports.record.filled() {
                 self.is_disk_full = true;
                 if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
-                    // Nothing follows from it for a cycle that has its result.
+                    // A full disk has no consequence for a cycle that has its result.
                     tracing::warn!("{}", why.message);
                     self.ports.requests.publish(News::Noted(vec![why]));
                 } else {
@@ -210,7 +210,8 @@ impl Running<'_> {
                 }
                 return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
             }
-            // After a request the deadlines, the tool and the robot have their turn, however many more wait.
+            // After each request, the deadlines, the tool and the robot are processed first, however many requests
+            // wait.
             let has_turn = !std::mem::take(&mut self.has_taken_up);
             let request = if has_turn { self.ports.requests.next(&self.state)? } else { None };
             if let Some(request) = request {
@@ -242,7 +243,7 @@ impl Running<'_> {
         }
     }
 
-    /// A request: what happens by it, or what is done with it here.
+    /// Processes a request: returns the event that the request causes, or handles the request here.
     fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<RequestOutcome, DaemonError> {
         self.requester = who;
         if let Some(request) = what.of_table()
@@ -347,7 +348,8 @@ impl Running<'_> {
                 let because = words::ended(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
                 let kept = self.ports.record.conclude(verdict, because.into_iter().collect())?;
                 if kept != verdict {
-                    // The table ends no cycle better than its findings: a fault of the program, on the safe side.
+                    // Only a fault of the program leads here, because the table ends no cycle with a better verdict
+                    // than its findings. The worse verdict is used, on the safe side.
                     tracing::error!(
                         table = verdict.word(),
                         record = kept.word(),
@@ -400,25 +402,25 @@ impl Running<'_> {
     }
 }
 
-/// What comes of a request.
+/// The outcome of a request.
 enum RequestOutcome {
-    /// An event for the table.
+    /// The request becomes an event for the table.
     Happens(Event),
-    /// It was dealt with.
+    /// The request was handled here.
     Done,
     /// The program is to end, if the cell is at rest.
     Leave,
 }
 
-/// Longest times for an answer, s: a switch with its feedback, a computation, a way through air, and a film beyond
-/// its observation.
+/// Time limits for an answer, s: of a switch with its feedback, a computation, a motion through the air, and a film
+/// beyond its observation.
 const FEEDBACK_S: f64 = 5.0;
 const COMPUTING_S: f64 = 60.0;
 const MOVE_S: f64 = 120.0;
 const FILM_SPARE_S: f64 = 10.0;
 /// Time limit if no recipe states one, as before the first cycle: the longest that a recipe may state.
 const DEFAULT_TIME_LIMIT_S: f64 = 600.0;
-/// How long the loop waits for a computation before it looks elsewhere.
+/// How long the loop waits for a computation before it checks its other inputs.
 const COMPUTATION_POLL_TIMEOUT: Duration = Duration::from_millis(5);
 /// A contact path may last this many times its duration at its feed: turns are slower.
 const MAX_DURATION_RATIO: f64 = 5.0;

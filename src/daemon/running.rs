@@ -38,12 +38,12 @@ impl Outside<'_> {
     }
 }
 
-/// The memory of the loop; that of the table is [`State`].
+/// The memory of the loop; the memory of the table is [`State`].
 pub(super) struct Running<'p> {
     pub cell: Arc<CellSetup>,
-    /// What the cycle works with; none before the first one.
+    /// The setup of the cycle; `None` before the first cycle.
     pub cycle: Option<Arc<CycleSetup>>,
-    /// The loop was started for this one cycle.
+    /// The loop was started to run this one cycle only.
     pub is_single: bool,
     pub lock_step: bool,
     pub computing: Computing<'p>,
@@ -60,8 +60,8 @@ pub(super) struct Running<'p> {
     pub sent: Option<Sent>,
     /// The last place of the panel in the earlier cycles, as far as it is known.
     pub last_place: Option<KukaPose>,
-    /// The axes at the end of the last path. After a stop, an abort, a lost robot and a start of the program, and
-    /// on the way, there are none.
+    /// The axes at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the program,
+    /// and during a motion.
     pub stood: Option<Joints>,
     /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,
@@ -70,20 +70,20 @@ pub(super) struct Running<'p> {
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
-    /// What was reported to the table of the override; `None` before that.
+    /// The last report to the table about the override; `None` before the first report.
     pub full_override: Option<bool>,
     /// Contradictions between a reported state and what was proven.
     pub contrary: Contrary,
     pub verdict: Option<Verdict>,
-    /// Who made the request that was taken up last.
+    /// The author of the request that the loop took last.
     pub requester: Who,
     /// Which side may command the cell.
     pub control: Control,
     /// The cell has warned of motion since it last rested.
     pub has_warned: bool,
-    /// The disk was found full, and not yet otherwise.
+    /// The disk was found full, and has not been found otherwise since.
     pub is_disk_full: bool,
-    /// A request was taken up, and the robot has not had its turn since.
+    /// The loop has taken a request, and the robot has not been read since.
     pub has_taken_up: bool,
     /// The last refused stop or abort, its author, and when it was recorded.
     pub last_refused: Option<(cycle::Request, Who, Time)>,

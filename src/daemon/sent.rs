@@ -23,12 +23,12 @@ pub(super) struct Sent {
 }
 
 impl Sent {
-    /// Which path it is.
+    /// Returns which path was sent.
     pub fn path(&self) -> Path {
         self.motion.path
     }
 
-    /// The command of its first waypoint.
+    /// Returns the number of the command for the path's first waypoint.
     pub fn first(&self) -> CommandId {
         self.first
     }

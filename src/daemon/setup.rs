@@ -1,4 +1,4 @@
-//! What a cell and a cycle are set up with: read once, then never changed.
+//! The setup of a cell and of a cycle: read once, then never changed.
 
 use super::error::DaemonError;
 use super::wiring::Wiring;
@@ -26,7 +26,7 @@ pub struct Calibrations {
     pub base_from_camera: Rigid<Base, Camera>,
     /// The flange camera.
     pub flange_camera: PinholeCamera,
-    /// How it is mounted.
+    /// How the camera is mounted on the flange.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// Pose of the sanding tool's contact.
     pub flange_from_tool: Rigid<Flange, Tool>,
@@ -38,7 +38,7 @@ pub struct Calibrations {
     pub removal: Option<Model>,
 }
 
-/// What the cell's file states of the cell, for every cycle and between cycles.
+/// What the cell's file states about the cell, for every cycle and between cycles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellSetup {
     /// The cell's limits.
@@ -47,7 +47,7 @@ pub struct CellSetup {
     pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
-    /// The bit of the state message's `In` that is the selector switch, on at local.
+    /// The bit of `In` in the state message that reads the selector switch; it is on at local.
     pub control_bit: Option<u32>,
     /// The output that warns before the first motion, with its bit of the state message's `Out`.
     pub warning_output: Option<(u16, u32)>,
@@ -102,7 +102,7 @@ pub struct CycleSetup {
     pub calibrations: Calibrations,
     /// The area of its picture in which the flange camera's lens is known.
     pub lens: LensExtent,
-    /// What earlier cycles removed of this part.
+    /// What earlier cycles removed from this part.
     pub removed_before: RemovedBefore,
 }
 
@@ -138,7 +138,8 @@ impl CycleSetup {
         CycleSetup { removed_before, ..self }
     }
 
-    /// The taught panel as the localization uses it, or why it is none; the first call makes it.
+    /// Returns the taught panel as the localization uses it, or why it cannot be used; the first call calculates
+    /// it.
     pub fn taught_model(&self) -> &Result<TaughtModel, LocateError> {
         let range = self.calibrations.scan_errors.range;
         self.taught_model.get_or_init(|| TaughtModel::from_panel(&self.panel, range))
@@ -154,7 +155,7 @@ impl CycleSetup {
         self.cell.clone()
     }
 
-    /// The arm's way over the views of the taught corners.
+    /// Returns the arm's tour over the views of the taught corners.
     pub fn tour(&self) -> CornerTour<'_> {
         CornerTour {
             limits: &self.cell.limits,

@@ -9,14 +9,14 @@ use crate::verdict::{Reason, Verdict};
 /// A recipe's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecipeText {
-    /// Its whole name, which messages show.
+    /// The whole name of the file, which messages show.
     pub name: String,
     /// Its text.
     pub text: String,
 }
 
 impl RecipeText {
-    /// SHA-256 of its text, by which a start names it.
+    /// Returns the SHA-256 of the recipe's text, by which a start names the recipe.
     pub fn sha256(&self) -> String {
         content_hash(self.text.as_bytes())
     }
@@ -43,9 +43,9 @@ impl RecipeText {
 pub struct Equipment {
     /// What it is.
     pub name: String,
-    /// Its calibration and when it was made, in words.
+    /// The calibration of the equipment and when it was made, in words.
     pub calibration: String,
-    /// Its last verification, in words.
+    /// The last verification of the equipment, in words.
     pub verification: String,
 }
 
@@ -54,7 +54,7 @@ pub struct Equipment {
 pub struct Examined {
     /// What it is.
     pub name: String,
-    /// Nothing is wrong with it.
+    /// Whether nothing is wrong with the examined thing.
     pub is_right: bool,
     /// What was found.
     pub found: String,
@@ -96,7 +96,8 @@ pub trait SetupSource: Send + Sync {
     /// If there is no such recipe, it is wrong, or its panel was not taught, in words.
     fn taught_picture(&self, name: &str) -> Result<ColorPicture, String>;
 
-    /// What is or will soon be in the way of a cycle, apart from the cameras: the disk, and the age of verifications.
+    /// Returns what prevents a cycle now or will prevent one soon, apart from the cameras: the disk, and the age of
+    /// verifications.
     fn standing(&self) -> Vec<Reason>;
 
     /// Examines the whole cell, as `panelprep doctor` does; nothing moves. It may need some seconds. If something
@@ -110,8 +111,8 @@ pub trait SetupSource: Send + Sync {
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
 }
 
-/// The recipes with their hashes, so that a start is by the one that was offered. One that cannot be read cannot be
-/// started by, and is left out.
+/// Returns the recipes with their hashes, so that a start uses the recipe that was offered. A recipe that cannot be
+/// read cannot be started, and is left out.
 ///
 /// # Errors
 /// If the folder cannot be read.

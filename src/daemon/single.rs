@@ -1,10 +1,10 @@
 //! One function of the robot at a time, for commissioning: `panelprep robot …`.
 //!
-//! Each runs in an epoch of its own, which ends with it: the controller then switches the tool off, and base and
-//! tool are unknown again. A line goes through the same gate as the cycle's, whole; motions and outputs are held to
-//! the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's, these motions may run in T1, with a
-//! person at the enabling switch. They are not in the journal: nothing follows from them, and a controller that
-//! loses its client stops by itself.
+//! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool
+//! off, and base and tool are unknown again. A whole line is checked by the same gate as the cycle's paths. Motions
+//! and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
+//! these may run in T1, with a person at the enabling switch. They are not in the journal: nothing follows from
+//! them, and a controller that loses its client stops by itself.
 
 use super::corrected::Corrected;
 use super::moves::{self, move_lin};
@@ -36,25 +36,25 @@ const MAX_REPORTS: usize = 32;
 /// Time limit for the arm to come to rest before a function, by the robot's clock.
 const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why a function was not done.
+/// Why a function was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum SingleError {
     /// No controller.
     #[error("no controller answers: {0}")]
     NoController(LinkLoss),
-    /// Not even a reason.
+    /// No controller answered, and no reason was reported.
     #[error("no controller answered within {} s", CONNECT_TIMEOUT.as_secs())]
     Silent,
-    /// It cannot be sent.
+    /// The command cannot be sent.
     #[error(transparent)]
     Queue(#[from] QueueError),
     /// The gate refuses it.
     #[error("the gate refuses: {}", words(.0))]
     Gate(Judgement),
-    /// The robot did not do it.
+    /// The robot did not execute the function.
     #[error("the robot did not do it: {0}")]
     Robot(String),
-    /// The link was lost on the way.
+    /// The link was lost during the function.
     #[error("the link to the controller was lost: {0}; the controller stops by itself")]
     LinkLost(LinkLoss),
     /// It exceeds its time limit.
@@ -66,7 +66,7 @@ fn words(judgement: &Judgement) -> String {
     judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
-/// A straight line, in a base and with a tool of its own.
+/// A straight line, with its own base and tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
     /// The target of the tip, in `base`.
@@ -82,7 +82,7 @@ pub struct Line {
 /// Something that is mounted on the flange, as it was calibrated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mounted {
-    /// What it is, such as the sanding tool.
+    /// The name of the mounted thing, such as the sanding tool.
     pub name: &'static str,
     /// The pose of its end.
     pub flange_from_tip: Rigid<Flange, Tool>,
@@ -232,7 +232,7 @@ impl<'r> Single<'r> {
             routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
                 .map_err(|met| gate(Reason { message: format!("with {name}: {}", met.message), ..met }))?;
         }
-        // By their names the first corner's; what it needs is what every straight way through the air needs.
+        // Named as the motion to the first corner; it needs what every straight motion through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
         let sent = self.robot.send_path(move_lin(&gated.points), None);
@@ -394,7 +394,7 @@ impl<'r> Single<'r> {
     }
 }
 
-/// The thread of the link has failed.
+/// Returns the error for a failed thread of the link.
 fn broken(fault: ThreadFault) -> SingleError {
     SingleError::Robot(fault.to_string())
 }
@@ -415,7 +415,7 @@ fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
     })
 }
 
-/// Speeds as a function of their own.
+/// Returns the command that sets these speeds.
 pub fn speeds(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) -> Command {
     Command::SetAccSpeed(SetAccSpeed {
         speed_m_s: speed_mm_s / 1_000.0,
@@ -446,8 +446,8 @@ mod tests {
         }
     }
 
-    /// A tip that is 205 mm farther out, another root of the robot, and axes in radians: none of them is the cell's
-    /// arm, and neither a motion of the axes nor a subroutine begins.
+    /// A tip that is 205 mm farther out, another root of the robot, and axes in radians do not belong to the cell's
+    /// arm. Neither a motion of the axes nor a subroutine begins.
     #[test]
     fn another_arm_than_the_cells_does_not_move() {
         let cell = Cell::check("cell.toml", "").expect("good");

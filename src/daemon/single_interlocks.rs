@@ -30,7 +30,7 @@ pub(super) fn switched_on(name: &str) -> Option<Switch> {
     known.into_iter().find(|(output, _)| *output == name).map(|(_, switch)| switch)
 }
 
-/// A motion that needs what the cycle's motion along this path needs.
+/// Returns a motion with the same interlocks as the cycle's motion along this path.
 pub(super) fn motion(path: Path) -> Act {
     Act::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
@@ -62,7 +62,7 @@ fn facts(state: &State, cell: &Cell) -> Facts {
         },
         water: match reading((Switch::Spray, Switch::WaterOff), (Feedback::WaterOff, false)) {
             Reading::NotThere => Water::Drained,
-            // Since when is not known.
+            // It is not known since when the water has been off.
             Reading::Is(false) => Water::Draining { until: Id(0) },
             Reading::Is(true) | Reading::Open => Water::Unknown,
         },
@@ -95,18 +95,18 @@ mod tests {
         Cell::check("cell.toml", CELL).expect("good")
     }
 
-    /// The bits of `In`, from the lowest: water_off, lens_shut, extraction_flow, tool_running; those of `Out`:
-    /// light, spray, lens_shutter, extraction, tool.
+    /// Returns whether the act is permitted. The bits of `In`, from the lowest: water_off, lens_shut,
+    /// extraction_flow, tool_running; those of `Out`: light, spray, lens_shutter, extraction, tool.
     fn may(act: Act, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
         let joints = Joints { a1_deg, ..cell().park().expect("given") };
         let state = State { inputs, outputs, joints, ..standing_state() };
         judge("it", act, &state, &cell()).reasons.is_empty()
     }
 
-    /// Every combination of feedbacks and outputs, parked and not: by hand, motion needs water off and tool off;
-    /// water needs the arm parked, the lens shut and the tool off; the tool's output is a cycle's alone; light,
-    /// lens and extraction need nothing. Each is proven by its output and its feedback: one that contradicts the
-    /// other proves nothing.
+    /// Every combination of feedbacks and outputs, with the arm parked and not parked. By hand, motion needs water
+    /// off and tool off; water needs the arm parked, the lens shut and the tool off. Only a cycle may use the
+    /// tool's output; light, lens and extraction need nothing. Each state is proven by its output and its feedback:
+    /// if one contradicts the other, nothing is proven.
     #[test]
     fn a_single_function_does_nothing_that_a_cycle_may_not() {
         for (inputs, outputs) in (0..16).flat_map(|inputs| (0..32).map(move |outputs| (inputs, outputs))) {
@@ -135,7 +135,7 @@ mod tests {
         assert_eq!(switched_on("horn"), None);
     }
 
-    /// An output without a feedback is not proven off; one that the cell does not have cannot be on.
+    /// An output without a feedback is not proven off; an output that the cell does not have cannot be on.
     #[test]
     fn what_nothing_proves_is_open() {
         let without = |line: &str| Cell::check("cell.toml", &CELL.replace(line, "")).expect("good");

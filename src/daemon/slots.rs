@@ -8,10 +8,10 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// Connections of one, and of all, that are listened to at one time.
+/// Largest number of connections that are read at one time: of one owner, and of all together.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Most {
-    /// Of one user or one address.
+    /// Connections of one user or one address.
     pub of_one: usize,
     /// Of all together.
     pub of_all: usize,
@@ -25,7 +25,7 @@ pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
 struct Inside<Of> {
     most: Most,
     last: u64,
-    /// The one that has been silent for longest first.
+    /// The occupied slots; the slot whose connection has been silent for longest is first.
     taken: Vec<OccupiedSlot<Of>>,
 }
 
@@ -36,7 +36,7 @@ struct OccupiedSlot<Of> {
     wanted: oneshot::Sender<()>,
 }
 
-/// One of the slots; free again when it is dropped.
+/// One of the slots; the slot becomes free again when this is dropped.
 #[derive(Debug)]
 pub(super) struct Slot<Of> {
     number: u64,
@@ -115,7 +115,7 @@ impl<Of> Slot<Of> {
 }
 
 impl<Of> ActivityHandle<Of> {
-    /// The connection was heard just now: of all it is the last one to give way.
+    /// Marks the connection as heard just now: it becomes the last one that must give way.
     pub fn now(&self) {
         let mut inside = self.slots.lock();
         if let Some(at) = inside.taken.iter().position(|taken| taken.number == self.number) {

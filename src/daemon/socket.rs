@@ -41,14 +41,15 @@ const MODE: u32 = 0o660;
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Largest number of connections of one user, and of all, that are read at one time.
 const SLOTS: Most = Most { of_one: 64, of_all: 256 };
-/// How long a connection that has to give way is still listened to.
+/// How long a connection that must give way is still read.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Interval at which the socket's thread reports that it works, and its longest permitted silence.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Recipes that are read at one time: one, and one more thread that reports that a recipe is being read.
 const READERS: usize = 2;
-/// How far the socket's thread goes before what the machine does beside: it has little to do, and a stop may be in it.
+/// The nice value of the socket's thread, which gives it priority over other work of the machine: it has little to
+/// do, and its input may be a stop.
 const NICE: i32 = -5;
 
 /// Why there is no socket.
@@ -60,7 +61,7 @@ pub enum SocketError {
         /// The socket.
         path: PathBuf,
     },
-    /// A file that is none.
+    /// The file is not a socket.
     #[error("{}: already exists and is not a socket; remove it, or name another `socket` in the cell's file", path.display())]
     NotASocket {
         /// The file.
@@ -78,7 +79,7 @@ pub enum SocketError {
     },
 }
 
-/// A socket that is listened on; its file goes when this is dropped.
+/// A socket on which the service listens; its file is removed when this is dropped.
 #[derive(Debug)]
 pub struct Socket {
     path: PathBuf,
@@ -129,7 +130,7 @@ impl Drop for Socket {
     }
 }
 
-/// Removes what a killed service left.
+/// Removes the socket file that a killed service left.
 fn clear_the_way(path: &Path) -> Result<(), SocketError> {
     let failed = |doing, source| SocketError::System { doing, path: path.to_owned(), source };
     match fs::symlink_metadata(path) {
@@ -188,7 +189,8 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         tokio::select! {
             biased;
             heard = timeout(CLIENT_TIMEOUT, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
-            // A line that was written meanwhile is read: who gives way is silent, and a stop is not.
+            // A line that was written meanwhile is still read: a client that gives way is silent, but one that
+            // sends a stop is not.
             () = slot.is_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };

@@ -1,15 +1,15 @@
 //! What is wrong with the cell between cycles, as alarms: a camera that delivers nothing, a disk that is nearly
 //! full, a verification that ends soon.
 //!
-//! It is looked at once a minute, and cameras only while the cell rests without a cycle. An alarm lasts until what
-//! gave it is not found any more. The list begins anew with the service; who acknowledged an alarm stays in the
-//! store.
+//! The checks run once a minute, and check the cameras only while the cell rests without a cycle. An alarm lasts
+//! until its cause is no longer found. The list begins anew with the service; the store keeps who acknowledged an
+//! alarm.
 
 use crate::history::{Acknowledgement, Alarm};
 use crate::verdict::Reason;
 use std::sync::{Mutex, PoisonError};
 
-/// Alarms that are gone: the newest stay in the list.
+/// Largest number of cleared alarms in the list: the newest ones stay.
 const MAX_CLEARED_ALARMS: usize = 100;
 /// The code of a camera that gives no picture.
 const CAMERA: &str = "camera";
@@ -26,7 +26,7 @@ pub(super) struct Found {
 }
 
 impl StandingAlarms {
-    /// Raises what is new, and ends what is not found any more.
+    /// Raises an alarm for each new problem, and clears the alarms whose cause is no longer found.
     pub fn look(&self, found: &Found, now_unix_ms: i64) {
         let mut alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let reasons = || found.cell.iter().chain(found.cameras.iter().flatten());
@@ -40,7 +40,7 @@ impl StandingAlarms {
             if alarms.iter().any(|alarm| alarm.is_active() && is_same(alarm, reason)) {
                 continue;
             }
-            // By code and time an alarm is acknowledged: no two have both in common.
+            // An alarm is acknowledged by its code and time: no two alarms may have both in common.
             let after = alarms.iter().map(|alarm| alarm.raised_unix_ms + 1).max().unwrap_or(now_unix_ms);
             tracing::warn!("alarm {}: {}", reason.code, reason.message);
             alarms.push(Alarm::between_cycles(reason, now_unix_ms.max(after)));
@@ -51,7 +51,7 @@ impl StandingAlarms {
         }
     }
 
-    /// All of them, with who acknowledged them.
+    /// Returns all alarms, with the persons who acknowledged them.
     pub fn alarms(&self, seen: &[Acknowledgement]) -> Vec<Alarm> {
         let alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let of = |alarm: &Alarm| {

@@ -29,7 +29,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     };
     assert_eq!(story.stages(), stages, "{story}");
     assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
-    // Each waypoint once: the air point of the approach is the plan's first.
+    // Each waypoint is executed once: the air point of the approach is the plan's first waypoint.
     let contact = story.motions(Path::Contact);
     assert_eq!(contact.len(), 1);
     let (motion, outcome, done) = contact[0];
@@ -37,7 +37,8 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!(story.contact_points, done as usize);
     let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
     assert!(error.max_mm < 1.5, "{error:?}");
-    // What a reader of the record finds: every limit kept, figures of every phase, the measured parts of the budget.
+    // What a reader of the record finds: every limit is satisfied, every phase has its numbers, and the budget has
+    // its measured parts.
     for number in story.findings.iter().flat_map(|finding| &finding.checks) {
         let broken = number.name.starts_with("broken film");
         assert!(broken || number.value.is_none_or(|value| number.limit.allows(value)), "{number:?}");
@@ -113,7 +114,7 @@ fn no_panel_ends_in_reject_without_a_move_to_it() {
     assert!(story.intents.iter().all(|(motion, ..)| motion.path == Path::Park), "{story}");
 }
 
-/// The cell's box ends before the panel: the way to the corner is refused whole, and the cycle aborts.
+/// The cell's box ends in front of the panel: the whole motion to the corner is refused, and the cycle is aborted.
 #[test]
 fn a_refused_path_aborts_and_sends_nothing() {
     let story = Fake::new(Scene::Good).with_box_to(300.0).run(Asks::one_cycle());
@@ -171,8 +172,8 @@ fn a_journal_that_cannot_be_written_stops_the_robot() {
     assert!(matches!(error, DaemonError::Record(_)), "{error}");
 }
 
-/// By hand: a panel that turns by 0.2° about its first corner moves that by nothing, and one 250 mm away by 0.9 mm. The
-/// first corner alone would let the pad come down.
+/// Calculated by hand: if a panel turns by 0.2° about its first corner, this corner does not move, and one 250 mm
+/// away moves by 0.9 mm. A check of the first corner only would let the pad come down.
 #[test]
 fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
     let story = Fake::new(Scene::Good).whose_panel_turns_when_wet(0.2).run(Asks::one_cycle());
@@ -187,7 +188,8 @@ fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// A post before the second corner: the first is looked at again in its stead, and corrects alone.
+/// A post stands in front of the second corner: the first corner is viewed again instead, and alone gives the
+/// correction.
 #[test]
 fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
     let mut fake = Fake::new(Scene::Clean);
@@ -215,7 +217,7 @@ fn a_doubtful_plan_is_held_for_review_without_contact() {
     assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
-/// Every motion was committed before it began, and its epoch is the one that was open.
+/// Every motion was committed to the record before it began, in the epoch that was open.
 #[test]
 fn intents_come_before_their_motions() {
     let story = Fake::new(Scene::Clean).run(Asks::one_cycle());

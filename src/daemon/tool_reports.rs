@@ -56,7 +56,7 @@ impl Running<'_> {
         Some(sent.waypoints(self.robot_state?.done) as usize)
     }
 
-    /// How far the tool points down.
+    /// Returns how far the tool points down.
     fn tool_downwards(&self) -> f64 {
         let base_from_tool = self
             .robot_state
@@ -64,7 +64,7 @@ impl Running<'_> {
         base_from_tool.map_or(0.0, |base_from_tool| downwards(&base_from_tool))
     }
 
-    /// The set-points of a contact path that begins.
+    /// Starts the set-points of a contact path.
     pub(super) fn begin_pressing(&mut self, motion: Motion) {
         let (cell, Some(cycle)) = (self.cell.clone(), self.cycle.clone()) else { return };
         let Some(tool) = &cell.tool else { return };
@@ -74,7 +74,8 @@ impl Running<'_> {
         }
     }
 
-    /// Whether the tool lets the arm go towards the panel; else the act has failed, and why is kept.
+    /// Returns whether the tool lets the arm move towards the panel; if not, the act fails and the reason is
+    /// recorded.
     pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
         let cell = self.cell.clone();
         let Some(tool) = cell.tool.as_ref().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {
@@ -87,7 +88,7 @@ impl Running<'_> {
         Ok(false)
     }
 
-    /// What the self-test finds wrong with the tool.
+    /// Returns what the self-test finds wrong with the tool.
     pub(super) fn tool_unfit(&mut self) -> Option<(Trouble, Reason)> {
         let (cell, now) = (self.cell.clone(), self.ports.robot_now());
         self.pressing.refuses(cell.tool.as_ref()?, now).map(|why| (Trouble::Force, why))

@@ -1,17 +1,18 @@
 //! How far a contact path under way may go.
 
-/// Motion that is permitted ahead, in windows of the link: more is permitted below the first, up to the second.
+/// Motion that is permitted ahead, in windows of the link. Below `MIN_WINDOWS`, more motion is permitted, up to
+/// `MAX_WINDOWS`.
 const MIN_WINDOWS: f64 = 2.0;
 
 const MAX_WINDOWS: f64 = 4.0;
 
-/// Waypoints that are permitted ahead at least, whatever they last.
+/// Smallest number of waypoints that are permitted ahead, whatever their duration.
 const MIN_AHEAD: u32 = 16;
 
 /// The contact path under way, as far as the record is concerned.
 #[derive(Debug, Default)]
 pub(super) struct Underway {
-    /// Counted as worn of the disc already, mm².
+    /// Wear of the disc that is already counted for this path, mm².
     pub reserved_mm2: f64,
     /// The time at which each waypoint is reached at the planned feed, s; the first is the air point at which the
     /// path begins.

@@ -1,12 +1,12 @@
-//! What waits for its way out of the cell: how much, since when, and why it does not go.
+//! The data that waits to leave the cell: how much, since when, and why it is not sent.
 
 /// The state of the queue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Waiting {
-    /// Why nothing goes now.
+    /// Why nothing is sent now.
     problem: Option<String>,
     count: u64,
-    /// Since when the oldest waits, ms since 1970.
+    /// The time since when the oldest item has been waiting, ms since 1970.
     since_unix_ms: Option<i64>,
 }
 

@@ -33,12 +33,12 @@ pub struct Wiring {
     tool: Option<Wire>,
 }
 
-/// How something that is switched on and off is, by its output and its feedback together.
+/// The state of something that is switched on and off, from its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reading {
     /// The cell has no such output, and no feedback reports that it is on.
     NotThere,
-    /// Nothing proves it: there is no feedback, or output and feedback contradict each other.
+    /// The state is not proven: there is no feedback, or output and feedback contradict each other.
     Open,
     /// Both report that it is on, or off.
     Is(bool),
@@ -47,7 +47,7 @@ pub(super) enum Reading {
 /// The content that a state message has for a switch that was proven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Proof {
-    /// The switch's bits of `Out`, and those of them that are on.
+    /// The bits of `Out` that belong to the switch; `outputs_on` contains those of them that are on.
     outputs: u32,
     outputs_on: u32,
     feedback: Option<(u32, bool)>,
@@ -57,7 +57,7 @@ pub(super) struct Proof {
 /// The content of a state about a switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SwitchFeedback {
-    /// The outputs are as they were set.
+    /// Whether the outputs are as they were set.
     pub outputs: bool,
     /// The value of the feedback, if there is one.
     pub feedback: Option<bool>,
@@ -112,7 +112,7 @@ impl Wiring {
         Ok(wiring)
     }
 
-    /// The same as far as the cell has these names.
+    /// The same as `from_io`, but only for the names that the cell has.
     pub(super) fn as_far_as(io: &InputsOutputs) -> Self {
         let wire = |number: Option<u16>, output: Output| {
             let number = number?;
@@ -151,7 +151,7 @@ impl Wiring {
         }
     }
 
-    /// What a switch sets, in order.
+    /// Returns the signals that a switch sets, in order.
     pub(super) fn signals(&self, switch: Switch) -> Vec<Signal> {
         let wires = self.wires(switch).into_iter().flatten();
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
@@ -164,7 +164,8 @@ impl Wiring {
             let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
             proof.outputs |= bit;
             proof.outputs_on |= if on { bit } else { 0 };
-            // Water is fed back by what is off; the nozzle that is switched last is the one that matters.
+            // The feedback of water is on when the water is off; the nozzle that is switched last determines the
+            // expected feedback.
             let is_water = [self.spray, self.rinse].into_iter().flatten().any(|water| water.output == wire.output);
             proof.feedback = wire.feedback.map(|bit| (bit, on != is_water));
             proof.opposite = wire.opposite.map(|bit| (bit, !on));
@@ -208,7 +209,7 @@ impl Wiring {
     }
 }
 
-/// Whether this mapped input is on.
+/// Returns whether this mapped input is on.
 pub(super) fn reads(state: &State, bit: u32) -> bool {
     state.inputs >> bit & 1 == 1
 }
@@ -256,7 +257,8 @@ mod tests {
         assert!(!proof.is_told(&state(0b0_1000, 0b0100)), "it was another output");
     }
 
-    /// A rinse of its own would else stay open, and its water prove a spray valve that does not open.
+    /// Otherwise a rinse with its own output would stay open, and its water would prove a spray valve that does not
+    /// open.
     #[test]
     fn each_water_switches_the_other_one_off() {
         let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
@@ -305,7 +307,7 @@ mod tests {
         let wiring =
             |io: &str| Wiring::from_io(Cell::check("cell.toml", io).expect("good").io()).expect("complete");
         let (one, both) = (wiring(IO), wiring(&format!("{IO}tool_stands = 30\n")));
-        // 17, 18, 20, 25, 30: bit 2 tool_running, bit 4 tool_stands.
+        // Inputs 17, 18, 20, 25, 30: bit 2 is tool_running, bit 4 is tool_stands.
         for (inputs, by_one, by_both) in
             [(0b0_0000, true, false), (0b1_0000, true, true), (0b1_0100, false, false), (0b0_0100, false, false)]
         {

@@ -8,7 +8,7 @@ use crate::verdict::Reason;
 use sd_notify::NotifyState;
 use std::time::Duration;
 
-/// From one attempt to the next.
+/// Time between two attempts to open the store.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends
@@ -29,7 +29,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         if matches!(what, What::Leave) {
             return None;
         }
-        // Without a reply it was answered already, and there is no store yet that could keep it.
+        // A request without a reply channel was answered already, and there is no store yet that could record it.
         for reply in queue.followers().into_iter().chain(reply) {
             let answer = if matches!(what, What::State) { Exit::Done } else { Exit::Fault };
             let state = Some("aborted".to_owned());

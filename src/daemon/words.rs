@@ -1,4 +1,4 @@
-//! States, refusals and causes in words for the people at the cell: what is, and what to do.
+//! States, refusals and causes in words for the people at the cell: what the situation is, and what to do.
 
 use crate::cycle::{At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
@@ -35,7 +35,7 @@ pub(super) fn no_step(request: Request) -> Reason {
     Reason::new("bad_request", message)
 }
 
-/// Why a decision upon this step is not taken now. `was` is what that step showed, if it is known.
+/// Returns why a decision on this step is not accepted now. `was` is what that step showed, if it is known.
 pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
     let was = was.unwrap_or("a state that this service did not see");
     let message = format!(
@@ -47,7 +47,7 @@ pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: 
     Reason::new("outdated", message)
 }
 
-/// What a step shows: the state, its phase, and why the cell is in it.
+/// Returns what a step shows: the state, its phase, and why the cell is in it.
 pub(super) fn shown(state: &State) -> String {
     let phase = match state.at {
         At::Held(hold) | At::Holding(hold) => format!(", {}", hold.resume.word()),
@@ -57,7 +57,7 @@ pub(super) fn shown(state: &State) -> String {
     format!("{}{phase}{why}", place(state.at))
 }
 
-/// State and phase: `execute, refine`.
+/// Returns the state and its phase, such as `execute, refine`.
 pub(super) fn place(at: At) -> String {
     match at {
         At::Execute(inside) => format!("{}, {}", at.word(), inside.word()),
@@ -85,7 +85,7 @@ fn possible(state: &State) -> Vec<&'static str> {
     all.into_iter().filter(taken).map(command).collect()
 }
 
-/// Why a request is refused in this state.
+/// Returns why a request is refused in this state.
 pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     let word = request_word(request);
     let possible = || match possible(state) {
@@ -122,7 +122,7 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     }
 }
 
-/// Why the robot is not ready.
+/// Returns why the robot is not ready.
 pub(super) fn robot(robot: Robot) -> Reason {
     let (code, message) = match robot {
         Robot::Unknown => ("robot_unknown", "nothing was received from its controller yet"),

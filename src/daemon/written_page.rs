@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
 
 impl WrittenPage {
-    /// This cycle's page was written.
+    /// Records that this page of the cycle was written.
     pub fn is(&self, cycle: CycleId, page: &Path) {
         *self.lock() = Some((cycle, page.to_owned()));
     }

@@ -1,7 +1,7 @@
 //! The devices: the robot's controller and the cameras, real, simulated or recorded.
 //!
 //! - [`acf`]: the compliant tool, over TCP or simulated
-//! - [`cameras`]: what a shot is; simulated and recorded cameras
+//! - [`cameras`]: the data of a shot; simulated and recorded cameras
 //! - [`gige`]: GigE Vision cameras
 //! - [`mock`]: a mock of the robot's controller
 //! - [`robot`]: the link to a controller, over TCP
@@ -16,6 +16,6 @@ pub mod robot;
 pub mod world;
 pub mod zivid;
 
-/// The size, width and height, of a camera of which no size is known: no camera has it, and one that is opened for
-/// it refuses with the size that it has.
+/// The size, width and height, if the size of a camera is not known. No camera has this size, so a camera that is
+/// opened with it refuses and reports its own size.
 pub const UNKNOWN_PX: [usize; 2] = [0, 0];

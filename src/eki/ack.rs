@@ -1,4 +1,5 @@
-//! Acknowledgements of the controller: which commands it has received and executed, and the first one that it refused.
+//! The controller's acknowledgements: which commands it has received and executed, and the first command that it
+//! refused.
 
 use super::ids::{CommandId, Epoch};
 use super::schema::{Field, int};
@@ -8,7 +9,7 @@ use strum::VariantArray;
 /// An acknowledgement. Counts are of its epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ack {
-    /// The last command received; all before it were, too.
+    /// The last command received; all commands before it were received too.
     pub received: CommandId,
     /// The last command executed.
     pub done: CommandId,
@@ -16,7 +17,7 @@ pub struct Ack {
     pub free: u32,
     /// The first command refused, and why.
     pub refused: Option<(CommandId, Refusal)>,
-    /// The epoch it speaks of.
+    /// The epoch to which the acknowledgement belongs.
     pub epoch: Epoch,
 }
 
@@ -76,7 +77,7 @@ pub(super) const ACK: [Field; 6] = [
 ];
 
 impl Ack {
-    /// From the values of [`ACK`], which are whole and in range.
+    /// Creates an acknowledgement from the values of [`ACK`], which are whole and in range.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let [received, done, free, error, error_id, epoch] = *<&[f64; 6]>::try_from(values).ok()?;
         let refusal = (error as usize).checked_sub(1).and_then(|index| Refusal::IN_ORDER.get(index));

@@ -8,7 +8,7 @@ use super::word::{Word, word};
 use crate::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 
-/// One function of thesis Table 3.1.
+/// A function of thesis Table 3.1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -30,7 +30,7 @@ pub enum Command {
     SetDigin(Signal),
     /// `set_digout(number, value)`: when the arm has stopped at the end of the commands sent before.
     SetDigout(Signal),
-    /// `set_digout(number, value)` on the way: with the end of the motion before it, which is blended all the same.
+    /// `set_digout(number, value)` on the path: at the end of the motion before it, which is still blended.
     #[strum(serialize = "set_digout")]
     SetDigoutOnPath(Signal),
     /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
@@ -45,7 +45,7 @@ pub enum Command {
 pub struct MoveLin {
     /// The tip's target, in the active base.
     pub pose: KukaPose,
-    /// How far before the pose the path may be rounded, mm; 0 stops exactly.
+    /// Distance before the pose at which blending may begin, mm; 0 stops exactly at the pose.
     pub blend_mm: f64,
     /// True if the tool touches the panel on the way.
     pub contact: bool,
@@ -53,7 +53,7 @@ pub struct MoveLin {
     pub speed_m_s: Option<f64>,
 }
 
-/// All axes to their angles.
+/// A motion of all axes to their angles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveJ {
     /// The target of the axes.
@@ -62,12 +62,12 @@ pub struct MoveJ {
     pub axis_speed_percent: f64,
 }
 
-/// The tool's frame, and whether a retract is along it.
+/// The tool's frame, and whether a retract goes along its axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SetTcp {
-    /// The tip in the flange.
+    /// Pose of the tip in the flange frame.
     pub flange_from_tool: KukaPose,
-    /// What the tool is.
+    /// The kind of tool.
     pub kind: TcpKind,
 }
 
@@ -75,13 +75,13 @@ pub struct SetTcp {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TcpKind {
-    /// The flange camera, or any tool that never touches.
+    /// The flange camera, or any tool that never touches the panel.
     Other,
     /// The sanding tool: the controller retracts along its −Z.
     Sanding,
 }
 
-/// Speeds and accelerations of what follows.
+/// Speeds and accelerations of the motions that follow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SetAccSpeed {
     /// Speed of the tip, m/s.
@@ -108,7 +108,7 @@ pub struct Signal {
 pub struct MappedInputs([u16; MappedInputs::MAX]);
 
 impl MappedInputs {
-    /// As many as the controller's list has places.
+    /// The number of places in the controller's list.
     pub const MAX: usize = 8;
 
     /// Returns these inputs, by their numbers; `None` if there are too many.
@@ -121,7 +121,7 @@ impl MappedInputs {
         Some(mapped)
     }
 
-    /// Whether this input can be set.
+    /// Returns whether this input can be set.
     pub fn contains(&self, number: u16) -> bool {
         number > 0 && self.0.contains(&number)
     }
@@ -132,22 +132,22 @@ impl MappedInputs {
 pub enum Request {
     /// The state, now.
     State,
-    /// We are here, and have sent commands up to this one.
+    /// The client is alive and has sent commands up to this one.
     Heartbeat {
         /// The last command sent in this epoch, 0 if none was sent.
         last_sent: u32,
     },
-    /// Tool off, brake, discard, retract if in contact; then this epoch.
+    /// Ends the epoch: tool off, brake, discard commands, retract if in contact. Then begins the next epoch.
     Abort {
-        /// The epoch after it.
+        /// The epoch after the abort.
         next: Epoch,
     },
     /// The signals to a line, as bits of the controller's outputs for it; nothing moves.
     Line {
-        /// The first output is the lowest bit.
+        /// The values of the outputs: the first output is the lowest bit.
         bits: u32,
     },
-    /// Begin this epoch; nothing moves.
+    /// Begins this epoch; nothing moves.
     Reset {
         /// The epoch to begin.
         next: Epoch,
@@ -158,7 +158,7 @@ pub enum Request {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandError {
-    /// Not a number, too small or too large.
+    /// The value is not a number, too small or too large.
     #[error("{function}: {field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// The function of Table 3.1.
@@ -197,9 +197,9 @@ pub(super) struct Fields {
     pub p: [f64; 6],
 }
 
-/// Farthest place that a pose may name, mm.
+/// Largest coordinate that a pose may have, mm.
 pub(super) const MAX_COORDINATE_MM: f64 = 100_000.0;
-/// Largest angle that a pose or an axis may name, degrees: ten turns.
+/// Largest angle that a pose or an axis may have, degrees: ten turns.
 pub(super) const MAX_ANGLE_DEG: f64 = 3_600.0;
 
 impl Command {
@@ -208,7 +208,7 @@ impl Command {
         self.into()
     }
 
-    /// The wire's fields; `to_come` is how many points of the same path follow this one.
+    /// Returns the fields of the message; `to_come` is the number of points of the same path that follow this one.
     pub(super) fn fields(&self, to_come: u32) -> Result<Fields, CommandError> {
         let check = Check { function: self.name() };
         let none = Fields { operation: 0, n: [0; 2], r: [0.0; 2], p: [0.0; 6] };
@@ -225,7 +225,7 @@ impl Command {
             Command::MoveLin(MoveLin { pose, blend_mm, contact, speed_m_s }) => {
                 let p = check.pose(pose)?;
                 let blend_mm = check.range("blend (mm)", blend_mm, 0.0, 1_000.0)?;
-                // On the wire 0 keeps the speed that was set.
+                // On the wire, 0 keeps the speed that was set before.
                 let speed_m_s = match speed_m_s {
                     Some(speed_m_s) => check.range("speed (m/s)", speed_m_s, 0.001, 3.0)?,
                     None => 0.0,
@@ -267,7 +267,7 @@ struct Check {
 }
 
 impl Check {
-    /// The number itself; NaN fails.
+    /// Returns the number if it is in range; NaN fails.
     fn range(&self, field: &'static str, found: f64, low: f64, high: f64) -> Result<f64, CommandError> {
         let function = self.function;
         if found >= low && found <= high {

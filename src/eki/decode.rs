@@ -1,4 +1,4 @@
-//! Reads a document by its schema, strictly: every field once, nothing else, finite, in range. What is missing is
+//! Reads a document by its schema, strictly: every field once, nothing else, finite, in range. A missing field is
 //! an error and never zero.
 
 use super::schema::{Field, Node, Schema};
@@ -17,13 +17,13 @@ pub enum DecodeError {
         /// The parser's message.
         problem: String,
     },
-    /// What no controller sends: text, comments, instructions, entities.
+    /// Content that no controller sends: text, comments, instructions, entities.
     #[error("{what} inside <{element}>, which may contain only elements")]
     Foreign {
         /// What it is.
         #[serde(deserialize_with = "word")]
         what: Word,
-        /// The element around it; empty outside of all.
+        /// The enclosing element; empty outside all elements.
         element: String,
     },
     /// Another kind of document.
@@ -31,7 +31,7 @@ pub enum DecodeError {
     Root {
         /// What it is.
         found: String,
-        /// What it must be.
+        /// The expected kind.
         expected: String,
     },
     /// Two documents instead of one.
@@ -40,7 +40,7 @@ pub enum DecodeError {
         /// What it is.
         found: String,
     },
-    /// An element that the file does not have.
+    /// An element that the channel file does not define.
     #[error("the element {element} is not in the channel's file")]
     UnknownElement {
         /// Its path.
@@ -52,7 +52,7 @@ pub enum DecodeError {
         /// Its path.
         element: String,
     },
-    /// An attribute that the file does not have.
+    /// An attribute that the channel file does not define.
     #[error("{field} is not in the channel's file")]
     Unknown {
         /// Its path.
@@ -65,7 +65,7 @@ pub enum DecodeError {
         #[serde(deserialize_with = "word")]
         field: Word,
     },
-    /// An attribute that is not there.
+    /// An attribute that is missing.
     #[error("{field} is missing")]
     Missing {
         /// Its path.
@@ -79,7 +79,7 @@ pub enum DecodeError {
         #[serde(deserialize_with = "word")]
         field: Word,
     },
-    /// Not a number as EthernetKRL writes them.
+    /// A text that is not a number in the form of EthernetKRL.
     #[error("{field} is \"{found}\", which is no {needed}")]
     NotANumber {
         /// Its path.
@@ -87,7 +87,7 @@ pub enum DecodeError {
         field: Word,
         /// The text found.
         found: String,
-        /// What it must be.
+        /// What the value must be.
         #[serde(deserialize_with = "word")]
         needed: Word,
     },
@@ -155,7 +155,7 @@ fn not_xml(error: &dyn std::fmt::Display) -> DecodeError {
     DecodeError::NotXml { problem: error.to_string() }
 }
 
-/// A document half read: the elements that are open, each with its children seen so far.
+/// A document that is partly read: the open elements, each with its children seen so far.
 struct Reading<'a> {
     fields: &'static [Field],
     values: Vec<Option<f64>>,
@@ -222,7 +222,7 @@ fn is_spaced(tag: &str) -> bool {
     })
 }
 
-/// A number as EthernetKRL writes it: `%d`, or `%f`: a sign, digits, a point and digits, and nothing else.
+/// Parses a number in the form of EthernetKRL: `%d`, or `%f`: a sign, digits, a point and digits, and nothing else.
 fn number(field: &Field, text: &str) -> Result<f64, DecodeError> {
     let &Field { tag, whole, low, high } = field;
     if text.is_empty() {

@@ -7,7 +7,7 @@ pub(super) fn wire() -> Wire {
     Wire::new(&command, &state).expect("the shipped files fit")
 }
 
-/// A state written by hand, number by number, as a KRC writes it.
+/// A state message that was written by hand, value by value, in the form of a KRC.
 pub(super) const STATE: &str = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" \
     In=\"5\" Out=\"2\" Done=\"17\" Under=\"0\" Ov=\"100\"><J A1=\"4.999516\" A2=\"-90.000031\" A3=\"90.000000\" A4=\"0.000000\" \
     A5=\"45.500000\" A6=\"-185.250000\"></J><Tcp X=\"100.250000\" Y=\"-20.500000\" Z=\"300.125000\" A=\"90.000000\" \

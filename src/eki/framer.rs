@@ -17,14 +17,14 @@ use std::collections::VecDeque;
 
 /// Longest document with its prolog.
 pub const MAX_DOCUMENT_BYTES: usize = 8 * 1024;
-/// Deepest nesting; ours have two levels.
+/// Deepest nesting; the documents of this program have two levels.
 const MAX_DEPTH: usize = 8;
 
 /// Why a stream cannot be cut into documents. `at` counts the stream's bytes from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum FrameError {
-    /// Text or rubbish between documents.
+    /// Text or invalid bytes between documents.
     #[error("byte {at}: {byte:#04x} between documents, only < is valid there")]
     Stray {
         /// The position.
@@ -32,7 +32,7 @@ pub enum FrameError {
         /// What.
         byte: u8,
     },
-    /// A control character, or what is not ASCII.
+    /// A control character or a byte that is not ASCII.
     #[error("byte {at}: {byte:#04x} is no printable ASCII character")]
     Byte {
         /// The position.
@@ -58,7 +58,7 @@ pub enum FrameError {
         /// The position.
         at: u64,
     },
-    /// A tag that is none.
+    /// An invalid tag.
     #[error("byte {at}: {byte:#04x} has no place in a tag")]
     Tag {
         /// The position.
@@ -66,7 +66,7 @@ pub enum FrameError {
         /// What.
         byte: u8,
     },
-    /// An end without a start.
+    /// An end tag without a start tag.
     #[error("byte {at}: an end tag without its start")]
     Unopened {
         /// The position.
@@ -103,7 +103,7 @@ enum ScanState {
     Start { slash: bool },
     /// In an attribute's value, until this quote.
     Quoted(u8),
-    /// Behind an attribute's value: white space or the tag's end.
+    /// After an attribute's value: white space or the end of the tag follows.
     Valued,
     /// In an end tag; whether a byte of its name was seen.
     End { named: bool },
@@ -204,7 +204,7 @@ impl Framer {
         Ok(())
     }
 
-    /// A byte of a document or a prolog.
+    /// Processes a byte of a document or a prolog.
     fn inside(&mut self, byte: u8) -> Result<(), FrameError> {
         let at = self.at;
         if !matches!(byte, b' '..=b'~' | b'\t' | b'\r' | b'\n') {
@@ -255,7 +255,7 @@ impl Framer {
         Ok(())
     }
 
-    /// An element has ended and left this depth; at zero the document is whole.
+    /// Processes the end of an element that returns to this depth; at zero the document is complete.
     fn closed(&mut self, depth: usize) -> ScanState {
         self.depth = depth;
         if depth == 0 {

@@ -1,6 +1,6 @@
 //! The numbers of commands and of the epochs in which they are sent.
 
-/// A command's number, contiguous from 1 in each epoch; 0 is none.
+/// A command's number, contiguous from 1 in each epoch; 0 means no command.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
 )]
@@ -31,8 +31,8 @@ impl std::fmt::Display for Epoch {
 /// known epoch. A cell opens a few thousand epochs a day, so no real epoch is farther away. Two thousand wrong
 /// messages would be needed to use the count up.
 pub const EPOCH_STEP: u32 = 1_000_000;
-/// A controller that begins a connection with a higher epoch is refused: hardly any would be left to count.
+/// A controller that begins a connection with a higher epoch is refused, since hardly any numbers would be left.
 pub(super) const MAX_EPOCH: u32 = 2_000_000_000;
 
-/// Numbers on the wire are 32 bits with a sign.
+/// The largest number: numbers on the wire are signed 32-bit integers.
 pub(super) const LAST_NUMBER: u32 = i32::MAX.cast_unsigned();

@@ -43,7 +43,7 @@ pub use state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 pub use time::Time;
 pub use wire::Wire;
 
-/// The command channel's file as it is loaded on the controller.
+/// The command channel's configuration file as it is loaded on the controller.
 pub const CELLCMD: &str = include_str!("../../config/kuka/CELLCMD.xml");
-/// The state channel's file as it is loaded on the controller.
+/// The state channel's configuration file as it is loaded on the controller.
 pub const CELLSTAT: &str = include_str!("../../config/kuka/CELLSTAT.xml");

@@ -34,7 +34,7 @@ impl std::fmt::Display for Channel {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Report {
-    /// The controller has answered for the first time on this connection. Nothing moves by it.
+    /// The controller has answered for the first time on this connection. This starts no motion.
     Connected {
         /// Its state.
         state: Box<State>,
@@ -48,14 +48,14 @@ pub enum Report {
     EpochNotOpened {
         /// The requested epoch.
         asked: Epoch,
-        /// The epoch that it is in.
+        /// The present epoch of the controller.
         found: Epoch,
     },
-    /// The state, about ten times a second.
+    /// The controller's state, about ten times a second.
     State(Box<State>),
     /// All commands up to this one have been executed.
     Progress {
-        /// The last of them.
+        /// The last executed command.
         done: CommandId,
     },
     /// A path has been executed to its end.
@@ -77,9 +77,9 @@ pub enum Report {
         /// Why.
         cause: StopCause,
     },
-    /// The controller counts otherwise than we do; the epoch is being ended.
+    /// The numbers that the controller reports do not match those of the session; the epoch is being ended.
     SequenceError(SequenceError),
-    /// Silence while commands were queued; the epoch is being ended.
+    /// The controller was silent while commands were queued; the epoch is being ended.
     WatchdogExpired {
         /// The silent channel.
         channel: Channel,
@@ -91,9 +91,9 @@ pub enum Report {
     Slow {
         /// The point.
         id: CommandId,
-        /// The tool is on the panel, or on its way.
+        /// The tool is on the panel, or on its way to it.
         contact: bool,
-        /// How long it has taken so far.
+        /// How long the command has taken so far.
         waited: Duration,
     },
     /// The robot has stopped after an abort.
@@ -106,7 +106,7 @@ pub enum Report {
         /// Its state.
         state: Box<State>,
     },
-    /// The connection is gone, or could not be made. What was queued is forgotten.
+    /// The connection is lost, or could not be made. The queued commands are forgotten.
     LinkLost {
         /// Why.
         why: LinkLoss,
@@ -126,7 +126,8 @@ pub enum StopCause {
     /// The drives are off.
     #[error("the drives are off")]
     DrivesOff,
-    /// Another override than contact is planned for, while the tool touches the panel or is about to.
+    /// The override differs from the one for which contact is planned, while the tool touches the panel or is about
+    /// to.
     #[error("the override is not 100 % while the tool is in contact")]
     Override,
     /// The mode switch was turned.
@@ -146,11 +147,11 @@ pub enum StopCause {
     Unattended,
 }
 
-/// Base or tool that did not arrive as set.
+/// A base or tool on the controller that differs from the one that was set.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum EchoMismatch {
-    /// The controller does not know that it was set.
+    /// The controller does not report that the frame was set.
     #[error(
         "the {frame} set by command {id} was executed, but the controller reports that none is set in this \
              epoch"
@@ -185,7 +186,7 @@ pub enum EchoMismatch {
     },
 }
 
-/// Numbers of the controller that cannot be.
+/// Impossible numbers from the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum SequenceError {
@@ -194,7 +195,7 @@ pub enum SequenceError {
     State {
         /// The one before.
         last: u32,
-        /// The one that came.
+        /// The received number.
         found: u32,
     },
     /// An answer without a request.
@@ -202,12 +203,12 @@ pub enum SequenceError {
     Answer {
         /// What it answers.
         found: u32,
-        /// The last one answered.
+        /// The last request answered.
         first: u32,
-        /// The last one sent.
+        /// The last request sent.
         last: u32,
     },
-    /// Received or executed what was not sent, or less than before.
+    /// A command was received or executed that was not sent, or the count is lower than before.
     #[error("the controller reports that command {found} was {what}; valid: {first} to {last}")]
     Command {
         /// Received or executed.
@@ -220,7 +221,7 @@ pub enum SequenceError {
         /// The highest command that it may report.
         last: CommandId,
     },
-    /// An epoch that we did not open.
+    /// An epoch that this client did not open.
     #[error("the controller is in epoch {found}, ours is {ours}: has another client connected?")]
     Epoch {
         /// Its epoch.
@@ -255,10 +256,10 @@ pub enum LinkLoss {
         channel: Channel,
         /// Host and port.
         address: String,
-        /// How long was waited, ms.
+        /// How long the client waited, ms.
         waited_ms: u64,
     },
-    /// Connected, but no word.
+    /// The client is connected, but receives no message.
     #[error(
         "connected, but the {channel} was silent for {silence_ms} ms: is the program on the controller running, or another \
          client connected?"
@@ -269,7 +270,7 @@ pub enum LinkLoss {
         /// How long, ms.
         silence_ms: u64,
     },
-    /// A message that began and does not end.
+    /// A message has begun and does not end.
     #[error("the {channel} has carried half a message for {waited_ms} ms")]
     Unfinished {
         /// Which connection.
@@ -277,7 +278,7 @@ pub enum LinkLoss {
         /// How long, ms.
         waited_ms: u64,
     },
-    /// An epoch that no controller can have reached from the one that was known.
+    /// An epoch that no controller can have reached from the last known one.
     #[error(
         "the {channel} reports epoch {found}, but the last known one is {known}; a controller never counts back, \
          nor forward by more than {step}: such a message is rejected"
@@ -287,9 +288,9 @@ pub enum LinkLoss {
         channel: Channel,
         /// The reported epoch.
         found: Epoch,
-        /// The highest that was known.
+        /// The highest known epoch.
         known: Epoch,
-        /// How much higher it may be.
+        /// Largest allowed step above the known epoch.
         step: u32,
     },
     /// A controller that has hardly any epochs left.
@@ -300,7 +301,7 @@ pub enum LinkLoss {
     EpochTooHigh {
         /// Its epoch.
         found: Epoch,
-        /// The highest that is believed.
+        /// The highest epoch that is accepted.
         most: u32,
     },
     /// An abort that the controller did not answer. Without a client it stops by itself.
@@ -308,11 +309,11 @@ pub enum LinkLoss {
         "the controller has not answered an abort within {waited_ms} ms: the connections are closed, which stops it too"
     )]
     AbortNotAnswered {
-        /// How long was waited, ms.
+        /// How long the client waited, ms.
         waited_ms: u64,
     },
-    /// Commands of several epochs were not acknowledged, though states come: what is wrong with the channel may end
-    /// with it.
+    /// Commands of several epochs were not acknowledged, although states arrive: closing the channel may remove the
+    /// cause.
     #[error(
         "the controller has acknowledged no command in {epochs} consecutive epochs, although it reports its state: \
          the connections are opened again"
@@ -321,18 +322,18 @@ pub enum LinkLoss {
         /// In how many.
         epochs: u32,
     },
-    /// An abort that was answered and not obeyed. Without a client the controller stops by itself.
+    /// An abort that was answered but not carried out. Without a client the controller stops by itself.
     #[error(
         "the controller has answered an abort and has not stopped: the connections are closed, which stops it too"
     )]
     AbortNotObeyed,
-    /// As many requests as 32 bits count; a new connection counts anew.
+    /// The connection has used all request numbers of 32 bits; a new connection starts counting again.
     #[error("{most} requests were sent on this connection, which is all that can be counted")]
     RequestsExhausted {
         /// The last one.
         most: u32,
     },
-    /// Closed before a word: the channel has another client.
+    /// The channel was closed before its first message: it has another client.
     #[error(
         "the controller closed the {channel} before it sent anything: another client has it (another PC, or a \
          program that hangs) and a second one is refused; or the previous one is not yet released; or its XML \
@@ -362,7 +363,7 @@ pub enum LinkLoss {
         /// The system's error.
         problem: String,
     },
-    /// Bytes that are no documents.
+    /// Bytes that do not form documents.
     #[error("the {channel} carries data that no controller sends: {error}")]
     Frame {
         /// Which connection.
@@ -370,7 +371,7 @@ pub enum LinkLoss {
         /// The error and its position.
         error: FrameError,
     },
-    /// A document that is no message.
+    /// A document that is not a valid message.
     #[error("the {channel} carries a wrong message: {error}")]
     Message {
         /// Which connection.

@@ -15,20 +15,20 @@ pub(super) struct Field {
     pub high: f64,
 }
 
-/// A whole number in this range.
+/// Returns a field with a whole number in this range.
 pub(super) const fn int(tag: &'static str, low: i32, high: i32) -> Field {
     Field { tag, whole: true, low: low as f64, high: high as f64 }
 }
 
-/// A number of at most this size, either sign.
+/// Returns a field with a number of at most this magnitude, of either sign.
 pub(super) const fn real(tag: &'static str, largest: f64) -> Field {
     Field { tag, whole: false, low: -largest, high: largest }
 }
 
-/// Why a channel's tags do not fit this program.
+/// Why a channel's tags do not match this program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaError {
-    /// A tag that no field belongs to.
+    /// A tag that matches no field.
     #[error("line {line}: this program has no use for the tag {tag}")]
     Unknown {
         /// Line in the file, from 1.
@@ -43,7 +43,7 @@ pub enum SchemaError {
         line: usize,
         /// The tag.
         tag: String,
-        /// What the field is.
+        /// The required type of the field.
         needed: &'static str,
         /// The kind that the file states.
         found: Kind,
@@ -108,7 +108,7 @@ impl Node {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Schema {
     pub(super) fields: &'static [Field],
-    /// Holds the root as its only child.
+    /// A node that contains only the root.
     pub(super) above: Node,
 }
 
@@ -122,7 +122,7 @@ impl Schema {
     pub(super) fn new(elements: &[Element], fields: &'static [Field]) -> Result<Self, SchemaError> {
         let mut above = Node::default();
         let mut seen = vec![false; fields.len()];
-        // A tag without a type raises a flag when its element has arrived; it carries nothing.
+        // A tag without a type sets a flag when its element has arrived; it carries no value.
         for element in elements.iter().filter(|element| element.kind.is_some() || element.tag.contains('@')) {
             let Element { line, kind, .. } = *element;
             let tags = match kind {
@@ -154,7 +154,7 @@ impl Schema {
         }
     }
 
-    /// The document with these values, which the caller has checked; one for each field.
+    /// Writes the document with these values, which the caller has checked; one value for each field.
     pub(super) fn encode(&self, values: &[f64]) -> Vec<u8> {
         let mut text = String::with_capacity(256);
         self.above.children.iter().for_each(|root| root.write(self.fields, values, &mut text));

@@ -1,4 +1,4 @@
-//! The state of the controller: one message, all values of one instant.
+//! The controller's state: one message with the values of one instant.
 
 use super::command::{MAX_ANGLE_DEG, MAX_COORDINATE_MM};
 use super::ids::{CommandId, Epoch};
@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// T1: by hand, at most 250 mm/s.
+    /// T1: operated by hand, at most 250 mm/s.
     T1,
-    /// T2: by hand, full speed.
+    /// T2: operated by hand, full speed.
     T2,
     /// AUT: by itself.
     #[strum(serialize = "AUT")]
     Automatic,
-    /// EXT: by itself, started from outside.
+    /// EXT: automatic, started from outside.
     #[strum(serialize = "EXT")]
     External,
 }
@@ -29,21 +29,21 @@ impl Mode {
     }
 }
 
-/// The override, %, for which contact is planned: at another one the disc stays longer at each place.
+/// The override, %, for which contact is planned: at another override the disc stays longer at each place.
 pub const CONTACT_OVERRIDE_PERCENT: u8 = 100;
 
 /// The controller's state at one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Since the controller's start, ms.
+    /// Time since the controller's start, ms.
     pub time_ms: u32,
     /// Counts the states sent.
     pub sequence: u32,
-    /// The last request that was answered.
+    /// The last answered request.
     pub answered: u32,
-    /// The epoch it is in.
+    /// The controller's present epoch.
     pub epoch: Epoch,
-    /// Another number after each start of the controller.
+    /// A number that changes with each start of the controller.
     pub boot: i32,
     /// Checksum of the programs on the controller.
     pub programs_checksum: i32,
@@ -65,23 +65,23 @@ pub struct State {
     pub tool_set: bool,
     /// The controller's program has stopped this epoch by itself.
     pub stopped: bool,
-    /// Mapped inputs, one a bit.
+    /// Mapped inputs, one per bit.
     pub inputs: u32,
-    /// Mapped outputs, one a bit.
+    /// Mapped outputs, one per bit.
     pub outputs: u32,
     /// The last command executed in this epoch.
     pub done: CommandId,
-    /// How often a path ran dry before its end.
+    /// How often a path had an underrun before its end.
     pub underruns: u32,
     /// The program override, `$OV_PRO`: the share of each commanded speed at which the arm moves, %.
     pub override_percent: u8,
     /// The measured axis angles.
     pub joints: Joints,
-    /// The tool's tip in the active base, measured.
+    /// The measured pose of the tool's tip in the active base.
     pub base_from_tcp: KukaPose,
-    /// The active base, in the robot's own.
+    /// Pose of the active base in the robot's own base.
     pub active_base: KukaPose,
-    /// The active tool, in the flange.
+    /// Pose of the active tool in the flange frame.
     pub flange_from_tool: KukaPose,
 }
 
@@ -127,8 +127,8 @@ pub(super) const STATE: [Field; 37] = [
     real("St/Tool/@C", MAX_ANGLE_DEG),
 ];
 
-/// Boot ids of a mock controller. Programs make a boot id of the controller's date, in seconds; these would be of a
-/// day 0 in a month 0, which no controller's clock shows.
+/// Boot ids of a mock controller. The controller's programs make a boot id from its date, in seconds; these values
+/// correspond to day 0 of month 0, which no controller's clock shows.
 const BOOTS_OF_MOCKS: std::ops::Range<i32> = 0..86_400;
 
 impl State {

@@ -1,23 +1,23 @@
-//! The session's clock reading.
+//! The time of the session's clock.
 
 use std::time::Duration;
 
-/// A moment, counted from any fixed start: the link's on a real robot, the controller's own in lock step.
+/// A moment, counted from any fixed start: that of the link on a real robot, that of the controller in lock step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
 pub struct Time(Duration);
 
 impl Time {
-    /// The moment that lies this long after the start.
+    /// Returns the moment at this time after the start.
     pub fn after_start(since: Duration) -> Self {
         Time(since)
     }
 
-    /// The moment at this count of milliseconds.
+    /// Returns the moment at this count of milliseconds.
     pub fn at_ms(ms: u64) -> Self {
         Time(Duration::from_millis(ms))
     }
 
-    /// How long after the start.
+    /// Returns the time since the start.
     pub fn since_start(self) -> Duration {
         self.0
     }

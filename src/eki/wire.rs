@@ -16,7 +16,8 @@ use super::state::{STATE, State};
 #[cfg(test)]
 mod tests;
 
-/// Nothing here is checked again: a command was checked when it was queued, a request has only numbers.
+/// Values are not checked again here: a command was checked when it was queued, and a request contains only
+/// numbers.
 const COMMAND: [Field; 13] = [
     int("Cmd/@Id", 1, i32::MAX),
     int("Cmd/@Ep", 1, i32::MAX),
@@ -36,7 +37,7 @@ const COMMAND: [Field; 13] = [
 const REQUEST: [Field; 4] =
     [int("Req/@Id", 1, i32::MAX), int("Req/@Ep", 0, i32::MAX), int("Req/@Op", 9, 12), int("Req/@N1", 0, i32::MAX)];
 
-/// The messages of both channels.
+/// The message formats of both channels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wire {
     command: Schema,
@@ -77,7 +78,7 @@ impl Wire {
         Ok(self.command.encode(&values))
     }
 
-    /// A request as bytes; `id` counts the requests of a connection from 1.
+    /// Encodes a request; `id` counts the requests of a connection from 1.
     pub fn encode_request(&self, id: u32, epoch: Epoch, request: &Request) -> Vec<u8> {
         let (operation, number) = match *request {
             Request::State => (9, 0),

@@ -1,16 +1,16 @@
-//! Fixed words of messages, read back from a recording.
+//! Fixed keywords of messages, read from a recording.
 
 use serde::{Deserialize, Deserializer, de::Error};
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
-/// A word out of this program's own text.
+/// A keyword from this program's own text.
 pub(super) type Word = &'static str;
 
-/// The longest word that there is.
+/// Length of the longest keyword.
 const MAX_BYTES: usize = 100;
 
-/// Reads a word back. Each one is kept once, until the program ends: there are some tens.
+/// Reads a keyword from a recording. Each keyword is stored once until the program ends: there are some tens.
 pub(super) fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Word, D::Error> {
     static KNOWN: Mutex<BTreeSet<Word>> = Mutex::new(BTreeSet::new());
     let text = String::deserialize(deserializer)?;

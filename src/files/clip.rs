@@ -11,7 +11,7 @@ use std::collections::HashMap;
 pub struct ClipEntry {
     /// Name of the picture in the clip's folder.
     pub file: String,
-    /// When it was taken, s, from any beginning.
+    /// When the picture was taken, s, counted from any start.
     pub time_s: f64,
     /// What it shows.
     pub phase: Phase,
@@ -32,12 +32,12 @@ pub enum ClipError {
         /// The header found.
         found: String,
     },
-    /// A line that cannot be taken.
+    /// An invalid line.
     #[error("line {line}: {problem}")]
     Line {
         /// Line, from 1.
         line: u64,
-        /// What is wrong with it.
+        /// The problem in the line.
         problem: LineProblem,
     },
     /// No pictures.
@@ -54,7 +54,7 @@ pub enum ClipError {
 /// What is wrong with one line of a `clip.csv`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LineProblem {
-    /// Not a line of the form.
+    /// A text that does not have the form of a line.
     #[error("{0}")]
     Syntax(String),
     /// A picture outside of the clip's folder.
@@ -68,13 +68,13 @@ pub enum LineProblem {
         /// The line of its first entry.
         first: u64,
     },
-    /// A time that is no number.
+    /// A time that is not a number.
     #[error("time_s is '{0}'; valid: a finite number of seconds")]
     Time(String),
     /// A time that does not increase.
     #[error("time_s is {0}, which is not after {1} of the picture before")]
     NotLater(String, String),
-    /// A phase that is no phase.
+    /// A text that is not a phase.
     #[error("the phase is '{0}'; valid: dry, spray or wet")]
     Phase(String),
 }
@@ -94,7 +94,7 @@ impl Clip {
         &self.shots
     }
 
-    /// The clip as `clip.csv`; reads back equal.
+    /// Writes the clip as `clip.csv`; reading it returns an equal clip.
     pub fn to_csv(&self) -> String {
         let mut text = "file,time_s,phase\n".to_owned();
         for ClipEntry { file, time_s, phase } in &self.shots {
@@ -176,7 +176,7 @@ fn checked(lines: Vec<(u64, ClipEntry)>) -> Result<Clip, ClipError> {
     Ok(Clip { shots })
 }
 
-/// A name that stays in its folder, on every system, and survives being written and read.
+/// Checks that a name stays in its folder on every system, and that writing and reading do not change it.
 fn is_plain_name(file: &str) -> bool {
     let is_separator = |c: char| matches!(c, '/' | '\\' | ':') || c.is_control();
     !(file.is_empty() || file == "." || file.contains("..") || file.contains(is_separator) || file.trim() != file)

@@ -1,4 +1,4 @@
-//! Why bytes are not an organised cloud.
+//! Reasons why bytes are not an organised cloud.
 
 use crate::geometry::{CloudError, PinholeCamera};
 
@@ -10,12 +10,12 @@ pub enum CloudFileError {
         "this is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} bytes)"
     )]
     NotACloud {
-        /// What the header's last line begins with.
+        /// The text with which the header's last line begins.
         end: &'static str,
         /// Bytes searched.
         searched: usize,
     },
-    /// A file of another kind, by its first bytes.
+    /// A file of another kind, as its first bytes show.
     #[error("this is {kind}: {remedy}")]
     OtherKind {
         /// What it is.
@@ -30,23 +30,23 @@ pub enum CloudFileError {
         line: usize,
         /// The line found.
         found: String,
-        /// What is wrong with it.
+        /// The problem in the line.
         problem: String,
     },
-    /// A field that is needed is absent or of another type.
+    /// A required field is missing or has another type.
     #[error("field {name}: found {found}; valid: {allowed}")]
     Field {
-        /// The field, as the file's form names it.
+        /// The field's name in the file's format.
         name: &'static str,
-        /// What the file has.
+        /// The type in the file.
         found: String,
         /// What is read.
         allowed: &'static str,
     },
-    /// A list of points instead of a picture of points.
+    /// The file contains a list of points instead of a picture of points.
     #[error(transparent)]
     Organized(#[from] CloudError),
-    /// Number of points and size of the picture disagree.
+    /// The number of points does not agree with the size of the picture.
     #[error(
         "the header counts {points} points for a picture of {width}×{height}; export it as an ordered cloud, one point for each pixel"
     )]
@@ -66,14 +66,14 @@ pub enum CloudFileError {
     TooLarge {
         /// Points counted.
         points: u64,
-        /// Bytes of one point; for text, of its numbers.
+        /// Bytes of one point; for a text file, of its numbers.
         point_bytes: u64,
         /// Largest data section.
         limit_bytes: u64,
         /// Largest point.
         limit_point_bytes: u64,
     },
-    /// The file ends early.
+    /// The file ends before the last point.
     #[error("the file is truncated: {needed} bytes of points from byte {start} on were expected, found {found}")]
     Truncated {
         /// The byte where the data begin.
@@ -83,7 +83,7 @@ pub enum CloudFileError {
         /// Bytes there are.
         found: usize,
     },
-    /// The text ends early.
+    /// The text ends before the last point.
     #[error("the file is truncated: {needed} points were expected, found {found}")]
     TooFewLines {
         /// Points that the header requires.
@@ -91,7 +91,7 @@ pub enum CloudFileError {
         /// Points there are.
         found: usize,
     },
-    /// Something follows the last point.
+    /// Additional data follow the last point.
     #[error("{found} bytes follow the last point, from byte {start} on: header and data disagree")]
     Trailing {
         /// First byte after the points.
@@ -104,7 +104,7 @@ pub enum CloudFileError {
     Point {
         /// Line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// The problem in the point.
         problem: String,
     },
     /// Compressed data that cannot be unpacked.
@@ -112,7 +112,7 @@ pub enum CloudFileError {
     Compressed {
         /// The byte where the compressed data begin.
         start: usize,
-        /// What is wrong with them.
+        /// The problem in the data.
         problem: String,
     },
     /// A list of points that does not state the width of its picture.
@@ -141,7 +141,7 @@ pub enum CloudFileError {
         /// Farthest depth.
         to: String,
     },
-    /// Numbers in another unit.
+    /// The coordinates are in another unit.
     #[error(
         "the points' depths go from {from} to {to}, and a 3D camera measures parts between 150 and 5000 mm: are these cm, inches or µm? Export \
          the cloud in mm"
@@ -181,7 +181,7 @@ pub enum CloudFileError {
     OtherLens {
         /// How far off the points are.
         off_px: String,
-        /// The numbers of the cloud's own lens.
+        /// The numbers of the calibration's lens.
         own: String,
         /// Those of the calibration.
         stated: String,
@@ -204,9 +204,9 @@ pub enum CloudFileError {
     OffRays {
         /// How many.
         points: usize,
-        /// Column of the first one.
+        /// Column of the first such point.
         column: usize,
-        /// Row of the first one.
+        /// Row of the first such point.
         row: usize,
     },
 }

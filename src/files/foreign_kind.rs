@@ -1,11 +1,11 @@
-//! Files of other kinds that are given as a scan, by their first bytes: what they are, and what to do.
+//! Detects, by their first bytes, files of other kinds that are given as a scan: what they are, and what to do.
 
 use super::cloud_error::CloudFileError;
 
 const ORDERED: &str =
     "export it as PCD, ordered (organised): one point for each pixel, in mm, in the camera's frame";
 
-/// A list of points without a picture.
+/// Checks whether the text is a list of points that do not form a picture.
 fn is_numbers(head: &str) -> bool {
     let mut lines = head.lines().map(str::trim).filter(|line| !line.is_empty());
     // A line of column names may come first.
@@ -16,7 +16,7 @@ fn is_numbers(head: &str) -> bool {
     lines.next().is_some() && lines.next().is_some_and(is_row) && lines.next().is_some_and(is_row)
 }
 
-/// Refuses what is known to be another kind of file.
+/// Refuses a file that is known to be of another kind.
 pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
     let other = |kind, remedy| Err(CloudFileError::OtherKind { kind, remedy });
     let head = &bytes[..bytes.len().min(1_024)];
@@ -25,7 +25,7 @@ pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
                       in mm, in the camera's frame";
         return other("an HDF5 file, as Zivid's .zdf files are", remedy);
     }
-    // A binary STL counts its triangles of 50 bytes after a head of 80.
+    // A binary STL has a header of 80 bytes and then the count of its triangles of 50 bytes.
     let triangles = bytes.get(80..84).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     if triangles.is_some_and(|count| count > 0 && bytes.len() as u64 == 84 + 50 * u64::from(count)) {
         return other(

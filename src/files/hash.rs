@@ -1,15 +1,15 @@
-//! The SHA-256 by which bytes are named, and bytes as hexadecimal digits.
+//! The SHA-256 by which contents are identified, and bytes as hexadecimal digits.
 
 use sha2::{Digest, Sha256};
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-/// SHA-256 of the bytes as 64 lower-case hexadecimal digits.
+/// Calculates the SHA-256 of the bytes as 64 lower-case hexadecimal digits.
 pub fn content_hash(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
-/// Lower-case hexadecimal digits, two for each byte.
+/// Writes bytes as lower-case hexadecimal digits, two for each byte.
 pub fn hex(bytes: &[u8]) -> String {
     let digit = |value: u8| char::from(DIGITS[usize::from(value)]);
     bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
@@ -33,7 +33,7 @@ pub fn is_hex(text: &str, digits: usize) -> bool {
 mod tests {
     use super::*;
 
-    /// FIPS 180-2, appendix B.1.
+    /// The example of FIPS 180-2, appendix B.1.
     #[test]
     fn the_standard_s_own_example() {
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";

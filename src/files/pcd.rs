@@ -14,13 +14,14 @@ use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use pcd_rs::{DataKind, FieldDef, PcdDeserialize, PcdMeta, Reader, Schema, ValueKind};
 use std::io::{BufRead, Error as IoError, ErrorKind};
 
-/// Longest header that is searched for its end; real ones have 200 bytes.
+/// The end of the header is searched within this length; real headers have 200 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Largest data section: seven times that of our camera, three times that of one with five million points.
+/// Largest data section: seven times that of this project's camera, three times that of a camera with five million
+/// points.
 const MAX_DATA_BYTES: u64 = 1 << 28;
 /// Largest point: x, y, z and colour need 16 bytes, with a normal, curvature and padding 48.
 const MAX_POINT_BYTES: u64 = 64;
-/// LZF makes at most 264 bytes of 3.
+/// LZF expands 3 bytes to 264 bytes at most.
 const MAX_LZF_RATIO: usize = 88;
 
 /// Reads an organised cloud of the camera with this calibration.
@@ -32,7 +33,7 @@ pub fn read_pcd(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<C
     read(bytes, Some(camera))
 }
 
-/// Reads an organised cloud of any camera, by the size that it states.
+/// Reads an organised cloud of any camera; the size is the one that the file states.
 ///
 /// # Errors
 /// As [`read_pcd`], whatever its size.
@@ -57,7 +58,7 @@ fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<C
 
     let reader = Reader::<ColoredPoint, _>::from_reader(bytes)
         .map_err(|error| CloudFileError::Compressed { start: data_start, problem: error.to_string() })?;
-    // Text has at least two bytes a number: what is allocated stays in proportion to the file.
+    // A text has at least two bytes for each number, so the allocated memory stays in proportion to the file.
     let mut points_mm = Vec::with_capacity(points.min(bytes.len()));
     let mut colors = Vec::with_capacity(points.min(bytes.len()));
     let first_line = 1 + header.iter().filter(|&&byte| byte == b'\n').count();
@@ -92,7 +93,7 @@ pub fn write_pcd(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     bytes
 }
 
-/// The lines up to and with `DATA …`.
+/// Returns the lines up to and including `DATA …`.
 fn header(bytes: &[u8]) -> Result<&[u8], CloudFileError> {
     let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     let mut end = 0;
@@ -106,7 +107,7 @@ fn header(bytes: &[u8]) -> Result<&[u8], CloudFileError> {
     Err(CloudFileError::NotACloud { end: "DATA …", searched: searched.len() })
 }
 
-/// `pcd-rs` names a key or nothing at all; the person needs the line.
+/// `pcd-rs` names only a key or nothing; a person needs the line.
 fn header_error(header: &[u8], error: &pcd_rs::Error) -> CloudFileError {
     let problem = match error {
         pcd_rs::Error::ParseError { desc, .. } => desc.clone(),
@@ -134,7 +135,7 @@ fn header_error(header: &[u8], error: &pcd_rs::Error) -> CloudFileError {
     CloudFileError::Header { line: index + 1, found, problem }
 }
 
-/// Number of points and bytes of each, once the header agrees with itself.
+/// Returns the number of points and the bytes of each point, after checking that the header is consistent.
 fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     let (width, height, points) = (meta.width, meta.height, meta.num_points);
     if width < 2 || height < 2 {
@@ -158,7 +159,7 @@ fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     }
 }
 
-/// TYPE as a header has it.
+/// Returns TYPE as written in a header.
 fn type_letter(kind: ValueKind) -> char {
     match kind {
         ValueKind::F32 | ValueKind::F64 => 'F',
@@ -261,7 +262,7 @@ struct ColoredPoint {
 }
 
 impl ColoredPoint {
-    /// Picks the fields that are read; `bits` gives the four bytes at a place in the record.
+    /// Picks the fields that are read; `bits` returns the four bytes at a position in the record.
     fn pick(
         fields: &Schema,
         place_after: impl Fn(usize, &FieldDef) -> usize,

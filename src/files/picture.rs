@@ -28,23 +28,23 @@ const MAX_PIXELS: u64 = 32 << 20;
 /// Memory limit for a decoder in addition to the pixels that it returns.
 const MAX_DECODER_BYTES: u64 = 128 << 20;
 
-/// Why bytes are not a picture, or a picture not bytes.
+/// Why bytes are not a picture, or why a picture cannot be written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
     /// Another kind of file.
     #[error("this is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
     Format {
-        /// What the first bytes look like.
+        /// The kind of file that the first bytes indicate.
         found: String,
     },
-    /// A picture that breaks off or is damaged.
+    /// A picture that is truncated or damaged.
     #[error("the {format} picture of {bytes} bytes is damaged or truncated: {problem}")]
     Damaged {
         /// PNG, JPEG or TIFF.
         format: &'static str,
         /// Bytes given.
         bytes: usize,
-        /// What the decoder met.
+        /// The problem that the decoder reports.
         problem: String,
     },
     /// Damage in the file would not be detected, and a measurement depends on the picture.
@@ -57,7 +57,7 @@ pub enum PictureError {
         /// JPEG or TIFF.
         format: &'static str,
     },
-    /// More pixels than are unpacked.
+    /// The picture has more pixels than this program unpacks.
     #[error("the picture is {width}×{height}, {pixels} pixels; at most {allowed} are unpacked")]
     TooLarge {
         /// Columns.
@@ -66,13 +66,13 @@ pub enum PictureError {
         height: u32,
         /// Pixels.
         pixels: u64,
-        /// Pixels that are allowed.
+        /// Largest allowed number of pixels.
         allowed: u64,
     },
-    /// Channels that cannot be taken over as they are.
+    /// Channels that cannot be used without a conversion.
     #[error("the pixels are {found}; valid: 8 bits a channel, grey or RGB, opaque")]
     Pixels {
-        /// What the picture holds.
+        /// The format of the picture's channels.
         found: String,
     },
     /// The picture is not from the calibrated camera.
@@ -87,7 +87,7 @@ pub enum PictureError {
         /// Rows of the calibrated camera.
         height_px: usize,
     },
-    /// Width, height and number of pixels do not fit.
+    /// Width, height and number of pixels are not consistent.
     #[error("a {format} picture of {width}×{height} cannot be written from {pixels} pixels: {problem}")]
     Unwritable {
         /// PNG or JPEG.
@@ -111,7 +111,7 @@ pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
     Ok(color(decode(Kind::detect(bytes)?, bytes, None)?))
 }
 
-/// Reads a grey picture of any size; a colour one is weighed as [`ColorPicture::to_gray`] does.
+/// Reads a grey picture of any size; a colour picture is converted as [`ColorPicture::to_gray`] does.
 ///
 /// # Errors
 /// As [`read_color`].
@@ -135,7 +135,7 @@ pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPictur
     Ok(color(decode(Kind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
 
-/// The same in grey, as [`read_gray`] gives it.
+/// Reads a picture for a measurement as [`read_measured`] does, and converts it to grey as [`read_gray`] does.
 ///
 /// # Errors
 /// As [`read_measured`].
@@ -167,7 +167,7 @@ pub fn write_color_png(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> 
     encode_png(picture.width, picture.height, picture.rgb.as_flattened(), ExtendedColorType::Rgb8)
 }
 
-/// A grey picture as PNG, packed for speed.
+/// Writes a grey picture as PNG, compressed for speed.
 ///
 /// # Errors
 /// As [`write_color_png`].
@@ -175,7 +175,7 @@ pub fn write_gray_png(picture: &GrayPicture) -> Result<Vec<u8>, PictureError> {
     encode_png(picture.width, picture.height, &picture.gray, ExtendedColorType::L8)
 }
 
-/// A colour picture as JPEG of quality 95.
+/// Writes a colour picture as JPEG of quality 95.
 ///
 /// # Errors
 /// As [`write_color_png`], and above 65535 px, JPEG's largest side.
@@ -188,7 +188,7 @@ pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError>
     };
     let mut file = Vec::new();
     let mut encoder = Encoder::new(&mut file, JPEG_QUALITY);
-    // Colour at full resolution: the film is judged by its colour, too.
+    // Colour at full resolution, because the film is judged by its colour, too.
     encoder.set_sampling_factor(SamplingFactor::F_1_1);
     let written = encoder.encode(picture.rgb.as_flattened(), columns, rows, ColorType::Rgb);
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
@@ -256,7 +256,8 @@ fn decode(kind: Kind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<Dy
     }
 }
 
-/// Refuses a picture that is not from the calibrated camera, and without one what no camera delivers.
+/// Refuses a picture that is not from the calibrated camera; without a camera, refuses a size that no camera
+/// delivers.
 fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Result<(), PictureError> {
     let found = (width as usize, height as usize);
     match camera {

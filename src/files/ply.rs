@@ -119,7 +119,7 @@ fn read_text(
     let (mut points_mm, mut colors) = (Vec::new(), Vec::new());
     let mut used = 0;
     for line in data.split_inclusive(|&byte| byte == b'\n').take(points) {
-        // A last line without its end may have lost its last digits.
+        // If the last line has no line end, its last digits may be missing.
         if !line.ends_with(b"\n") {
             break;
         }

@@ -1,7 +1,7 @@
-//! Poses as JSON: a bare `{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}`, or an object that holds one under its name, as
-//! the commands print it.
+//! Reads and writes poses as JSON: a bare `{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}`, or an object that contains a
+//! pose under its name, as the commands print it.
 //!
-//! JSON has no NaN, and numbers too large for a double are refused by the parser, so every pose read is finite.
+//! JSON has no NaN, and the parser refuses numbers too large for a double, so every pose read is finite.
 
 use crate::geometry::{Joints, KukaPose};
 use serde::Deserialize;
@@ -14,7 +14,7 @@ pub enum PoseError {
     Text {
         /// The key that may contain a pose.
         key: &'static str,
-        /// What the parser met, with its line.
+        /// The problem that the parser reports, with its line.
         problem: String,
     },
     /// The command that printed this found no pose.
@@ -66,11 +66,11 @@ pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
 pub struct ReportedFlange {
     /// The pose.
     pub base_from_flange: KukaPose,
-    /// `axes_deg`, A1 to A6.
+    /// The field `axes_deg`, A1 to A6.
     pub joints: Option<Joints>,
 }
 
-/// As [`read_flange`], with `axes_deg` beside `base_from_flange`, which may be absent.
+/// Reads a pose as [`read_flange`] does, with `axes_deg` beside `base_from_flange`; `axes_deg` may be absent.
 ///
 /// # Errors
 /// As [`read_flange`].
@@ -80,7 +80,7 @@ pub fn read_reported_flange(bytes: &[u8]) -> Result<ReportedFlange, PoseError> {
     Ok(ReportedFlange { base_from_flange: read_flange(bytes)?, joints })
 }
 
-/// The flange as [`read_reported_flange`] reads it, with a last newline.
+/// Writes the flange in the form that [`read_reported_flange`] reads, with a newline at the end.
 pub fn write_reported_flange(flange: &ReportedFlange) -> String {
     match flange.joints {
         None => write_pose(&flange.base_from_flange),
@@ -91,7 +91,7 @@ pub fn write_reported_flange(flange: &ReportedFlange) -> String {
     }
 }
 
-/// The pose as JSON, with a last newline.
+/// Writes the pose as JSON, with a newline at the end.
 pub fn write_pose(pose: &KukaPose) -> String {
     serde_json::json!(pose).to_string() + "\n"
 }

@@ -11,21 +11,22 @@ use crate::geometry::{
 };
 use rayon::prelude::*;
 
-/// Half of the points project nearer to their pixels, px in a picture of [`FULL_PX`] columns: makers' figures are
-/// approximations.
+/// A lens fits if half of the points project within this distance of their pixels, px in a picture of [`FULL_PX`]
+/// columns: manufacturers' figures are approximations.
 const DESCRIBED_PX: f64 = 2.0;
 const FULL_PX: f64 = 1_944.0;
-/// The same in a small picture, px: a scan may be reduced with another middle of its pixels.
+/// Smallest such limit in a small picture, px: a scan may be reduced with a different centre of its pixels.
 const MIN_DESCRIBED_PX: f64 = 1.0;
-/// A point that projects farther away was not measured at its pixel, px: ten times as much, for filters that smooth a scan.
+/// A point that projects farther away than this was not measured at its pixel, px. The value is ten times as large,
+/// to allow filters that smooth a scan.
 const ELSEWHERE_PX: f64 = 20.0;
 /// Fewer points show nothing about lens, frame or unit.
 const MIN_POINTS: usize = 60;
-/// A 3D camera sees nothing nearer than this: such numbers are metres, mm.
+/// A 3D camera measures nothing nearer than this, mm: such numbers are metres.
 const MIN_DISTANCE_MM: f64 = 20.0;
-/// It measures parts between these distances, mm: other numbers are of another unit.
+/// A 3D camera measures parts between these distances, mm: other numbers are in another unit.
 const MEASURES_MM: std::ops::Range<f64> = 150.0..5_000.0;
-/// A lens that describes a cloud leaves less than this, px.
+/// If a lens fits a cloud, the residual is below this, px.
 const OWN_LENS_PX: f64 = 0.5;
 
 type Sample = Vec<(Pixel, Point<Camera>)>;
@@ -125,7 +126,8 @@ pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
     Ok(())
 }
 
-/// As [`check_lens`], and refuses one in which single points do not lie on the rays of their pixels.
+/// Checks the lens as [`check_lens`] does, and refuses a cloud in which single points do not lie on the rays of
+/// their pixels.
 ///
 /// # Errors
 /// What the cloud is instead, or the first such point.
@@ -185,7 +187,7 @@ mod tests {
         OrganizedCloud::new(100, 80, points, vec![[0; 3]; 8_000]).expect("counts agree")
     }
 
-    /// By hand: x = 700 mm · 19/90 = 147.8 mm more is seen 19 px to the right, 163.3 mm are 21 px.
+    /// Calculated by hand: x = 700 mm · 19/90 = 147.8 mm more is seen 19 px to the right; 163.3 mm are 21 px.
     #[test]
     fn a_point_of_another_pixel_is_refused_with_its_place() {
         let [x, y, z] = [(10.0 - 50.0) / 90.0 * 700.0, (30.0 - 40.0) / 90.0 * 700.0, 700.0_f32];
@@ -211,7 +213,7 @@ mod tests {
         assert!(check_frame(&cloud(-5.0, None)).is_ok(), "without a calibration any lens will do");
     }
 
-    /// The same points in other frames, units and orders, each by its name.
+    /// The same points in other frames, units and orders; each error is named.
     #[test]
     fn other_frames_units_and_orders_are_named() {
         let step = |index: usize| if (index / 10).is_multiple_of(2) { 1.0 } else { 1.3 };

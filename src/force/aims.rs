@@ -8,15 +8,15 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What the tool is to do on a leg.
+/// The tool's task on a part of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Aim {
-    /// It is held back.
+    /// The tool is held back.
     HeldBack,
-    /// It comes down or leaves, with the landing force.
+    /// The tool lands or leaves, with the landing force.
     Landing,
-    /// It presses with the recipe's force.
+    /// The tool presses with the recipe's force.
     Pressing,
 }
 
@@ -36,8 +36,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// By hand: air, low, four on the panel, low, air. Held back to the low one, landing on the way down, pressing on two
-    /// legs, landing force on the last one on the panel and on the way up, held back.
+    /// Calculated by hand: air, low, four on the panel, low, air. The tool is held back to the low point, lands on
+    /// the way down and presses on two legs. It has the landing force on the last leg on the panel and on the way
+    /// up, and is held back again.
     #[test]
     fn forces_follow_the_path() {
         let contact = [false, false, true, true, true, true, false, false];

@@ -18,7 +18,7 @@ use nalgebra::Vector3;
 /// The load on the actuator, and its sensor's reading without force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weight {
-    /// What hangs on the actuator: the sander with its disc, kg.
+    /// Mass on the actuator: the sander with its disc, kg.
     pub payload_kg: f64,
     /// The sensor's reading when the actuator has no force, N.
     pub zero_n: f64,
@@ -30,12 +30,12 @@ impl Weight {
         self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
     }
 
-    /// The contact force of a reading, N: (1) with (3).
+    /// Returns the contact force of a reading, N: (1) with (3).
     pub fn contact_n(&self, reading_n: f64, downwards: f64) -> f64 {
         reading_n - self.zero_n + self.presses_n(downwards)
     }
 
-    /// The actuator's force for this contact force, N: (2).
+    /// Returns the actuator's force for this contact force, N: (2).
     pub fn actuator_n(&self, contact_n: f64, downwards: f64) -> f64 {
         contact_n - self.presses_n(downwards)
     }
@@ -47,7 +47,7 @@ impl From<&CompliantTool> for Weight {
     }
 }
 
-/// How far a tool points down: the cosine between its +Z and gravity.
+/// Returns how far a tool points down: the cosine between its +Z and gravity.
 pub fn downwards(base_from_tool: &Rigid<Base, Tool>) -> f64 {
     -(*base_from_tool * Vector::<Tool>::new(Vector3::z())).mm.z
 }
@@ -72,7 +72,8 @@ mod tests {
         }
     }
 
-    /// By hand: level, a reading of 21.5 N with a zero of 1.5 N is a contact of 20 N; pointing down it is 39.6133 N.
+    /// Calculated by hand: for a horizontal tool, a reading of 21.5 N with a zero of 1.5 N is a contact of 20 N;
+    /// pointing down it is 39.6133 N.
     #[test]
     fn a_reading_is_a_contact_force() {
         let weight = Weight { payload_kg: 2.0, zero_n: 1.5 };

@@ -4,7 +4,7 @@ use crate::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A set-point: forces of the actuator, gravity taken out already.
+/// A set-point: forces of the actuator, already without gravity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Press {
@@ -12,18 +12,18 @@ pub struct Press {
     pub force_n: f64,
     /// Its force without contact, N.
     pub no_contact_n: f64,
-    /// From the set-point before to this one, s.
+    /// Duration of the ramp from the previous set-point to this one, s.
     pub ramp_s: f64,
 }
 
 impl Press {
-    /// Holds the tool back with this force of the actuator, N, at once.
+    /// Returns a set-point that holds the tool back at once with this force of the actuator, N.
     pub fn held_back(force_n: f64) -> Self {
         Press { force_n, no_contact_n: force_n, ramp_s: 0.0 }
     }
 }
 
-/// A set-point that is come to in a straight line.
+/// A linear ramp to a set-point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ramp {
     from_n: f64,
@@ -37,17 +37,17 @@ impl Ramp {
         Ramp { from_n: press.force_n, to: press, since: Time::default() }
     }
 
-    /// From now on to this set-point.
+    /// Starts a ramp to this set-point now.
     pub fn turn_to(&mut self, press: Press, now: Time) {
         *self = Ramp { from_n: self.force_n(now), to: press, since: now };
     }
 
-    /// The set-point that it leads to.
+    /// Returns the set-point at the end of the ramp.
     pub fn target(&self) -> Press {
         self.to
     }
 
-    /// The actuator's force at this time, N.
+    /// Returns the actuator's force at this time, N.
     pub fn force_n(&self, now: Time) -> f64 {
         let Ramp { from_n, to, since } = self;
         let passed_s = now.since(*since).as_secs_f64();
@@ -55,7 +55,8 @@ impl Ramp {
         from_n + (to.force_n - from_n) * share
     }
 
-    /// The forces between which it was in so long a time before now, lower first, N: a tool follows with some delay.
+    /// Returns the range of the force during this delay before now, lower value first, N: a tool follows with some
+    /// delay.
     pub fn between_n(&self, now: Time, delay: Duration) -> [f64; 2] {
         let before = Time::after_start(now.since_start().saturating_sub(delay));
         // The ramp is a straight line. Before its start the force is its starting value.
@@ -69,7 +70,8 @@ impl Ramp {
 mod tests {
     use super::*;
 
-    /// By hand: from 5 to 20 N in 0.3 s is 10 N after 0.1 s; turned there to 0 N at once.
+    /// Calculated by hand: from 5 to 20 N in 0.3 s is 10 N after 0.1 s; a new set-point of 0 N then applies at
+    /// once.
     #[test]
     fn a_ramp_is_a_straight_line_from_where_it_is() {
         let at = |ms| Time::at_ms(ms);

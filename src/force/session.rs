@@ -15,14 +15,14 @@ use std::time::Duration;
 /// Timeout for the echo of the log-in.
 const LOGIN_TIMEOUT: Duration = Duration::from_millis(1_000);
 
-/// What a session works by.
+/// The settings of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionLimits {
     /// The log-in word.
     pub login: String,
     /// The tool's number.
     pub id: u16,
-    /// From one command to the next.
+    /// Interval between commands.
     pub period: Duration,
     /// Timeout for a reply.
     pub reply_within: Duration,
@@ -43,13 +43,13 @@ pub enum Loss {
     /// The connection ended.
     #[error("the connection was closed")]
     Closed,
-    /// It refused the log-in.
+    /// The tool refused the log-in.
     #[error("it answered the log-in word with \"{found}\"; hold [tool] login against its settings")]
     NotLoggedIn {
         /// Its answer.
         found: String,
     },
-    /// No answer in time.
+    /// The tool did not answer in time.
     #[error("it has not answered for {ms} ms")]
     Silent {
         /// How long, ms.
@@ -98,7 +98,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// One that is not connected yet.
+    /// Creates a session that is not connected yet.
     pub fn new(limits: SessionLimits) -> Self {
         let ramp = Ramp::at(limits.at_rest);
         Session { limits, state: State::Offline, ramp, buffer: Vec::new(), newest: None }
@@ -126,12 +126,12 @@ impl Session {
         matches!(self.state, State::Ready(_) | State::Asked(_)) && self.newest.is_some()
     }
 
-    /// The last reading, and when it came.
+    /// Returns the last reading, and when it arrived.
     pub fn newest(&self) -> Option<(Time, Reading)> {
         self.newest
     }
 
-    /// When it must be looked after at the latest.
+    /// Returns the latest time at which the session needs attention.
     pub fn due(&self) -> Option<Time> {
         match self.state {
             State::LoggingIn(since) => Some(since + LOGIN_TIMEOUT),
@@ -141,7 +141,7 @@ impl Session {
         }
     }
 
-    /// Time has passed: what is to be sent now. A deadline that is over ends the session.
+    /// Processes the elapsed time and returns the bytes to send now. A missed deadline ends the session.
     pub fn tick(&mut self, now: Time) -> Option<Vec<u8>> {
         match self.state {
             State::Ready(due) if now >= due => {
@@ -162,7 +162,7 @@ impl Session {
 
     fn command(&self, now: Time) -> Command {
         let Press { no_contact_n, .. } = self.ramp.target();
-        // Gravity is taken out of the force already, and the ramp is made here: the tool is to make neither a second time.
+        // The force is already without gravity, and the ramp is made here: the tool must do neither a second time.
         Command { id: self.limits.id, force_n: self.ramp.force_n(now), no_contact_n, ramp_s: 0.0, payload_kg: 0.0 }
     }
 

@@ -20,7 +20,7 @@ pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;
 /// The check's name.
 pub const TOOL_STROKE: &str = "compliant tool, from the middle of its stroke at most";
 
-/// The part of the stroke that may be used in contact, mm from fully back.
+/// Returns the part of the stroke that may be used in contact, mm from fully back.
 pub fn middle_mm(stroke_mm: f64) -> [f64; 2] {
     let half = MIDDLE_SHARE / 2.0;
     [(0.5 - half) * stroke_mm, (0.5 + half) * stroke_mm]
@@ -51,7 +51,8 @@ mod tests {
     use super::*;
     use crate::verdict::{Judgement, Verdict};
 
-    /// By hand: 30 mm of stroke allow 10 mm about the middle: 5 to 25 mm. 8 + 1 + 0.5 + 0.4 is 9.9, with 0.6 it is 10.1.
+    /// Calculated by hand: 30 mm of stroke allow 10 mm about the middle: 5 to 25 mm. 8 + 1 + 0.5 + 0.4 is 9.9; with
+    /// 0.6 the sum is 10.1.
     #[test]
     fn errors_and_press_in_must_stay_in_the_middle() {
         assert_eq!(middle_mm(30.0).map(|mm| (mm * 1e9).round() / 1e9), [5.0, 25.0]);

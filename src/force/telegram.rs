@@ -29,7 +29,7 @@ pub const MAX_REPLY_BYTES: usize = 96;
 const MAX_FORCE_N: f64 = 2_000.0;
 const MAX_POSITION_MM: f64 = 500.0;
 
-/// The log-in telegram with this word.
+/// Returns the log-in telegram with this word.
 pub fn login(word: &str) -> Vec<u8> {
     let mut bytes = word.as_bytes().to_vec();
     bytes.push(TERMINATOR);
@@ -43,11 +43,11 @@ pub struct Command {
     pub id: u16,
     /// The actuator's force in contact, N.
     pub force_n: f64,
-    /// Its force before there is contact, N.
+    /// The actuator's force before contact, N.
     pub no_contact_n: f64,
-    /// From one to the other when contact begins, s.
+    /// Duration of the ramp from the force before contact to the force in contact, when contact begins, s.
     pub ramp_s: f64,
-    /// What the tool itself is to compensate, kg.
+    /// The mass for which the tool itself compensates, kg.
     pub payload_kg: f64,
 }
 
@@ -55,7 +55,7 @@ impl Command {
     /// The telegram.
     pub fn bytes(&self) -> Vec<u8> {
         let Command { id, force_n, no_contact_n, ramp_s, payload_kg } = self;
-        // Without a signed zero, which is a number of its own in a text.
+        // Removes a negative sign of zero, which would be written as a different text.
         let (force_n, no_contact_n) = (force_n + 0.0, no_contact_n + 0.0);
         format!("{id} {force_n:.2} {no_contact_n:.2} {ramp_s:.3} {payload_kg:.3} 0k").into_bytes()
     }
@@ -65,9 +65,9 @@ impl Command {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reading {
-    /// The force that it measures, N: the actuator's, without the weight of what hangs on it.
+    /// The force that the tool measures, N: that of the actuator, without the weight of its payload.
     pub force_n: f64,
-    /// How far it is out, mm: 0 is fully back.
+    /// The tool's extension, mm: 0 is fully back.
     pub position_mm: f64,
     /// Whether it reports contact.
     pub contact: bool,
@@ -80,7 +80,7 @@ pub struct Reading {
 #[serde(transparent)]
 pub struct ErrorBits(pub u8);
 
-/// What each bit means, from the lowest.
+/// The meaning of each bit, from the lowest.
 const MEANINGS: [&str; 8] = [
     "its valve has an error",
     "its sensor has an error",
@@ -93,37 +93,37 @@ const MEANINGS: [&str; 8] = [
 ];
 
 impl ErrorBits {
-    /// Whether there is none.
+    /// Returns whether no error is set.
     pub fn is_none(self) -> bool {
         self.0 == 0
     }
 
-    /// What is wrong, in words.
+    /// Returns the errors in words.
     pub fn words(self) -> String {
         let set = |(bit, meaning): (usize, &&'static str)| (self.0 >> bit & 1 == 1).then_some(*meaning);
         MEANINGS.iter().enumerate().filter_map(set).collect::<Vec<_>>().join(", ")
     }
 }
 
-/// Why a reply is none.
+/// Why bytes are not a valid reply.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
-    /// More bytes than any reply has.
+    /// The reply has more bytes than any valid reply.
     #[error("{bytes} bytes without an end, a reply has at most {MAX_REPLY_BYTES}")]
     TooLong {
         /// How many came.
         bytes: usize,
     },
-    /// Bytes that are no printable ASCII.
+    /// Bytes that are not printable ASCII.
     #[error("bytes that are no text")]
     NotText,
-    /// Another number of fields.
+    /// The reply has another number of fields.
     #[error("{found} fields, a reply has five: id, force, position, contact, error")]
     Fields {
         /// How many came.
         found: usize,
     },
-    /// A field that is not what it should be.
+    /// A field with an invalid value.
     #[error("{field} is \"{found}\"")]
     Field {
         /// Which one.
@@ -134,7 +134,7 @@ pub enum TelegramError {
     /// The reply of another tool.
     #[error("id {found} answered, but the request was for id {expected}")]
     OtherId {
-        /// The one that answered.
+        /// The number of the tool that answered.
         found: u32,
         /// The requested one.
         expected: u16,
@@ -176,7 +176,7 @@ fn is_text(byte: u8) -> bool {
 
 fn number(field: &'static str, text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, TelegramError> {
     let value: f64 = text.parse().map_err(|_| wrong(field, text))?;
-    // Also refuses what is no number.
+    // Also refuses a value that is not a number.
     if allowed.contains(&value) { Ok(value) } else { Err(wrong(field, text)) }
 }
 
@@ -191,7 +191,7 @@ mod tests {
 
     const COMMAND: Command = Command { id: 1040, force_n: 20.0, no_contact_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
 
-    /// By hand, from the driver's format.
+    /// Calculated by hand from the driver's format.
     #[test]
     fn telegrams_are_the_drivers() {
         assert_eq!(login("ferba"), b"ferbak");
@@ -224,7 +224,7 @@ mod tests {
     }
 
     proptest! {
-        /// Never panics, and what it reads are numbers within bounds.
+        /// The parser never panics, and the numbers that it returns are within bounds.
         #[test]
         fn any_bytes_are_a_reply_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
             if let Ok(reading) = parse_reply(&bytes, 1040) {
@@ -244,7 +244,7 @@ mod tests {
             }
         }
 
-        /// What is written is read back by a tool that splits at blanks, to two decimals.
+        /// A tool that splits the text at blanks reads back the written values, to two decimals.
         #[test]
         fn a_command_is_read_back(force_n in -500.0..500.0_f64, ramp_s in 0.0..10.0_f64) {
             let text = String::from_utf8(Command { force_n, ramp_s, ..COMMAND }.bytes()).expect("text");

@@ -16,32 +16,32 @@ use std::time::Duration;
 
 /// How far a tool that is held back may be out, as a share of its stroke.
 const BACK_SHARE: f64 = 1.0 / 6.0;
-/// A tool that is held back has gone back within this time: the longest stroke at the slowest tool.
+/// A tool that is held back has gone back within this time: the longest stroke of the slowest tool.
 const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 
-/// What the cell's file allows.
+/// The limits from the cell's file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WatchLimits {
     /// The tool's stroke, mm.
     pub stroke_mm: f64,
-    /// How far the force may be from its set-point, N.
+    /// Largest allowed difference between the force and its set-point, N.
     pub band_n: f64,
-    /// For how long it may be farther from it, or the position outside.
+    /// How long the force may be outside this band, or the position outside its range.
     pub band_within: Duration,
-    /// For how long the tool may press without contact.
+    /// How long the tool may press without contact.
     pub contact_within: Duration,
 }
 
-/// What is expected of a reading.
+/// The expected values for a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Expected {
-    /// What the tool is to do.
+    /// The tool's task.
     pub aim: Aim,
-    /// The contact forces between which the set-point is, lower first, N.
+    /// The range of contact forces that contains the set-point, lower value first, N.
     pub between_n: [f64; 2],
 }
 
-/// What was not as expected so far, and since when.
+/// The deviations so far, and since when.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Watch {
     aim: Option<(Aim, Time)>,

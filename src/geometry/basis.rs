@@ -10,7 +10,7 @@
 use crate::words::list;
 use std::ops::RangeInclusive;
 
-/// Highest degree that is served.
+/// Highest supported degree.
 pub const MAX_DEGREE: usize = 5;
 /// Degree of fitted surfaces and fields along each parameter.
 pub const DEGREE: usize = 3;
@@ -18,16 +18,16 @@ pub const DEGREE: usize = 3;
 /// Numbers that belong to the `degree + 1` functions of one span; the rest is zero.
 pub type Local = [f64; MAX_DEGREE + 1];
 
-/// Why numbers are no knot vector.
+/// Why numbers are not a valid knot vector.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KnotError {
-    /// The degree is not served.
+    /// The degree is not supported.
     #[error("degree {found}, the limits are 1 to {MAX_DEGREE}")]
     Degree {
         /// The requested degree.
         found: usize,
     },
-    /// Not open, not rising, or broken inside.
+    /// The knots are not open, are falling, or an inner knot is repeated too often.
     #[error(
         "{} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
          degree + 1 times, no other knot more than degree times",
@@ -48,10 +48,10 @@ pub struct KnotVector {
     knots: Vec<f64>,
 }
 
-/// The functions that are not zero at a parameter.
+/// The basis functions that are not zero at a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis {
-    /// Control point of the first function.
+    /// Index of the first function's control point.
     pub first_control: usize,
     /// Values; they sum to 1.
     pub values: Local,
@@ -66,9 +66,9 @@ pub struct Basis {
 pub struct SpanFunctions {
     /// The parameter where the span begins.
     pub start: f64,
-    /// How long it is.
+    /// The length of the span.
     pub length: f64,
-    /// c_rk, function by function.
+    /// The coefficients c_rk, function by function.
     pub coefficients: [Local; MAX_DEGREE + 1],
 }
 
@@ -87,7 +87,7 @@ impl KnotVector {
             && knots.windows(2).all(|pair| pair[0] <= pair[1])
             && knots[degree] == knots[0]
             && knots[count - 1 - degree] == knots[count - 1]
-            // p + 1 neighbours are all equal only at the two ends.
+            // p + 1 neighbouring knots are all equal only at the two ends.
             && knots[1..count - 1].windows(degree + 1).all(|run| run[0] < run[degree]);
         if open { Ok(KnotVector { degree, knots }) } else { Err(KnotError::NotOpen { degree, knots }) }
     }
@@ -121,7 +121,7 @@ impl KnotVector {
         self.knots[0]..=self.knots[self.knots.len() - 1]
     }
 
-    /// Number of spans that hold one polynomial each, empty ones included.
+    /// Returns the number of spans with one polynomial each, including empty spans.
     pub fn spans(&self) -> usize {
         self.controls() - self.degree
     }
@@ -130,7 +130,7 @@ impl KnotVector {
     pub fn span(&self, at: f64) -> usize {
         let inner = &self.knots[self.degree + 1..self.controls()];
         let (low, high) = (self.knots[0], self.knots[self.knots.len() - 1]);
-        // Equal spans are the rule: the guess is right, or a step or two away.
+        // Spans are usually equal: the first guess is right, or wrong by a step or two.
         let mut span = ((at - low) / (high - low) * self.spans() as f64).max(0.0) as usize;
         span = span.min(inner.len());
         while span < inner.len() && inner[span] <= at {
@@ -142,13 +142,13 @@ impl KnotVector {
         span
     }
 
-    /// The functions of one span as polynomials.
+    /// Returns the functions of one span as polynomials.
     pub fn functions_on(&self, span: usize) -> SpanFunctions {
         let knot = span + self.degree;
         let (start, length) = (self.knots[knot], self.knots[knot + 1] - self.knots[knot]);
         let mut lower = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1];
         lower[0][0] = 1.0;
-        // An empty span holds no parameter.
+        // An empty span contains no parameter.
         let top = if length > 0.0 { self.degree } else { 0 };
         for degree in 1..=top {
             let mut raised = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1];
@@ -179,7 +179,7 @@ impl KnotVector {
         (1..=self.degree).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at))
     }
 
-    /// Values and first derivatives; the second ones stay zero.
+    /// Calculates values and first derivatives; the second derivatives stay zero.
     pub fn with_first(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
@@ -192,7 +192,7 @@ impl KnotVector {
         }
     }
 
-    /// Values, first and second derivatives.
+    /// Calculates values, first and second derivatives.
     pub fn with_second(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
@@ -209,7 +209,7 @@ impl KnotVector {
         }
     }
 
-    // Eq. 4.10: from degree − 1 to degree on the span that begins at this knot.
+    // Applies Eq. 4.10: from degree − 1 to degree on the span that begins at this knot.
     fn raise(&self, lower: Local, degree: usize, knot: usize, at: f64) -> Local {
         let mut raised = [0.0; MAX_DEGREE + 1];
         for (r, value) in lower.iter().enumerate().take(degree) {
@@ -243,7 +243,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The recursion word for word, 0/0 = 0, last non-empty span closed: an oracle that shares no code.
+    /// Calculates the recursion exactly as written, 0/0 = 0, last non-empty span closed: an oracle that shares no
+    /// code.
     fn cox_de_boor(knots: &[f64], i: usize, p: usize, u: f64) -> f64 {
         let last = knots[knots.len() - 1];
         if p == 0 {
@@ -256,8 +257,8 @@ mod tests {
             + over(knots[i + p + 1] - u, knots[i + p + 1] - knots[i + 1]) * cox_de_boor(knots, i + 1, p - 1, u)
     }
 
-    /// By hand: inside a uniform cubic the values at a knot are 1/6, 4/6, 1/6, 0, the slopes −1/2, 0, 1/2, 0 a span
-    /// and the second derivatives 1, −2, 1, 0.
+    /// Calculated by hand: inside a uniform cubic the values at a knot are 1/6, 4/6, 1/6, 0. The slopes are −1/2,
+    /// 0, 1/2, 0 per span, and the second derivatives 1, −2, 1, 0.
     #[test]
     fn uniform_cubic_at_a_knot() {
         let knots = KnotVector::uniform(3, 8, 0.0..=8.0).expect("open");

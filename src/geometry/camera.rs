@@ -12,7 +12,7 @@ use super::rigid::{Point, Vector};
 use super::units::Pixel;
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
-/// Intrinsic parameters of a camera: what a calibration finds.
+/// Intrinsic parameters of a camera, which a calibration determines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PinholeCamera {
     /// Width of the picture, px.
@@ -43,7 +43,7 @@ pub struct PinholeCamera {
 const MAX_NEWTON_STEPS: usize = 20;
 
 impl PinholeCamera {
-    /// The pixel that sees this point; `None` behind the camera. The pixel may lie outside the picture.
+    /// Returns the pixel that sees this point; `None` behind the camera. The pixel may lie outside the picture.
     pub fn project<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
         let p = point.mm;
         (p.z > 1e-6).then(|| {
@@ -52,8 +52,8 @@ impl PinholeCamera {
         })
     }
 
-    /// The pixel that sees this point, and how it moves with the point, px per mm along x, y, z; `None` behind the
-    /// camera.
+    /// Returns the pixel that sees this point, and its derivative by the point, px per mm along x, y, z; `None`
+    /// behind the camera.
     pub fn project_with_slope<F: Frame>(&self, point: Point<F>) -> Option<(Pixel, Matrix2x3<f64>)> {
         let (p, pixel) = (point.mm, self.project(point)?);
         let (x, y) = (p.x / p.z, p.y / p.z);
@@ -62,8 +62,8 @@ impl PinholeCamera {
         Some((pixel, focal * self.distortion_jacobian(Vector2::new(x, y)) * flat))
     }
 
-    /// How the pixel that sees this point moves with fx, fy, cx, cy, k1, k2, p1, p2, k3, in this order; `None` behind the
-    /// camera.
+    /// Returns the derivative of the pixel that sees this point by fx, fy, cx, cy, k1, k2, p1, p2, k3, in this
+    /// order; `None` behind the camera.
     pub fn lens_slope<F: Frame>(&self, point: Point<F>) -> Option<SMatrix<f64, 2, 9>> {
         let p = point.mm;
         (p.z > 1e-6).then(|| {
@@ -130,8 +130,8 @@ impl PinholeCamera {
         Some(largest)
     }
 
-    /// How pixel (u, v) moves when the point moves by 1 mm along camera x and y, at this depth in mm: the diagonal
-    /// of the image Jacobian, without distortion.
+    /// Returns how far pixel (u, v) moves when the point moves by 1 mm along camera x and y, at this depth in mm.
+    /// This is the diagonal of the image Jacobian, without distortion.
     pub fn px_per_mm_at(&self, depth_mm: f64) -> (f64, f64) {
         (self.fx_px / depth_mm, self.fy_px / depth_mm)
     }
@@ -211,8 +211,8 @@ mod tests {
         }
     }
 
-    /// By hand: x = 0.2, y = 0.1, r² = 0.05; with k1 = −0.1, p1 = 0.01 alone ρ = 0.995,
-    /// x' = 0.199 + 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.
+    /// Calculated by hand: x = 0.2, y = 0.1, r² = 0.05. With only k1 = −0.1, p1 = 0.01: ρ = 0.995, x' = 0.199 +
+    /// 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.
     #[test]
     fn distortion_by_hand() {
         let camera = PinholeCamera {

@@ -1,7 +1,7 @@
 //! The organised cloud: one point and one colour for each pixel of a 3D camera.
 //!
-//! A missing point is stored as NaN, and NaN never leaves this type: every access answers `Option`. What a file
-//! or camera delivers as NaN, infinite or (0, 0, 0) is missing.
+//! A missing point is stored as NaN, and NaN is never returned: every access returns an `Option`. A point that a
+//! file or camera delivers as NaN, infinite or (0, 0, 0) is missing.
 
 use super::frames::Frame;
 use super::picture::ColorPicture;
@@ -20,7 +20,7 @@ pub struct OrganizedCloud<F: Frame> {
     frame: std::marker::PhantomData<F>,
 }
 
-/// Why points do not make an organised cloud.
+/// Why points do not form an organised cloud.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudError {
     /// The numbers of points, colours and pixels differ.
@@ -35,7 +35,7 @@ pub enum CloudError {
         /// Colours found.
         colors: usize,
     },
-    /// A single row is a list, not a picture.
+    /// A single row is a list of points, not a picture.
     #[error(
         "the cloud is not organised ({width}×{height}); export it as an ordered cloud, one point for each pixel"
     )]
@@ -87,13 +87,13 @@ impl<F: Frame> OrganizedCloud<F> {
         self.point_at(row * self.width + column)
     }
 
-    /// The point at this index, counted row by row.
+    /// Returns the point at this index, counted row by row.
     pub fn point_at(&self, index: usize) -> Option<Point<F>> {
         let [x, y, z] = self.points_mm[index];
         (!x.is_nan()).then(|| Point::at(x.into(), y.into(), z.into()))
     }
 
-    /// The colour at this index, counted row by row.
+    /// Returns the colour at this index, counted row by row.
     pub fn color_at(&self, index: usize) -> [u8; 3] {
         self.colors[index]
     }
@@ -108,7 +108,7 @@ impl<F: Frame> OrganizedCloud<F> {
         ColorPicture { width: self.width, height: self.height, rgb: self.colors.clone() }
     }
 
-    /// The same cloud with its coordinates in another frame; the pixel grid stays.
+    /// Returns the cloud with its coordinates in another frame; the pixel grid stays.
     pub fn moved<To: Frame>(&self, to_from_f: &Rigid<To, F>) -> OrganizedCloud<To> {
         let (rotation, shift) = (to_from_f.rotation(), to_from_f.origin().mm.coords);
         let moved = |&[x, y, z]: &[f32; 3]| {
@@ -124,7 +124,7 @@ impl<F: Frame> OrganizedCloud<F> {
         }
     }
 
-    /// The same cloud with each point moved along its ray: its coordinates times a factor.
+    /// Returns the cloud with each point moved along its ray: its coordinates are multiplied by a factor.
     pub fn along_rays(&self, factor: impl Fn([f64; 3]) -> f64 + Sync) -> OrganizedCloud<F> {
         let moved = |&point: &[f32; 3]| {
             if point[0].is_nan() {
@@ -151,8 +151,9 @@ impl<F: Frame> OrganizedCloud<F> {
         self.pixel_area_over_mm2(column, row, 1)
     }
 
-    /// The same from neighbours `reach_px` away. Noise in depth tilts the steps and so makes every surface larger, by
-    /// about (noise / step)²: 1.4 % for neighbours of a scan with 0.44 mm a pixel and 0.055 mm of noise.
+    /// Calculates the area of a pixel from neighbours `reach_px` away. Noise in depth tilts the steps and so makes
+    /// every surface larger, by about (noise / step)²: 1.4 % for neighbours of a scan with 0.44 mm a pixel and
+    /// 0.055 mm of noise.
     pub fn pixel_area_over_mm2(&self, column: usize, row: usize, reach_px: usize) -> Option<f64> {
         let inside = |at: usize, length: usize| at >= reach_px && at + reach_px < length;
         if reach_px == 0 || !inside(column, self.width) || !inside(row, self.height) {
@@ -185,7 +186,8 @@ mod tests {
         assert_eq!(cloud.pixel_area_mm2(0, 2), None);
     }
 
-    /// By hand: pixels of 0.4 × 0.4 mm are 0.16 mm²; ±0.06 mm of noise in depth makes neighbours' steps longer.
+    /// Calculated by hand: pixels of 0.4 × 0.4 mm are 0.16 mm²; ±0.06 mm of noise in depth makes the steps between
+    /// neighbours longer.
     #[test]
     fn a_longer_reach_takes_the_noise_out_of_an_area() {
         let noise = |i: usize| if (i * i * 7 + i / 5) % 11 < 5 { 0.06 } else { -0.06 };

@@ -13,12 +13,12 @@ use super::rigid::Point;
 use super::units::Pixel;
 use nalgebra::{SMatrix, SVector, Vector2};
 
-/// About this many points are looked at.
+/// Approximate number of points that are evaluated.
 const SAMPLE: usize = 4_000;
-/// Fewer points state no lens.
+/// Fewer points do not determine a lens.
 const MIN_POINTS: usize = 60;
 const STEPS: usize = 12;
-/// Points that lie farther off than this many medians are left out.
+/// Points whose distance is more than this many medians are left out.
 const FAR: f64 = 6.0;
 
 /// A cloud's lens.
@@ -26,14 +26,14 @@ const FAR: f64 = 6.0;
 pub struct CloudLens {
     /// The lens.
     pub camera: PinholeCamera,
-    /// Half of the points project nearer to their pixels, px.
+    /// The median distance between projected points and their pixels, px.
     pub median_px: f64,
 }
 
-/// About [`SAMPLE`] points with their pixels, evenly over the picture.
+/// Returns about [`SAMPLE`] points with their pixels, evenly distributed over the picture.
 pub fn sampled<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     let count = cloud.width() * cloud.height();
-    // A stride without a common factor with the width, so that the columns vary.
+    // The stride has no common factor with the width, so that the columns vary.
     let mut stride = (count / SAMPLE).max(1);
     while stride > 1 && (cloud.width().is_multiple_of(stride) || stride.is_multiple_of(2)) {
         stride -= 1;
@@ -42,8 +42,8 @@ pub fn sampled<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     (0..count).step_by(stride).filter_map(|index| Some((pixel(index), cloud.point_at(index)?))).collect()
 }
 
-/// How far half of these points project from their pixels at most, px; a point behind the camera is at infinity.
-/// `None` without points.
+/// Returns the median distance of these points from their pixels in projection, px; a point behind the camera is at
+/// infinity. `None` without points.
 pub fn median_off_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCamera) -> Option<f64> {
     let off = |(pixel, point): &(Pixel, Point<F>)| {
         camera.project(*point).map_or(f64::INFINITY, |seen| seen.distance_px(*pixel))
@@ -99,7 +99,7 @@ fn settled<F: Frame>(kept: &[(Pixel, Point<F>)], start: PinholeCamera) -> Option
             normal += slope.transpose() * slope;
             pull += slope.transpose() * Vector2::new(pixel.u - seen.u, pixel.v - seen.v);
         }
-        // Scaled to ones on the diagonal: focal lengths and k3 differ by many powers of ten.
+        // Scaled so that the diagonal is one: focal lengths and k3 differ by many powers of ten.
         let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { 0.0 });
         let scaled = SMatrix::<f64, 9, 9>::from_fn(|row, column| {
             normal[(row, column)] * scale[row] * scale[column] + if row == column { 1e-12 } else { 0.0 }
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
     use crate::geometry::Camera;
 
-    /// Points on the rays of a lens give back its numbers, those that were moved across an edge among them left out.
+    /// The numbers of a lens are found from points on its rays; points that were moved across an edge are left out.
     #[test]
     fn a_cloud_states_its_lens() {
         let lens = PinholeCamera {

@@ -13,7 +13,7 @@ use super::rigid::Point;
 
 /// z₀ of (1), mm.
 pub const REFERENCE_DEPTH_MM: f64 = 700.0;
-/// Coefficients across the picture, and down.
+/// Coefficients across the picture.
 pub const FIELD_COLUMNS: usize = 9;
 /// Down.
 pub const FIELD_ROWS: usize = 7;
@@ -25,21 +25,21 @@ pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
 pub struct DepthField {
     /// The rectangle of directions that it covers.
     pub over: FieldRectangle,
-    /// Its coefficients row by row, mm at the reference depth.
+    /// The field's coefficients row by row, mm at the reference depth.
     pub coefficients_mm: [f64; FIELD_SIZE],
 }
 
 /// A rectangle of directions (X/Z, Y/Z).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldRectangle {
-    /// Its least x and y.
+    /// The smallest x and y.
     pub from: [f64; 2],
     /// Its greatest.
     pub to: [f64; 2],
 }
 
 impl FieldRectangle {
-    /// The coefficients that count at a direction, with their weights, which add up to one.
+    /// Returns the coefficients that have an effect at a direction, with their weights, whose sum is one.
     pub fn weights(&self, direction: [f64; 2]) -> [(usize, f64); 16] {
         let along = |axis: usize, count: usize| {
             let span = (self.to[axis] - self.from[axis]).max(f64::MIN_POSITIVE);
@@ -56,7 +56,7 @@ impl FieldRectangle {
     }
 }
 
-/// The four cubic B-splines that are not zero at `t` of an interval, 0…1.
+/// Returns the four cubic B-splines that are not zero at `t` of an interval, 0…1.
 fn cubic(t: f64) -> [f64; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [
@@ -90,23 +90,23 @@ impl DepthField {
         self
     }
 
-    /// c at a direction, mm at the reference depth.
+    /// Returns c at a direction, mm at the reference depth.
     pub fn at_mm(&self, direction: [f64; 2]) -> f64 {
         self.over.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
     }
 
-    /// By (1): what a point's coordinates are multiplied by to be without this error.
+    /// Returns the factor for a point's coordinates that removes this error, by (1).
     pub fn factor(&self, [x, y, z]: [f64; 3]) -> f64 {
         1.0 / (1.0 + z * self.at_mm([x / z, y / z]) / REFERENCE_DEPTH_MM.powi(2))
     }
 
-    /// The point without this error.
+    /// Returns the point without this error.
     pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
         let mm = point.mm.coords;
         Point::new((mm * self.factor([mm.x, mm.y, mm.z])).into())
     }
 
-    /// The scan without this error.
+    /// Returns the scan without this error.
     pub fn corrected(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         scan.along_rays(|mm| self.factor(mm))
     }
@@ -121,9 +121,9 @@ mod tests {
         DepthField { over, coefficients_mm: std::array::from_fn(|k| mm(k % FIELD_COLUMNS, k / FIELD_COLUMNS)) }
     }
 
-    /// By hand: all coefficients 0.5 give 0.5 everywhere; those of a line give that line, here 0.1 mm from one
-    /// column to the next, of which six intervals cover the width: in the middle, at interval 3, the coefficients
-    /// 3, 4, 5 weigh 1/6, 4/6, 1/6.
+    /// Calculated by hand: all coefficients 0.5 give 0.5 everywhere. Those of a line give that line, here 0.1 mm
+    /// from one column to the next, of which six intervals cover the width. In the middle, at interval 3, the
+    /// coefficients 3, 4, 5 have the weights 1/6, 4/6, 1/6.
     #[test]
     fn constants_and_lines_are_themselves() {
         assert!((field(|_, _| 0.5).at_mm([0.12, -0.05]) - 0.5).abs() < 1e-12);
@@ -131,12 +131,13 @@ mod tests {
         assert!((line.at_mm([0.0, 0.0]) - 0.4).abs() < 1e-12, "{}", line.at_mm([0.0, 0.0]));
         assert!((line.at_mm([0.1, 0.1]) - 0.5).abs() < 1e-12, "one interval is a sixth of the width");
         assert_eq!(line.at_mm([0.3, 0.0]), line.at_mm([9.0, 0.0]), "constant beyond its edges");
-        // 0.5 · 0.12 + 1.0 · 0.05 on a field of 0.2.
+        // The slope adds 0.5 · 0.12 + 1.0 · 0.05 to a field of 0.2.
         let sloped = field(|_, _| 0.2).with_slope([0.5, -1.0]);
         assert!((sloped.at_mm([0.12, -0.05]) - 0.31).abs() < 1e-12, "{}", sloped.at_mm([0.12, -0.05]));
     }
 
-    /// By hand: 0.7 mm too deep at 700 mm is 0.7·(350/700)² = 0.175 mm too deep at 350 mm, to first order.
+    /// Calculated by hand: an error of 0.7 mm in depth at 700 mm is 0.7·(350/700)² = 0.175 mm at 350 mm, to first
+    /// order.
     #[test]
     fn a_scan_is_moved_along_its_rays() {
         let points = vec![[0.0, 0.0, 350.0], [70.0, 35.0, 700.0], [f32::NAN; 3], [0.0, 0.0, 700.0]];

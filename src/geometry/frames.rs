@@ -22,7 +22,7 @@ macro_rules! frames {
 frames! {
     /// The robot's base; the world, as in thesis 3.3. X forward, Z up, mm.
     Base = "base";
-    /// The panel. At its nominal place it coincides with `Base` (thesis 3.8).
+    /// The panel. At its nominal pose it coincides with `Base` (thesis 3.8).
     Panel = "panel";
     /// The fixed 3D camera: x right, y down, z out of the lens.
     Camera = "camera";

@@ -26,14 +26,14 @@ impl Joints {
         [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
     }
 
-    /// How far the axis that is farthest off the other posture is off, degrees.
+    /// Returns the largest difference between the axis angles of the two postures, degrees.
     pub fn farthest_deg(&self, other: &Joints) -> f64 {
         self.degrees().iter().zip(other.degrees()).map(|(own, other)| (own - other).abs()).fold(0.0, f64::max)
     }
 }
 
 impl From<[f64; 6]> for Joints {
-    /// From the angles of axes 1 to 6, degrees.
+    /// Creates joints from the angles of axes 1 to 6, degrees.
     fn from([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: [f64; 6]) -> Self {
         Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
     }

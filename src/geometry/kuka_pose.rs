@@ -22,15 +22,15 @@ pub struct KukaPose {
     pub y_mm: f64,
     /// Z, mm.
     pub z_mm: f64,
-    /// Turn about Z, degrees.
+    /// Rotation about Z, degrees.
     pub a_deg: f64,
-    /// Turn about the new Y, degrees.
+    /// Rotation about the new Y, degrees.
     pub b_deg: f64,
-    /// Turn about the newest X, degrees.
+    /// Rotation about the newest X, degrees.
     pub c_deg: f64,
 }
 
-/// Below this cosine of B the angles A and C are not separable.
+/// Below this cosine of B the angles A and C cannot be separated.
 const POLE: f64 = 1e-9;
 
 impl KukaPose {
@@ -88,7 +88,7 @@ mod tests {
     use nalgebra::Point3;
     use proptest::prelude::*;
 
-    /// By hand: Ry(90)·ẑ = x̂, then Rz(90)·x̂ = ŷ. Wrong order would give x̂; A and C swapped, −ŷ.
+    /// Calculated by hand: Ry(90)·ẑ = x̂, then Rz(90)·x̂ = ŷ. The wrong order would give x̂; A and C swapped, −ŷ.
     #[test]
     fn tool_axis_follows_a_then_b() {
         let pose = KukaPose { x_mm: 100.0, a_deg: 90.0, b_deg: 90.0, ..KukaPose::default() };
@@ -105,7 +105,7 @@ mod tests {
         assert!((r.matrix()[(2, 0)] + 0.342_020).abs() < 1e-6);
     }
 
-    /// At B = 90° the pose (40, 90, 10) is the rotation of (0, 90, −30): only C − A counts.
+    /// At B = 90° the pose (40, 90, 10) has the same rotation as (0, 90, −30): only C − A counts.
     #[test]
     fn at_the_pole_a_is_zero_and_the_rotation_stays() {
         for (b_deg, c_expected_deg) in [(90.0, -30.0), (-90.0, 50.0)] {

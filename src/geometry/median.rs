@@ -2,7 +2,7 @@
 
 /// A number with a total order.
 pub trait Ordered: Copy {
-    /// The order of the IEEE standard, in which NaN is the largest.
+    /// Compares by the total order of the IEEE standard, in which NaN is the largest.
     fn order(&self, other: &Self) -> std::cmp::Ordering;
 }
 

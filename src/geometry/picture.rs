@@ -14,12 +14,12 @@ pub struct ColorPicture {
 }
 
 impl ColorPicture {
-    /// A picture of one colour.
+    /// Creates a picture of one colour.
     pub fn filled(width: usize, height: usize, rgb: [u8; 3]) -> Self {
         ColorPicture { width, height, rgb: vec![rgb; width * height] }
     }
 
-    /// Brightness as ITU-R BT.601 weighs it, the weights of `cv::cvtColor`.
+    /// Calculates the brightness with the weights of ITU-R BT.601, as `cv::cvtColor` does.
     pub fn to_gray(&self) -> GrayPicture {
         let gray = |&[r, g, b]: &[u8; 3]| {
             ((4_899 * u32::from(r) + 9_617 * u32::from(g) + 1_868 * u32::from(b) + 8_192) >> 14) as u8
@@ -40,7 +40,7 @@ pub struct GrayPicture {
 }
 
 impl GrayPicture {
-    /// The same in colour.
+    /// Returns the grey picture as a colour picture.
     pub fn to_color(&self) -> ColorPicture {
         ColorPicture {
             width: self.width,
@@ -49,13 +49,13 @@ impl GrayPicture {
         }
     }
 
-    /// A picture of one brightness.
+    /// Creates a picture of one brightness.
     pub fn filled(width: usize, height: usize, gray: u8) -> Self {
         GrayPicture { width, height, gray: vec![gray; width * height] }
     }
 }
 
-/// Which pixels belong to something.
+/// The pixels that belong to a region.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     /// Columns.
@@ -67,12 +67,13 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Its connected pieces, as indices of pixels; pixels that touch at a corner are of one piece.
+    /// Returns the mask's connected pieces, as indices of pixels; pixels that touch at a corner belong to the same
+    /// piece.
     pub fn pieces(&self) -> Vec<Vec<usize>> {
         Raster { width: self.width, height: self.height }.pieces(&AROUND, |index| self.inside[index])
     }
 
-    /// A mask that holds no pixel.
+    /// Creates a mask without any pixel inside.
     pub fn empty(width: usize, height: usize) -> Self {
         Mask { width, height, inside: vec![false; width * height] }
     }
@@ -82,18 +83,18 @@ impl Mask {
         self.inside.iter().filter(|&&inside| inside).count()
     }
 
-    /// Is this pixel inside?
+    /// Returns whether this pixel is inside.
     pub fn contains(&self, column: usize, row: usize) -> bool {
         self.inside[row * self.width + column]
     }
 
-    /// White inside, black outside.
+    /// Returns a picture that is white inside, black outside.
     pub fn to_gray(&self) -> GrayPicture {
         let gray = self.inside.iter().map(|&inside| if inside { 255 } else { 0 }).collect();
         GrayPicture { width: self.width, height: self.height, gray }
     }
 
-    /// Pixels of at least half brightness are inside.
+    /// Creates a mask of the pixels with at least half brightness.
     pub fn from_gray(picture: &GrayPicture) -> Self {
         let inside = picture.gray.iter().map(|&gray| gray >= 128).collect();
         Mask { width: picture.width, height: picture.height, inside }

@@ -1,4 +1,4 @@
-//! The plane through a pixel's neighbourhood: a local point and normal from an organised cloud.
+//! Fits a plane through a pixel's neighbourhood: a local point and normal from an organised cloud.
 //!
 //! The normal is the direction of least scatter of the neighbours (the eigenvector of the smallest eigenvalue of
 //! their covariance), turned towards the viewer.
@@ -8,11 +8,11 @@ use super::frames::Frame;
 use super::rigid::{Point, Vector};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// Neighbours farther from the middle one than this many times the distance of the nearest quarter belong to another
-/// surface. A quarter, since at an edge up to three quarters may be another surface; a ratio, since a coarse scan is as
-/// good as a fine one.
+/// Neighbours belong to another surface if their distance from the middle one exceeds that of the nearest quarter
+/// by this factor. It is a quarter because at an edge up to three quarters may be another surface. It is a ratio so
+/// that a coarse scan is treated as a fine one.
 const MAX_RATIO: f64 = 4.0;
-/// A plane through fewer points is an accident.
+/// A plane through fewer points is not reliable.
 const MIN_POINTS: usize = 8;
 /// A few points in a row do not determine a plane beside them. With the mean and scatter S of the points' pixels, a
 /// pixel at the distance d from the mean has 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at that of
@@ -89,7 +89,7 @@ pub fn local_plane_of<F: Frame>(
     Some(Plane { point, normal: Vector::new(outward) })
 }
 
-/// Is the origin far beside points with this mean and mean square?
+/// Returns whether the origin is far away from points with this mean and mean square.
 fn is_beside(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
     let scatter = square - mean * mean.transpose();
     scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > BESIDE)
@@ -130,8 +130,9 @@ mod tests {
         assert!((met.mm.z - 700.700_700).abs() < 1e-3, "{met:?}");
     }
 
-    /// By hand: two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean 4.5 px aside and a
-    /// scatter of 0.5 px: 1 + (4.5/0.5)² = 82. Half of a window, of which the pixel is at the edge, has 4.
+    /// Calculated by hand: two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean 4.5 px from
+    /// it and a scatter of 0.5 px: 1 + (4.5/0.5)² = 82. For half of a window with the pixel at its edge, the value
+    /// is 4.
     #[test]
     fn a_few_points_in_a_row_are_no_plane_for_a_pixel_beside_them() {
         let cloud = |columns: std::ops::Range<usize>| {

@@ -3,9 +3,9 @@
 use super::picture::Mask;
 use super::units::Pixel;
 
-/// Twice-counted corners are allowed; the polygon closes itself.
+/// Returns true for a point inside by the even–odd rule.
 ///
-/// True for a point inside by the even–odd rule.
+/// Repeated corners are allowed; the polygon closes itself.
 pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
     let mut inside = false;
     for (a, b) in edges(polygon) {
@@ -40,8 +40,8 @@ pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }
 
-/// Two sides that meet elsewhere than in a common corner, by the number of the corner from which each runs, from 0;
-/// `None` for a simple polygon.
+/// Finds two sides that meet at a point other than a common corner. Each side has the number of the corner from
+/// which it runs, from 0; `None` for a simple polygon.
 pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     let count = polygon.len();
     let side = |i: usize| (polygon[i], polygon[(i + 1) % count]);
@@ -49,7 +49,7 @@ pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
     pairs.filter(|[i, j]| (j + 1) % count != *i).find(|&[i, j]| cross(side(i), side(j)))
 }
 
-/// How far a point is from the nearest side, px.
+/// Returns the distance of a point from the nearest side, px.
 pub fn distance_to_side_px(polygon: &[Pixel], point: Pixel) -> f64 {
     let to_side = |(a, b): (Pixel, Pixel)| {
         let (du, dv) = (b.u - a.u, b.v - a.v);
@@ -61,7 +61,7 @@ pub fn distance_to_side_px(polygon: &[Pixel], point: Pixel) -> f64 {
     edges(polygon).map(to_side).fold(f64::INFINITY, f64::min)
 }
 
-/// Do two lines from point to point have a point in common?
+/// Returns whether two line segments have a point in common.
 fn cross((a, b): (Pixel, Pixel), (c, d): (Pixel, Pixel)) -> bool {
     let side = |p: Pixel, q: Pixel, r: Pixel| (q.u - p.u) * (r.v - p.v) - (q.v - p.v) * (r.u - p.u);
     let [c_side, d_side, a_side, b_side] = [side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)];
@@ -90,9 +90,9 @@ mod tests {
         assert!(!contains(&triangle, Pixel::at(3.0, 1.5)));
     }
 
-    /// By hand: an hourglass crosses in its middle, sides 0 and 2; a point that touches another side counts as a
-    /// crossing; (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from
-    /// its corner.
+    /// Calculated by hand: an hourglass crosses in its middle, sides 0 and 2. A side that touches a corner counts
+    /// as a crossing. (2, 1) is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px
+    /// from its corner.
     #[test]
     fn sides_cross_or_are_so_far_away() {
         let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();

@@ -1,21 +1,21 @@
-//! Neighbouring places of a raster, and its connected pieces.
+//! Neighbouring cells of a raster, and its connected pieces.
 
-/// The steps, column and row, to the four places beside one …
+/// The steps, column and row, to the four direct neighbours of a cell.
 pub const BESIDE: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
-/// … and to the eight around it.
+/// The steps, column and row, to the eight cells around a cell.
 pub const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
 /// The size of a raster with places that are counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Raster {
-    /// Places in a row.
+    /// Number of cells in a row.
     pub width: usize,
     /// Rows.
     pub height: usize,
 }
 
 impl Raster {
-    /// A place's neighbours by these steps, in their order.
+    /// Returns a cell's neighbours by these steps, in the order of the steps.
     pub fn neighbours<'a>(
         self,
         index: usize,
@@ -44,8 +44,8 @@ impl Raster {
         squares
     }
 
-    /// The connected pieces of the places that hold, by their first places; each in the order in which a breadth-first
-    /// search from its first place reaches it.
+    /// Returns the connected pieces of the cells for which `holds` is true, ordered by their first cells. Each
+    /// piece is in the order of a breadth-first search from its first cell.
     pub fn pieces(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         self.joined_pieces(steps, holds, |_, _| true)
     }

@@ -20,17 +20,17 @@ pub struct Point<F: Frame> {
 }
 
 impl<F: Frame> Point<F> {
-    /// The point with these coordinates, mm.
+    /// Creates the point with these coordinates, mm.
     pub fn at(x_mm: f64, y_mm: f64, z_mm: f64) -> Self {
         Self::new(Point3::new(x_mm, y_mm, z_mm))
     }
 
-    /// The point with these coordinates, mm.
+    /// Creates the point with these coordinates, mm.
     pub fn new(mm: Point3<f64>) -> Self {
         Point { mm, frame: PhantomData }
     }
 
-    /// Distance to another point of the same frame, mm.
+    /// Calculates the distance to another point of the same frame, mm.
     pub fn distance_mm(self, other: Self) -> f64 {
         (self.mm - other.mm).norm()
     }
@@ -45,7 +45,7 @@ pub struct Vector<F: Frame> {
 }
 
 impl<F: Frame> Vector<F> {
-    /// The vector with these components, mm.
+    /// Creates the vector with these components, mm.
     pub fn new(mm: Vector3<f64>) -> Self {
         Vector { mm, frame: PhantomData }
     }
@@ -55,7 +55,7 @@ impl<F: Frame> Vector<F> {
         self.mm.try_normalize(1e-12).map(Self::new)
     }
 
-    /// The angle between two vectors of the same frame.
+    /// Calculates the angle between two vectors of the same frame.
     pub fn angle_to(self, other: Self) -> Degrees {
         Degrees::from_rad(self.mm.angle(&other.mm))
     }
@@ -100,7 +100,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Rigid::claim(self.isometry.inverse())
     }
 
-    /// The bare numbers, for a kernel.
+    /// Returns the transform without its frames, for numerical code.
     pub fn isometry(&self) -> &Isometry3<f64> {
         &self.isometry
     }
@@ -115,12 +115,12 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
         Point::new(Point3::from(self.isometry.translation.vector))
     }
 
-    /// The whole angle of the rotation, 0…180°.
+    /// Returns the total angle of the rotation, 0…180°.
     pub fn turn(&self) -> Degrees {
         Degrees::from_rad(self.isometry.rotation.angle())
     }
 
-    /// The same transform followed by a displacement measured in `To`.
+    /// Returns the transform followed by a displacement measured in `To`.
     pub fn displaced(self, step: Vector<To>) -> Self {
         Self::claim(Translation3::from(step.mm) * self.isometry)
     }
@@ -132,7 +132,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
 }
 
 impl<F: Frame> Rigid<F, F> {
-    /// The transform that moves nothing.
+    /// Returns the transform that moves nothing.
     pub fn identity() -> Self {
         Self::claim(Isometry3::identity())
     }
@@ -182,12 +182,12 @@ pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]
     let (mean_from, mean_to) = (sum_from / count, sum_to / count);
     let spread: Matrix3<f64> =
         pairs.iter().map(|(from, to)| (to.mm.coords - mean_to) * (from.mm.coords - mean_from).transpose()).sum();
-    // The decomposition of what is not finite has no end.
+    // The decomposition does not terminate for values that are not finite.
     if !spread.iter().all(|number| number.is_finite()) {
         return None;
     }
     let svd = spread.try_svd(true, true, f64::EPSILON, 0)?;
-    // Three pairs span a plane; if the second singular value is zero, the turn about a line is free.
+    // Three pairs span a plane; if the second singular value is zero, the rotation about a line is not determined.
     if pairs.len() < 3 || svd.singular_values[1] <= 1e-9 * svd.singular_values[0] {
         return None;
     }
@@ -209,7 +209,7 @@ mod tests {
         Rigid::claim(Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz)))
     }
 
-    /// By hand: a quarter turn about Z sends x̂ to ŷ, then the translation (100, 0, 0) is added.
+    /// Calculated by hand: a quarter turn about Z maps x̂ to ŷ, then the translation (100, 0, 0) is added.
     #[test]
     fn a_transform_turns_first_and_shifts_then() {
         let base_from_panel: Rigid<Base, Panel> = rigid([100.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2]);
@@ -244,7 +244,7 @@ mod tests {
         }
     }
 
-    /// By hand: a quarter turn about Z and a shift of (10, 0, 0) send (1, 0, 0) to (10, 1, 0).
+    /// Calculated by hand: a quarter turn about Z and a shift of (10, 0, 0) map (1, 0, 0) to (10, 1, 0).
     #[test]
     fn the_nearest_motion_of_a_quarter_turn() {
         let pairs: [(Point<Panel>, Point<Base>); 3] = [
@@ -267,8 +267,8 @@ mod tests {
     }
 
     proptest! {
-        /// Plane points leave the third singular vectors' sign free: without the determinant every other turn of
-        /// these would come out as a reflection.
+        /// Points in a plane do not determine the sign of the third singular vectors: without the determinant every
+        /// other rotation here would result in a reflection.
         #[test]
         fn a_plane_panel_is_never_mirrored(turn in prop::array::uniform3(-2.0..2.0f64), shift in prop::array::uniform3(-99.0..99.0f64)) {
             let truth: Rigid<Base, Panel> = Rigid::claim(Isometry3::new(shift.into(), turn.into()));

@@ -14,23 +14,25 @@ use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// A span, mm, at most: longer than a weave, a seam or the camera's noise, shorter than how a panel bends.
+/// Largest length of a span, mm: longer than a weave, a seam or the camera's noise, shorter than the bending of a
+/// panel.
 const SPAN_MM: f64 = 70.0;
-/// λ and μ of (1). Between places that are seen they bend and shrink the field by less than a hundredth.
+/// λ and μ of (1). Between measured places they bend and shrink the field by less than a hundredth.
 const SMOOTH: f64 = 1e-3;
 const FADE: f64 = 1e-4;
-/// σ is no smaller, mm: heights without noise.
+/// Lower limit of σ, mm, for heights without noise.
 const MIN_SCALE_MM: f64 = 0.01;
-/// Fits with Tukey's weights.
+/// Number of fits with Tukey's weights.
 const ROUNDS: usize = 4;
-/// What lies farther from the best single patch is not of the field, mm: a wave of a panel does not.
+/// A height farther than this from the best single patch does not belong to the field, mm; a wave of a panel is
+/// closer.
 const OFF_PATCH_MM: f64 = 1.5;
-/// Functions that are not 0 at one place, along each axis.
+/// Number of functions that are not 0 at one place, along each axis.
 const ORDER: usize = DEGREE + 1;
-/// Heights summed by one task.
+/// Number of heights summed by one task.
 const CHUNK: usize = 2_048;
 
-/// A height that is seen at a place.
+/// A height that was measured at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Height {
     /// The place in the unit square.
@@ -47,19 +49,20 @@ pub struct SmoothField {
     coefficients: DVector<f64>,
 }
 
-/// A field, and the heights that it is fitted to.
+/// A field, and the heights to which it was fitted.
 #[derive(Debug, Clone)]
 pub struct RobustField {
     /// The field.
     pub field: SmoothField,
-    /// A height farther from it has no weight, mm.
+    /// A height farther than this from the field has no weight, mm.
     pub limit_mm: f64,
 }
 
 impl SmoothField {
     /// Computes the field from these heights over a rectangle of this size, mm; `None` if (1) has no solution.
     pub fn robust(sides_mm: [f64; 2], seen: &[Height]) -> Option<RobustField> {
-        // A single patch cannot follow a clamp; a fine field would, if it began with one.
+        // A single patch cannot follow a clamp; a fine field would follow it if the fit started with the fine
+        // field.
         let patch = SmoothField::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
         let is_near = |height: &Height| (height.mm - patch.at(height.at)).abs() <= OFF_PATCH_MM;
         let weights = seen.iter().map(|height| f64::from(is_near(height))).collect();
@@ -67,12 +70,12 @@ impl SmoothField {
         SmoothField::weighted(&knots(spans)?, seen, weights)
     }
 
-    /// The height there, mm; beyond the square that of its border.
+    /// Returns the height at a place, mm; outside the square, the height of its border.
     pub fn at(&self, at: [f64; 2]) -> f64 {
         functions(&self.knots, at).iter().map(|function| self.coefficients[function.index] * function.value).sum()
     }
 
-    /// The field with these knots, begun with these weights.
+    /// Fits the field with these knots, starting with these weights.
     fn weighted(knots: &[KnotVector; 2], seen: &[Height], mut weights: Vec<f64>) -> Option<RobustField> {
         let mut field = SmoothField::fitted(knots, seen, &weights)?;
         let mut limit_mm = f64::INFINITY;
@@ -115,7 +118,7 @@ impl SmoothField {
     }
 }
 
-/// The normal equations of (1), of which Cholesky's decomposition reads the lower half alone.
+/// The normal equations of (1); Cholesky's decomposition reads only the lower half.
 struct Equations {
     normal: DMatrix<f64>,
     right: DVector<f64>,
@@ -130,7 +133,7 @@ impl Equations {
         if weight <= 0.0 {
             return;
         }
-        // Indices grow along the list.
+        // The indices increase along the list.
         let functions = functions(knots, height.at);
         for (n, one) in functions.iter().enumerate() {
             let weighted = weight * one.value;
@@ -148,20 +151,20 @@ impl Equations {
     }
 }
 
-/// A function that is not 0 at a place: its coefficient's index, and its value there.
+/// A function that is not 0 at a place: the index of its coefficient, and its value at the place.
 #[derive(Clone, Copy)]
 struct Function {
     index: usize,
     value: f64,
 }
 
-/// Knots of this many equal spans along each axis; `None` of none.
+/// Creates the knots of this number of equal spans along each axis; `None` for zero spans.
 fn knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
     let along = |spans| KnotVector::uniform(DEGREE, spans, 0.0..=1.0).ok();
     Some([along(spans[0])?, along(spans[1])?])
 }
 
-/// The functions that are not 0 there, by growing index.
+/// Returns the functions that are not 0 at a place, by increasing index.
 fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
     let along = |axis: usize| {
         let way = at[axis].clamp(0.0, 1.0);
@@ -187,15 +190,15 @@ fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usiz
 mod tests {
     use super::*;
 
-    /// Heights on a lattice of 60 × 40 places of a rectangle of 300 × 200 mm.
+    /// Returns heights on a lattice of 60 × 40 places of a rectangle of 300 × 200 mm.
     fn heights(mm: impl Fn([f64; 2]) -> f64) -> Vec<Height> {
         let places = (0..60).flat_map(|i| (0..40).map(move |j| [f64::from(i) / 59.0, f64::from(j) / 39.0]));
         places.map(|at| Height { at, mm: mm(at) }).collect()
     }
 
-    /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms; a
-    /// clamp of 30 mm at a corner, 3 mm high, is not: there the field continues to 0.11 mm. Another program of
-    /// these equations found these numbers.
+    /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms. A
+    /// clamp of 30 mm at a corner, 3 mm high, is not followed: there the field continues to 0.11 mm. These numbers
+    /// come from another program for the same equations.
     #[test]
     fn a_bow_is_followed_and_a_clamp_is_not() {
         let bow = |at: [f64; 2]| {

@@ -10,17 +10,18 @@
 //! largest error. For them, Monte Carlo of the localization's covariance gives 95 % at 2.34 on panels of 250 × 180
 //! to 600 × 400 mm. One freedom alone would give 1.96.
 
-/// An error in one direction lies within this many standard deviations with 95 %.
+/// With a probability of 95 %, an error in one direction lies within this many standard deviations.
 pub const WITHIN_95: f64 = 1.96;
-/// The largest error over a panel lies within this many standard deviations of its worst point with 95 % by the
-/// localization's covariance, and with 94 % by (1).
+/// The largest error over a panel lies within this many standard deviations of its worst point. The probability is
+/// 95 % by the localization's covariance, and 94 % by (1).
 pub const WHOLE_PANEL_95: f64 = 2.35;
-/// The median of |x| to the standard deviation of normal noise.
+/// Factor from the median of |x| to the standard deviation of normal noise.
 pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
-/// Tukey's constant: 95 % as efficient as plain least squares on normal noise (Beaton & Tukey, Technometrics 16, 1974).
+/// Tukey's constant: 95 % of the efficiency of plain least squares on normal noise (Beaton & Tukey, Technometrics
+/// 16, 1974).
 pub const TUKEY: f64 = 4.685;
 
-/// Tukey's weight of a deviation in standard deviations, 0…1.
+/// Returns Tukey's weight of a deviation in standard deviations, 0…1.
 pub fn tukey(deviation_in_sigma: f64) -> f64 {
     let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
     if inner > 0.0 { inner * inner } else { 0.0 }
@@ -31,7 +32,7 @@ mod tests {
     use super::*;
     use statrs::distribution::{ContinuousCDF, Normal};
 
-    /// (1) by a sum over 80³ equally likely triples.
+    /// Evaluates (1) by a sum over 80³ equally likely triples.
     #[test]
     fn the_largest_of_four_corners_lies_within_the_factor() {
         let normal = Normal::new(0.0, 1.0).expect("a distribution");

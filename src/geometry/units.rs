@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Standard gravity, m/s²: with it 1 kg weighs 9.80665 N.
+/// Standard gravity, m/s²: a mass of 1 kg has a weight of 9.80665 N.
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// An angle in degrees.
@@ -14,12 +14,12 @@ pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 pub struct Degrees(pub f64);
 
 impl Degrees {
-    /// The same angle in radians, for use inside a kernel.
+    /// Returns the angle in radians, for use in numerical code.
     pub fn rad(self) -> f64 {
         self.0.to_radians()
     }
 
-    /// An angle that a kernel computed in radians.
+    /// Creates an angle from radians that numerical code has computed.
     pub fn from_rad(angle_rad: f64) -> Self {
         Degrees(angle_rad.to_degrees())
     }
@@ -31,7 +31,7 @@ impl std::fmt::Display for Degrees {
     }
 }
 
-/// A place in a picture, px. Whole numbers are pixel centres, as in OpenCV; u to the right, v down.
+/// A position in a picture, px. Whole numbers are pixel centres, as in OpenCV; u to the right, v down.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pixel {
     /// Column, px.
@@ -41,12 +41,12 @@ pub struct Pixel {
 }
 
 impl Pixel {
-    /// The pixel at column `u`, row `v`.
+    /// Creates the pixel at column `u`, row `v`.
     pub fn at(u: f64, v: f64) -> Self {
         Pixel { u, v }
     }
 
-    /// Distance to another pixel, px.
+    /// Calculates the distance to another pixel, px.
     pub fn distance_px(self, other: Pixel) -> f64 {
         (self.u - other.u).hypot(self.v - other.v)
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Records that a person has seen an alarm.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
-    /// When, ms since 1970.
+    /// When the alarm was acknowledged, ms since 1970.
     pub unix_ms: i64,
     /// The cycle to which the alarm belongs; `None` for an alarm outside of a cycle.
     pub cycle: Option<CycleId>,
@@ -14,6 +14,6 @@ pub struct Acknowledgement {
     pub code: String,
     /// When the alarm was raised, ms since 1970: the same code raised again is another alarm.
     pub raised_unix_ms: i64,
-    /// Who, as that person was named.
+    /// The person who acknowledged it, as named at that time.
     pub who: String,
 }

@@ -1,9 +1,9 @@
 //! The alarms of a cycle: which were raised, when, and when their cause was gone.
 //!
-//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives it. What the
-//! verdict still gives as a reason lasts on until a person resets or clears the cell, or the next cycle begins; all
-//! else is gone with the cycle. A request that was refused is an alarm of that moment. Acknowledging changes
-//! neither alarm nor cell.
+//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives that reason.
+//! Alarms for reasons of the verdict last until a person resets or clears the cell, or the next cycle begins; all
+//! others end with the cycle. A refused request is an alarm of that moment. Acknowledging changes neither alarm nor
+//! cell.
 
 use super::acknowledgement::Acknowledgement;
 use super::codes::{Priority, code};
@@ -14,13 +14,13 @@ use serde::Serialize;
 /// One alarm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Alarm {
-    /// Its cycle; `None` for what arose between cycles.
+    /// The alarm's cycle; `None` for an alarm between cycles.
     pub cycle: Option<CycleId>,
     /// The code, such as `low_overlap`.
     pub code: String,
     /// How urgent it is.
     pub priority: Priority,
-    /// What was found, in the words of then.
+    /// The finding, in the words of that time.
     pub message: String,
     /// The meaning of the code; empty if this program does not give it.
     pub cause: String,
@@ -28,21 +28,22 @@ pub struct Alarm {
     pub remedy: String,
     /// The phase that gave it; `None` for a request and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
-    /// When it was raised, ms since 1970. What an earlier program found counts as raised with the begin of its cycle.
+    /// When the alarm was raised, ms since 1970. Findings of an earlier program count as raised at the begin of
+    /// their cycle.
     pub raised_unix_ms: i64,
-    /// When it was gone, ms since 1970; `None` while it lasts.
+    /// When the cause was gone, ms since 1970; `None` while the alarm lasts.
     pub gone_unix_ms: Option<i64>,
-    /// Who acknowledged it first, and when.
+    /// The first acknowledgement: by whom, and when.
     pub acknowledged: Option<Acknowledgement>,
 }
 
-/// Times that a cycle's record itself does not have.
+/// Times that the cycle's record itself does not contain.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AlarmTimes {
-    /// When each finding was kept, ms since 1970, in their order; `None` for those of an earlier program.
+    /// When each finding was stored, ms since 1970, in their order; `None` for those of an earlier program.
     pub findings_unix_ms: Vec<Option<i64>>,
-    /// When a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970; `None` while
-    /// neither was.
+    /// When a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970; `None`
+    /// if neither has happened yet.
     pub settled_unix_ms: Option<i64>,
 }
 
@@ -52,7 +53,7 @@ impl Alarm {
         self.gone_unix_ms.is_none()
     }
 
-    /// What arose between cycles, at this time, and lasts.
+    /// Creates an alarm that arose between cycles, at this time, and lasts.
     pub fn between_cycles(reason: &Reason, raised_unix_ms: i64) -> Self {
         Self::new(None, reason, None, raised_unix_ms)
     }
@@ -62,7 +63,7 @@ impl Alarm {
         Alarm {
             cycle,
             code: reason.code.clone().into_owned(),
-            // What is not known is nothing to be overlooked.
+            // An unknown code must not be overlooked.
             priority: known.map_or(Priority::Medium, |known| known.priority),
             message: reason.message.clone(),
             cause: known.map_or(String::new(), |known| known.cause.clone().into_owned()),
@@ -75,7 +76,7 @@ impl Alarm {
     }
 }
 
-/// The alarms of a cycle in the order in which they were raised.
+/// Returns the alarms of a cycle in the order in which they were raised.
 pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Acknowledgement]) -> Vec<Alarm> {
     let mut all = of_findings(record, times);
     end(record, times, &mut all);
@@ -111,7 +112,7 @@ fn of_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
     all
 }
 
-/// What the end of the cycle does: its reasons last on, everything else is gone.
+/// Applies the end of the cycle: the alarms of its reasons last on, all others end.
 fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     let (Some(judgement), Some(ended_unix_s)) = (&record.judgement, record.ended_unix_s) else { return };
     let ended_unix_ms = ended_unix_s * 1_000;
@@ -122,7 +123,7 @@ fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     }
     for alarm in all.iter_mut().filter(|alarm| alarm.is_active()) {
         let lasts = judgement.reasons.iter().any(|reason| reason.code == alarm.code);
-        // The end is kept in whole seconds, and what raised an alarm may be later in that second.
+        // The end is stored in whole seconds, and an alarm may have been raised later in the same second.
         let gone = if lasts { times.settled_unix_ms } else { Some(ended_unix_ms) };
         alarm.gone_unix_ms = gone.map(|gone| gone.max(alarm.raised_unix_ms));
     }

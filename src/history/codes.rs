@@ -10,21 +10,21 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 const PAGE: &str = include_str!("../../config/manual/messages.md");
-/// The page in each language, English first, each with the same rows.
+/// The page of messages in each language, English first, with the same rows in each.
 const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../config/manual/messages.de.md"))];
 
-/// How urgently a person is needed.
+/// How urgently a person is needed for a code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Priority {
     /// No one: the code reports an event.
     Note,
-    /// When there is time: a request or a command was not done, and nothing else changed.
+    /// When there is time: a request or a command was not carried out, and nothing else changed.
     Low,
     /// Soon: a cycle waits for a person, or ended without a result.
     Medium,
-    /// Now: the cell was aborted or is not sure of its state. A person looks at it before anything moves.
+    /// Now: the cell was aborted or is not sure of its state. A person must inspect it before anything moves.
     High,
 }
 
@@ -38,11 +38,11 @@ impl Priority {
 /// A code.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Code {
-    /// The stable word, `low_overlap`.
+    /// The stable keyword, `low_overlap`.
     pub code: Cow<'static, str>,
     /// How urgent it is.
     pub priority: Priority,
-    /// What it means and by what it comes.
+    /// The meaning of the code and its cause.
     pub cause: Cow<'static, str>,
     /// What to do.
     pub remedy: Cow<'static, str>,
@@ -90,7 +90,7 @@ const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path
 /// Sections of the page with the codes of commands and requests; all text below one of its headings belongs to it.
 const COMMANDS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
 
-/// Codes in those sections by which no cycle starts.
+/// Codes in the sections of `COMMANDS` that prevent the start of a cycle.
 const NO_START: [&str; 6] = [
     "verification_limit",
     "verification_old",
@@ -113,9 +113,9 @@ static CODES: LazyLock<Vec<Code>> = LazyLock::new(|| {
 /// A code's row of the page in one language.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row {
-    /// The stable word, `low_overlap`.
+    /// The stable keyword, `low_overlap`.
     pub code: &'static str,
-    /// What it means and by what it comes.
+    /// The meaning of the code and its cause.
     pub cause: &'static str,
     /// What to do.
     pub remedy: &'static str,
@@ -133,17 +133,17 @@ pub fn row(code: &str, language: &str) -> Option<Row> {
     ROWS.get(language)?.get(code).copied()
 }
 
-/// The languages in which the codes are explained, English first.
+/// Returns the languages in which the codes are explained, English first.
 pub fn languages() -> impl Iterator<Item = &'static str> {
     PAGES.into_iter().map(|(language, _)| language)
 }
 
-/// All codes, in the order of the manual.
+/// Returns all codes, in the order of the manual.
 pub fn codes() -> &'static [Code] {
     &CODES
 }
 
-/// The code with this word.
+/// Returns the code with this keyword.
 pub fn code(word: &str) -> Option<&'static Code> {
     CODES.iter().find(|code| code.code == word)
 }
@@ -200,7 +200,7 @@ mod tests {
         assert!(code("no_such_code").is_none() && codes().len() > 150);
     }
 
-    /// A page in another language has the same rows, and in each row the same codes, commands, keys and files.
+    /// A page in another language has the same rows, and each row has the same codes, commands, keys and files.
     #[test]
     fn each_language_has_every_row_with_what_is_not_translated() {
         let marked = |row: &Row| {
@@ -222,7 +222,7 @@ mod tests {
         }
     }
 
-    /// A code that is no longer given must not stay in a list here.
+    /// A code that is no longer used must not stay in a list here.
     #[test]
     fn every_listed_code_is_one_of_the_manual() {
         let unknown: Vec<&&str> =
@@ -232,7 +232,7 @@ mod tests {
         assert!(COMMANDS.iter().all(|section| headings.contains(section)), "{headings:?}");
     }
 
-    /// What the manual calls an abort is looked at before anything moves.
+    /// After an abort, as the manual defines it, the cell is inspected before anything moves.
     #[test]
     fn what_aborts_a_cycle_is_urgent() {
         let aborts = |code: &&Code| code.cause.starts_with("Aborted") || code.cause.contains("cycle is aborted");

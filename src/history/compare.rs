@@ -14,35 +14,35 @@ use std::collections::BTreeSet;
 /// Two cycles side by side, the first and the second in each pair.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// What each came to.
+    /// The summary of each cycle.
     pub cycles: [Summary; 2],
     /// Whether both have the same serial number; `None` if one has none.
     pub is_same_part: Option<bool>,
-    /// With what they ran: panel, recipe, calibrations, program.
+    /// The inputs of the cycles: panel, recipe, calibrations, program.
     pub inputs: Vec<InputPair>,
-    /// Every check that one of them has.
+    /// Every check that one of the cycles has.
     pub checks: Vec<CheckPair>,
     /// Every grid that one of them reports.
     pub grids: Vec<GridPair>,
 }
 
-/// Something that both ran with, by its hash, name or version.
+/// An input of both cycles, by its hash, name or version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct InputPair {
     /// What it is.
     pub name: String,
     /// The values; `None` if the cycle had none.
     pub values: [Option<String>; 2],
-    /// Whether both ran with the same.
+    /// Whether both cycles ran with the same input.
     pub is_same: bool,
 }
 
-/// A check of both.
+/// A check of both cycles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckPair {
     /// The phase.
     pub kind: Kind,
-    /// Abrasions planned by then.
+    /// Number of abrasions planned by that time.
     pub pass: u8,
     /// Its name.
     pub name: String,
@@ -52,7 +52,7 @@ pub struct CheckPair {
     pub values: [Option<f64>; 2],
     /// The limits; `None` if the cycle does not have the check.
     pub limits: [Option<Limit>; 2],
-    /// The second value less the first; `None` without one of them.
+    /// The second value less the first; `None` if one of them is missing.
     pub difference: Option<f64>,
 }
 
@@ -112,13 +112,13 @@ fn names(all: &[(String, String)]) -> Vec<String> {
     all.iter().map(|(name, _)| name.clone()).collect()
 }
 
-/// The first list, then what only the second has, in their orders.
+/// Returns the first list, then the entries that only the second list has, in their orders.
 fn union<T: Clone + PartialEq>(first: &[T], second: &[T]) -> Vec<T> {
     let more = second.iter().filter(|one| !first.contains(one));
     first.iter().chain(more).cloned().collect()
 }
 
-/// The last finding of each phase and pass, in the order in which these came first.
+/// Returns the last finding of each phase and pass, in the order in which these first occurred.
 fn last_findings(past: &PastCycle) -> Vec<(Kind, u8, &Finding)> {
     let mut last: Vec<(Kind, u8, &Finding)> = Vec::new();
     for finding in &past.record.findings {

@@ -1,4 +1,4 @@
-//! Dates as people type them for a search: a day, or a day with a time, in UTC as all pages have them.
+//! Parses dates that people type for a search: a day, or a day with a time, in UTC as on all pages.
 
 use jiff::civil::{Date, DateTime};
 use jiff::tz::Offset;
@@ -13,7 +13,7 @@ pub enum Edge {
     Behind,
 }
 
-/// What was typed is no date.
+/// The typed text is not a date.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
     "{found} is no date: write a day as 2026-05-31, or a day with a time as 2026-05-31T09:00, both in UTC, between the years \
@@ -51,7 +51,7 @@ pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
 mod tests {
     use super::*;
 
-    /// From `date -u -d 2024-02-29 +%s` and the like: a leap day has a next day in March.
+    /// Expected values from `date -u -d 2024-02-29 +%s` and similar commands: the day after a leap day is in March.
     #[test]
     fn a_day_begins_and_ends_where_the_calendar_says() {
         for (text, edge, expected) in [

@@ -1,4 +1,4 @@
-//! What became of each grid of a panel in one cycle: by its first film, by the passes, by its last film.
+//! The results of each grid of a panel in one cycle: for its first film, the passes, and its last film.
 
 use crate::record::{Abraded, Finding, Kind, name};
 use crate::verdict::Verdict;
@@ -9,15 +9,15 @@ use std::collections::BTreeMap;
 /// The history of a grid in one cycle; `None` if it was not seen.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct GridPast {
-    /// Whether the film broke on it the first time.
+    /// Whether the film broke on the grid the first time.
     pub failed_first: Option<bool>,
-    /// After how long it failed then, s.
+    /// Time after which the grid failed the first time, s.
     pub time_to_break_s: Option<f64>,
-    /// The area on which the film broke then, mm².
+    /// The area on which the film broke the first time, mm².
     pub broken_mm2: Option<f64>,
-    /// Passes that are known to have touched it.
+    /// Number of passes that are known to have touched the grid.
     pub passes: u8,
-    /// Whether the film broke on it the last time.
+    /// Whether the film broke on the grid the last time.
     pub failed_at_end: Option<bool>,
 }
 

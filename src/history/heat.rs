@@ -21,13 +21,13 @@ pub struct HeatMap {
 pub struct HeatCell {
     /// The grid.
     pub grid: String,
-    /// Its row, from 1.
+    /// The grid's row, from 1.
     pub row: u32,
-    /// Its column, from 1.
+    /// The grid's column, from 1.
     pub column: u32,
     /// First films that report it.
     pub films: usize,
-    /// How often the film broke on it.
+    /// How often the film broke on the grid.
     pub breaks: usize,
     /// The median of the times to the break, s; `None` if the film never broke there.
     pub median_s: Option<f64>,

@@ -1,4 +1,4 @@
-//! A cycle that was, as the rest of the room reads it: its record, its part, and what it did to the disc.
+//! A past cycle, as the other modules of the history read it: its record, its part, and the wear of the disc.
 
 use super::grid::{GridPast, grids};
 use crate::record::{CycleRecord, Finding, Kind, PartNames, abraded};
@@ -17,17 +17,17 @@ pub struct PastCycle {
     pub disc: Option<DiscWear>,
 }
 
-/// What a cycle did to the disc.
+/// The wear of the disc in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DiscWear {
-    /// What the disc swept of the panel in this cycle, mm².
+    /// The area of the panel that the disc swept in this cycle, mm².
     pub swept_mm2: f64,
-    /// What it had swept by the end of the cycle since it was mounted, mm².
+    /// The area that the disc had swept from its mounting to the end of the cycle, mm².
     pub worn_mm2: f64,
 }
 
 impl PastCycle {
-    /// The findings of this phase, in order.
+    /// Returns the findings of this phase, in order.
     pub fn findings(&self, kind: Kind) -> impl DoubleEndedIterator<Item = &Finding> {
         self.record.findings.iter().filter(move |finding| finding.kind == kind)
     }
@@ -37,12 +37,12 @@ impl PastCycle {
         self.findings(Kind::Inspect).filter(|film| is_valid(film))
     }
 
-    /// The check with this name in the last finding of this phase that has it.
+    /// Returns the check with this name in the last finding of this phase that has it.
     pub fn last_check(&self, kind: Kind, name: &str) -> Option<&Check> {
         self.findings(kind).rev().find_map(|finding| finding.checks.iter().find(|check| check.name == name))
     }
 
-    /// Passes over the panel that are known to have touched it.
+    /// Returns the number of passes over the panel that are known to have touched it.
     pub fn passes(&self) -> u8 {
         let all = abraded(&self.record.findings, &self.record.motions);
         all.iter().filter(|one| one.how.is_sure()).map(|one| one.pass).max().unwrap_or(0)

@@ -6,16 +6,16 @@ use crate::verdict::{Check, Limit};
 use std::str::FromStr;
 use strum::IntoEnumIterator;
 
-/// A number that each cycle has one of, or none.
+/// A number that a cycle may have.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Quantity {
-    /// One of those that have a word.
+    /// A quantity with a keyword.
     Known(Known),
     /// The check with this name, in the last finding that has it.
     Check(String),
 }
 
-/// A quantity that has a word.
+/// A quantity with a keyword.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::EnumIter, strum::EnumString, strum::IntoStaticStr)]
 #[strum(serialize_all = "kebab-case")]
 pub enum Known {
@@ -25,45 +25,45 @@ pub enum Known {
     OutlineResidual,
     /// Localization: stated error at the panel's worst place, 95 %, mm.
     LocalizationError,
-    /// How far the panel was bent against the taught one, largest, mm.
+    /// The largest deviation of the panel's shape from the taught panel, mm.
     DeviationFromTaught,
-    /// Verifications of the scanner, mm at the panel.
+    /// The result of verifications of the scanner, mm at the panel.
     ScannerVerification,
-    /// Verifications of the camera on the flange, mm at the panel.
+    /// The result of verifications of the camera on the flange, mm at the panel.
     FlangeCameraVerification,
-    /// Verifications of the tool, mm.
+    /// The result of verifications of the tool, mm.
     ToolVerification,
-    /// Verifications of the force of a compliant tool, N.
+    /// The result of verifications of the force of a compliant tool, N.
     ForceVerification,
-    /// How much less light than in the dry picture, of the film with the least, %.
+    /// The largest loss of light against the dry picture over all films, %.
     LightLeast,
-    /// How much more light than in the dry picture, of the film with the most, %.
+    /// The largest gain of light against the dry picture over all films, %.
     LightMost,
-    /// By how much the film changed the panel, of the film with the least, grey levels.
+    /// The change of the panel by the film, for the film with the smallest change, grey levels.
     FilmChange,
-    /// From the begin of the first film to its first break, s.
+    /// Time from the begin of the first film to its first break, s.
     TimeToBreak,
     /// Passes over the panel.
     Passes,
     /// Contact force of a compliant tool on the last path, mean, N.
     ForceInContact,
-    /// What the last path removed of the treated grids, mean, µm.
+    /// Mean removal of the last path on the treated grids, µm.
     RemovedMean,
-    /// What no place of the part came to over all passes, 95 %, µm.
+    /// Upper 95 % bound of the removal at the deepest place of the part, over all passes, µm.
     RemovedDeepest,
-    /// What the disc swept in the cycle, mm².
+    /// The area that the disc swept in the cycle, mm².
     DiscSwept,
-    /// What the disc had swept since it was mounted, mm².
+    /// The area that the disc had swept since it was mounted, mm².
     DiscWorn,
-    /// From begin to end by the wall clock, s.
+    /// Duration of the cycle by the wall clock, s.
     CycleTime,
-    /// How long the valid films were watched together, s.
+    /// Total time for which the valid films were watched, s.
     FilmTime,
-    /// The error at the tool, all parts together, 95 %, mm.
+    /// The total error at the tool from all parts, 95 %, mm.
     ErrorAtTool,
 }
 
-/// Which of several checks of a cycle counts.
+/// Selects which of several checks of a cycle counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Pick {
     Last,
@@ -72,12 +72,12 @@ enum Pick {
 }
 
 impl Known {
-    /// Its word on the command line and in addresses, `localization-residual`.
+    /// Returns the quantity's keyword on the command line and in addresses, `localization-residual`.
     pub fn word(self) -> &'static str {
         self.into()
     }
 
-    /// What it is, and its unit.
+    /// Returns the quantity's title and its unit.
     pub fn title_and_unit(self) -> (&'static str, &'static str) {
         match self {
             Known::LocalizationResidual => ("localization: residual, point to plane, rms", "mm"),
@@ -120,7 +120,7 @@ impl Known {
         Known::iter().map(Known::word).collect()
     }
 
-    /// The value in a cycle, and what was allowed. A number of verifications has none in a cycle.
+    /// Returns the value in a cycle, and its limit. A quantity of verifications has no value in a cycle.
     fn value_and_limit(self, past: &PastCycle) -> Option<(f64, Limit)> {
         let unlimited = |value: f64| (value, Limit::Unlimited);
         match self {
@@ -163,7 +163,7 @@ fn picked(past: &PastCycle, kind: Kind, name: &str, pick: Pick) -> Option<(f64, 
 }
 
 impl Quantity {
-    /// The quantity with this word, else the check with this name.
+    /// Returns the quantity with this keyword; otherwise the check with this name.
     pub fn named(text: &str) -> Self {
         Known::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
     }
@@ -176,7 +176,7 @@ impl Quantity {
         }
     }
 
-    /// What it is, and its unit, as these cycles have it.
+    /// Returns the quantity's title and its unit in these cycles.
     pub fn title_and_unit(&self, cycles: &[PastCycle]) -> (String, String) {
         match self {
             Quantity::Known(known) => {

@@ -4,7 +4,7 @@ use crate::record::{CycleId, PartNames};
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
 
-/// Cycles on one page of results at most.
+/// Largest number of cycles on one page of results.
 pub const MAX_HITS: usize = 1_000;
 
 /// How a cycle must have ended to be found.
@@ -12,7 +12,7 @@ pub const MAX_HITS: usize = 1_000;
 pub enum End {
     /// With this verdict.
     With(Verdict),
-    /// Not at all so far.
+    /// The cycle has not ended yet.
     Running,
 }
 
@@ -28,17 +28,17 @@ pub struct Query {
     pub panel: Option<String>,
     /// The operator, as named at the start.
     pub operator: Option<String>,
-    /// Begun at this time or later, s since 1970.
+    /// The cycle began at this time or later, s since 1970.
     pub from_unix_s: Option<i64>,
-    /// Begun before this time, s since 1970.
+    /// The cycle began before this time, s since 1970.
     pub until_unix_s: Option<i64>,
     /// How it ended.
     pub end: Option<End>,
-    /// Each of these words is in a reason of the verdict: in its code or its sentence.
+    /// Each of these words must occur in a reason of the verdict: in its code or its sentence.
     pub words: Vec<String>,
-    /// Cycles before this one: the [`Hits::next`] of the page before.
+    /// Cycles before this one: the [`Hits::next`] of the previous page.
     pub before: Option<CycleId>,
-    /// Cycles at most, 1 to [`MAX_HITS`]; what is outside of that counts as the nearest of them.
+    /// Largest number of cycles, 1 to [`MAX_HITS`]; a value outside this range is set to the nearest limit.
     pub limit: usize,
 }
 
@@ -47,19 +47,19 @@ pub struct Query {
 pub struct Hit {
     /// Its number.
     pub cycle: CycleId,
-    /// When it began, s since 1970.
+    /// When the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When it ended, s since 1970; `None` while it runs.
+    /// When the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
-    /// The part, as it was named.
+    /// The part, with the names that were entered.
     pub part: PartNames,
-    /// How it ended; `None` while it runs.
+    /// How the cycle ended; `None` while it runs.
     pub verdict: Option<Verdict>,
-    /// Whether the path was run in the air: its verdict is of the motions, not of the panel.
+    /// Whether the path was run in the air: the verdict is then about the motions, not about the panel.
     pub is_air_run: bool,
-    /// Why it ended so.
+    /// The reasons for the verdict.
     pub reasons: Vec<Reason>,
 }
 
@@ -73,7 +73,7 @@ pub struct Hits {
 }
 
 impl Query {
-    /// The limit that counts.
+    /// Returns the page size that applies.
     pub fn page_size(&self) -> usize {
         self.limit.clamp(1, MAX_HITS)
     }

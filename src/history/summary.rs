@@ -1,28 +1,28 @@
-//! One cycle at a glance.
+//! The summary of one cycle.
 
 use super::past::{DiscWear, PastCycle};
 use crate::record::{Budget, Clock, CycleId, Kind, PartNames, name};
 use crate::verdict::{Check, Reason, Verdict};
 use serde::Serialize;
 
-/// What one cycle came to. What was not measured is `None`.
+/// The results of one cycle. A value that was not measured is `None`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Its number.
     pub cycle: CycleId,
-    /// When it began, s since 1970.
+    /// When the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When it ended, s since 1970; `None` while it runs.
+    /// When the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
     /// The part, as far as it was named.
     pub part: PartNames,
-    /// Whether the path was run in the air: the verdict is of the motions, not of the panel.
+    /// Whether the path was run in the air: the verdict is then about the motions, not about the panel.
     pub is_air_run: bool,
-    /// How it ended; `None` while it runs.
+    /// How the cycle ended; `None` while it runs.
     pub verdict: Option<Verdict>,
-    /// Why it ended so.
+    /// The reasons for the verdict.
     pub reasons: Vec<Reason>,
     /// Passes over the panel that are known to have touched it.
     pub passes: u8,
@@ -34,13 +34,13 @@ pub struct Summary {
     pub outline_residual: Option<Check>,
     /// The stated error of the localization at the panel's worst place, 95 %, mm, with its limit.
     pub localization_error: Option<Check>,
-    /// The error at the tool by its parts, mm, 95 %.
+    /// The error at the tool, divided into its parts, mm, 95 %.
     pub budget: Option<Budget>,
-    /// Their root of the sum of squares, mm; `None` while a part is not measured.
+    /// The root of the sum of squares of the budget's parts, mm; `None` while a part is not measured.
     pub budget_total_mm: Option<f64>,
-    /// From begin to end by the wall clock, s.
+    /// Duration of the cycle by the wall clock, s.
     pub cycle_time_s: Option<i64>,
-    /// The same by the simulated cell's clock, s.
+    /// Duration of the cycle by the simulated cell's clock, s.
     pub simulated_s: Option<f64>,
     /// The disc; `None` if the cycle touched nothing.
     pub disc: Option<DiscWear>,
@@ -53,7 +53,7 @@ pub struct Films {
     pub valid: usize,
     /// Films without a valid result; they were repeated, or ended the cycle.
     pub invalid: usize,
-    /// How long the valid ones were watched together, s.
+    /// Total time for which the valid films were watched, s.
     pub watched_s: Option<f64>,
     /// Grids that the first valid one reports.
     pub grids: usize,
@@ -63,7 +63,7 @@ pub struct Films {
     pub failed_at_end: Option<Vec<String>>,
 }
 
-/// What a cycle came to.
+/// Summarises a cycle.
 pub fn summary(past: &PastCycle) -> Summary {
     let record = &past.record;
     let located = |name: &str| past.last_check(Kind::Locate, name).cloned();

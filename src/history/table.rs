@@ -1,16 +1,16 @@
-//! A table of cells that other programs read: as CSV with every digit, one line of names first.
+//! A table of cells for other programs: as CSV with every digit, with one line of names first.
 //!
-//! Spreadsheets execute a text that begins with a sign of a formula. Such texts come from people, as serial numbers
-//! do, and get an apostrophe before them, as spreadsheets themselves write a text that is none.
+//! Spreadsheets execute a text that begins like a formula. People enter such texts, for example as serial numbers.
+//! They get an apostrophe in front, as spreadsheets themselves write a text that is not a formula.
 
 /// A cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
-    /// What was not measured or not named.
+    /// A value that was not measured or not named.
     Empty,
     /// A text.
     Text(String),
-    /// A number, written as short as it reads back.
+    /// A number, written with the fewest digits that read back equal.
     Number(f64),
     /// A count or a time.
     Whole(i64),
@@ -23,17 +23,17 @@ pub enum Cell {
 pub struct Table {
     /// The names.
     pub columns: Vec<String>,
-    /// The rows, each as long as the names.
+    /// The rows, each with as many cells as there are names.
     pub rows: Vec<Vec<Cell>>,
 }
 
 impl Table {
-    /// A table with these columns and no rows so far.
+    /// Creates a table with these columns and no rows.
     pub fn new(columns: &[&str]) -> Self {
         Table { columns: columns.iter().map(|&name| name.to_owned()).collect(), rows: Vec::new() }
     }
 
-    /// The same table with these rows.
+    /// Returns the table with these rows.
     #[must_use]
     pub fn with(self, rows: impl IntoIterator<Item = Vec<Cell>>) -> Self {
         Table { rows: rows.into_iter().collect(), ..self }
@@ -50,7 +50,7 @@ impl Table {
             writer.write_record(row.iter().map(Cell::text))?;
         }
         let bytes = writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
-        // What is written from texts is text.
+        // The bytes are valid text, since they were written from texts.
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 }

@@ -1,4 +1,4 @@
-//! What the history shows, as tables: the columns of each.
+//! The contents of the history as tables: the columns of each.
 
 use super::alarms::Alarm;
 use super::compare::Comparison;
@@ -11,7 +11,7 @@ use crate::record::{CycleId, PartNames};
 use crate::verdict::{Check, Limit, Reason, Verdict};
 use crate::words::utc;
 
-/// What every row about a cycle begins with, up to its codes.
+/// The first columns of every row about a cycle, up to its codes.
 const CYCLE: [&str; 11] = [
     "cycle",
     "started_utc",
@@ -26,7 +26,7 @@ const CYCLE: [&str; 11] = [
     "codes",
 ];
 
-/// The first cells of such a row, up to the codes.
+/// Returns the first cells of a row about a cycle, up to the codes.
 fn cycle_cells(
     (cycle, panel): (CycleId, &str),
     (started_unix_s, ended_unix_s): (i64, Option<i64>),
@@ -47,7 +47,7 @@ fn cycle_cells(
     ]
 }
 
-/// The cycles that a search found.
+/// Makes a table of the cycles that a search found.
 pub fn hits_table(hits: &[Hit]) -> Table {
     Table::new(&[&CYCLE[..], &["reasons"]].concat()).with(hits.iter().map(|hit| {
         let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
@@ -65,7 +65,7 @@ fn sentences(reasons: &[Reason]) -> String {
     reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
-/// Cycles at a glance, one in each row.
+/// Makes a table of summaries, one cycle in each row.
 pub fn summary_table(summaries: &[Summary]) -> Table {
     let columns = [
         "passes",
@@ -119,7 +119,7 @@ fn summary_row(summary: &Summary) -> Vec<Cell> {
     row
 }
 
-/// Two cycles side by side: inputs, checks and grids below each other, the kind of row first.
+/// Makes a table of two cycles side by side: inputs, checks and grids below each other, with the kind of row first.
 pub fn comparison_table(comparison: &Comparison) -> Table {
     let columns =
         ["what", "phase", "pass", "name", "unit", "first", "second", "difference", "limit_first", "limit_second"];
@@ -189,7 +189,7 @@ pub fn trend_table(trend: &Trend) -> Table {
     }))
 }
 
-/// Every grid over many cycles.
+/// Makes a table of every grid over many cycles.
 pub fn heat_table(map: &HeatMap) -> Table {
     let columns = ["grid", "row", "column", "films", "breaks", "median_time_to_break_s"];
     Table::new(&columns).with(map.grids.iter().map(|cell| {
@@ -204,7 +204,7 @@ pub fn heat_table(map: &HeatMap) -> Table {
     }))
 }
 
-/// Alarms, each with its times, cause and remedy.
+/// Makes a table of alarms, each with its times, cause and remedy.
 pub fn alarm_table(alarms: &[Alarm]) -> Table {
     let columns = [
         "raised_utc",

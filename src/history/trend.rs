@@ -1,4 +1,4 @@
-//! How a number of a panel developed over its cycles, with the limit that each was held against.
+//! The development of a quantity of a panel over its cycles, with the limit with which each value was compared.
 
 use super::past::PastCycle;
 use super::quantity::Quantity;
@@ -10,7 +10,7 @@ use serde::Serialize;
 /// One value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrendPoint {
-    /// The cycle; `None` for a verification, which belongs to none.
+    /// The cycle; `None` for a verification, which belongs to no cycle.
     pub cycle: Option<CycleId>,
     /// When the cycle began, or the verification was made, s since 1970.
     pub at_unix_s: i64,
@@ -31,7 +31,7 @@ pub struct Trend {
     pub unit: String,
     /// The values.
     pub points: Vec<TrendPoint>,
-    /// Cycles that were looked at and have no such number.
+    /// Number of cycles that were searched and do not have this quantity.
     pub without: usize,
     /// The usual value and scatter; `None` if there are too few values.
     pub usual: Option<Usual>,
@@ -40,7 +40,7 @@ pub struct Trend {
 }
 
 impl Trend {
-    /// From values, the oldest first.
+    /// Creates a trend from values, the oldest first.
     pub fn of_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let usual = usual(&values);
@@ -49,7 +49,7 @@ impl Trend {
     }
 }
 
-/// How a quantity developed over these cycles, the oldest first. Cycles that ran in the air are left out.
+/// Returns the trend of a quantity over these cycles, the oldest first. Cycles that ran in the air are left out.
 pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     let over_panels: Vec<&PastCycle> = cycles.iter().filter(|past| !past.record.is_air_run()).collect();
     let point = |past: &&PastCycle| {

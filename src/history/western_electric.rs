@@ -7,22 +7,22 @@
 
 use serde::Serialize;
 
-/// Values that are needed before the rules are applied: fewer estimate no scatter.
+/// Number of values that are needed before the rules are applied: fewer values do not give a usable scatter.
 pub const MIN_VALUES: usize = 10;
 /// Ratio of the mean difference of two neighbours to the scatter, if the scatter is normal: 2 / √π.
 const D2: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
-/// Which rule a row of values breaks.
+/// The rule that a sequence of values violates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
-    /// One value is beyond three times the scatter.
+    /// One value is more than three times the scatter from the mean.
     OneBeyondThree,
-    /// Two of three values in succession are beyond twice the scatter, on the same side.
+    /// Two of three successive values are more than twice the scatter from the mean, on the same side.
     TwoOfThreeBeyondTwo,
-    /// Four of five values in succession are beyond the scatter, on the same side.
+    /// Four of five successive values are more than the scatter from the mean, on the same side.
     FourOfFiveBeyondOne,
-    /// Eight values in succession are on the same side.
+    /// Eight successive values are on the same side of the mean.
     EightOnOneSide,
 }
 
@@ -53,7 +53,7 @@ impl Rule {
     }
 }
 
-/// On which side of the mean.
+/// The side of the mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[expect(missing_docs, reason = "the sides are what they are called")]
@@ -62,18 +62,18 @@ pub enum Side {
     Below,
 }
 
-/// A rule that is broken.
+/// A violated rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Hint {
     /// Which.
     pub rule: Rule,
-    /// The place of the value at which it is broken, from 0.
+    /// Index of the value at which the rule is violated, from 0.
     pub at: usize,
     /// On which side.
     pub side: Side,
 }
 
-/// What values usually are: their mean and their scatter, one standard deviation.
+/// The usual range of the values: their mean and their scatter, one standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Usual {
     /// The mean.
@@ -82,7 +82,8 @@ pub struct Usual {
     pub sigma: f64,
 }
 
-/// The mean of the values, and the scatter by the differences of neighbours; `None` for fewer than [`MIN_VALUES`].
+/// Returns the mean of the values, and the scatter from the differences of neighbours; `None` for fewer than
+/// [`MIN_VALUES`].
 pub fn usual(values: &[f64]) -> Option<Usual> {
     if values.len() < MIN_VALUES {
         return None;
@@ -106,7 +107,7 @@ pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
             let window = &scores[(at + 1).saturating_sub(of)..=at];
             for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
                 let is_beyond = |score: &&f64| **score * sign > beyond;
-                // The value that breaks a rule is itself beyond.
+                // The value that violates a rule must itself be beyond the limit.
                 if is_beyond(&&scores[at]) && window.iter().filter(is_beyond).count() >= needed {
                     hints.push(Hint { rule, at, side });
                 }
@@ -142,7 +143,8 @@ mod tests {
         assert_eq!(broken(&[-0.1, -0.1, -0.1, 0.1, -0.1, -0.1, -0.1, -0.1, -0.1]), []);
     }
 
-    /// By hand: 1, 3, 1, 3, … ten times has mean 2 and differences of 2, so the scatter is 2 / 1.1284 = 1.7725.
+    /// Calculated by hand: ten values 1, 3, 1, 3, … have the mean 2 and differences of 2, so the scatter is 2 /
+    /// 1.1284 = 1.7725.
     #[test]
     fn the_scatter_comes_from_the_differences_of_neighbours() {
         let values: Vec<f64> = (0..10).map(|index| if index % 2 == 0 { 1.0 } else { 3.0 }).collect();
@@ -152,7 +154,7 @@ mod tests {
         assert_eq!(hints(&[4.0; 12], super::usual(&[4.0; 12]).expect("twelve")), []);
     }
 
-    /// A drift by a fifth of the scatter a value: by its spread alone it would count as usual.
+    /// A drift by a fifth of the scatter per value: by the spread of the values alone it would count as usual.
     #[test]
     fn a_slow_drift_is_noticed() {
         let values: Vec<f64> =

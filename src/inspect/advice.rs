@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 pub struct Channel {
     /// Mean brightness when dry.
     pub dry: f64,
-    /// Mean brightness under a whole film.
+    /// Mean brightness under a complete film.
     pub wet: f64,
     /// Noise of one picture, levels.
     pub noise: f64,
@@ -26,28 +26,29 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// How many times the noise the film changes it.
+    /// Returns the change by the film, in multiples of the noise.
     pub fn contrast_to_noise(&self) -> f64 {
         (self.dry - self.wet) / self.noise.max(0.1)
     }
 }
 
-/// What fits this panel in this light.
+/// Settings that suit this panel in this light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Advice {
     /// Red, green, blue; weights from 0 to 1.
     pub channels: [Channel; 3],
-    /// The darkest and the brightest twentieth of the dry region against its mean: how even the light is.
+    /// The darkest and the brightest twentieth of the dry region relative to its mean: a measure of the evenness of
+    /// the light.
     pub evenness: [f64; 2],
     /// Share of the dry region that is overexposed.
     pub overexposed: f64,
     /// The thesis's threshold for the recipe's gain.
     pub threshold: usize,
-    /// What dry pixels have of hue, saturation, value, widened.
+    /// The range of hue, saturation and value of dry pixels, widened.
     pub hsv: [[usize; 3]; 2],
 }
 
-/// Collects the pixels of a region, picture by picture; keeps sums alone.
+/// Collects the pixels of a region, picture by picture; stores only sums.
 #[derive(Debug)]
 pub struct Sampler {
     region: Vec<usize>,
@@ -56,13 +57,13 @@ pub struct Sampler {
     wet: Vec<[u32; 3]>,
     wet_pictures: u32,
     before: Option<Vec<[u8; 3]>>,
-    /// Sum and count of squared differences of pictures that follow each other.
+    /// Sum and count of squared differences of successive pictures.
     squares: [f64; 3],
     differences: f64,
 }
 
 impl Sampler {
-    /// For the pixels of this region.
+    /// Creates a sampler for the pixels of this region.
     pub fn new(region: &Mask) -> Self {
         let region: Vec<usize> = (0..region.inside.len()).filter(|&index| region.inside[index]).collect();
         let none = vec![[0; 3]; region.len()];
@@ -78,14 +79,14 @@ impl Sampler {
         }
     }
 
-    /// A picture of the dry panel.
+    /// Adds a picture of the dry panel.
     pub fn dry(&mut self, picture: &ColorPicture) {
         add(&mut self.dry, &self.region, picture);
         self.dry_pictures += 1;
         self.noise(picture);
     }
 
-    /// A picture of the panel under a whole film.
+    /// Adds a picture of the panel under a complete film.
     pub fn wet(&mut self, picture: &ColorPicture) {
         add(&mut self.wet, &self.region, picture);
         if self.wet_pictures == 0 {
@@ -100,7 +101,7 @@ impl Sampler {
         if let Some(before) = self.before.replace(now) {
             let now = self.before.iter().flatten();
             for (a, b) in before.iter().zip(now) {
-                // Twice the median would be sturdier; glints are rare enough for a bound.
+                // Twice the median would be more robust; glints are rare enough that a limit is sufficient.
                 let differs = |i: usize| (f64::from(a[i]) - f64::from(b[i])).clamp(-12.0, 12.0);
                 (0..3).for_each(|i| self.squares[i] += differs(i).powi(2));
                 self.differences += 1.0;
@@ -108,12 +109,13 @@ impl Sampler {
         }
     }
 
-    /// Mean dry brightness by pixel of the picture, the channels by weights that add up to 1.
+    /// Returns the mean dry brightness by pixel of the picture, with channel weights whose sum is 1.
     pub(super) fn dry_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
         means(&self.region, &self.dry, self.dry_pictures, weights)
     }
 
-    /// The same under a whole film.
+    /// Returns the mean brightness under a complete film by pixel of the picture, with channel weights whose sum is
+    /// 1.
     pub(super) fn wet_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
         means(&self.region, &self.wet, self.wet_pictures, weights)
     }
@@ -124,7 +126,7 @@ impl Sampler {
         self.squares.map(|square| (square / self.differences.max(1.0) / 2.0).sqrt())
     }
 
-    /// What fits; `None` without a dry and a wet picture, or without a pixel.
+    /// Returns the settings that suit the panel; `None` without a dry and a wet picture, or without a pixel.
     pub fn advice(&self, settings: &recipe::Inspect) -> Option<Advice> {
         if self.dry_pictures == 0 || self.wet_pictures == 0 || self.region.is_empty() {
             return None;
@@ -172,7 +174,8 @@ fn add(sums: &mut [[u32; 3]], region: &[usize], picture: &ColorPicture) {
     }
 }
 
-/// From the hundredth to the ninety-ninth of each, and a tenth of the scale to both sides.
+/// Returns the range from the first to the ninety-ninth percentile of each component, widened by a tenth of the
+/// scale on both sides.
 fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
     let picture = ColorPicture { width: dry.len(), height: 1, rgb: dry.to_vec() };
     let hsv = thesis::hsv_of(&picture)?;
@@ -216,8 +219,8 @@ mod tests {
     use super::super::tests::inspect_table;
     use super::*;
 
-    /// By hand: dry (100, 80, 60), wet (90, 50, 30), noise ±2 in all: contrasts 10, 30, 30, weights ⅓, 1, 1; with a gain
-    /// of 4 the threshold is 4·30/2 = 60.
+    /// Calculated by hand: dry (100, 80, 60), wet (90, 50, 30), noise ±2 in all: contrasts 10, 30, 30, weights ⅓,
+    /// 1, 1. With a gain of 4 the threshold is 4·30/2 = 60.
     #[test]
     fn channels_are_weighed_by_their_contrast() {
         let region = Mask { width: 10, height: 10, inside: vec![true; 100] };
@@ -232,7 +235,7 @@ mod tests {
         let advice = sampler.advice(&inspect_table("gain = 4")).expect("dry and wet");
         assert_eq!(advice.channels.map(|channel| channel.weight), [0.33, 1.0, 1.0]);
         assert!((advice.channels[0].dry - 100.0).abs() < 1e-9 && (advice.channels[1].wet - 50.0).abs() < 1e-9);
-        // Pictures that follow each other differ by 4 everywhere: σ = 4/√2.
+        // Successive pictures differ by 4 everywhere: σ = 4/√2.
         assert!((advice.channels[2].noise - 8.0_f64.sqrt()).abs() < 1e-9);
         assert_eq!((advice.threshold, advice.overexposed), (60, 0.0));
         assert!(Sampler::new(&region).advice(&inspect_table("")).is_none());

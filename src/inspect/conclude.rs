@@ -17,10 +17,10 @@ use std::f64::consts::PI;
 /// Area of the smallest sanding disc, mm²: 25 mm in diameter.
 const MIN_DISC_MM2: f64 = PI * 12.5 * 12.5;
 
-/// What a test found, with its verdict.
+/// The results of a test, with its verdict.
 #[derive(Debug, Clone)]
 pub struct Inspection {
-    /// Every number that was judged.
+    /// All numbers that were judged.
     pub checks: Vec<Check>,
     /// Pass, fail or invalid, and why.
     pub judgement: Judgement,
@@ -30,7 +30,7 @@ pub struct Inspection {
     pub breaks: Vec<Break>,
     /// Each grid, row by row.
     pub grids: Vec<GridInspection>,
-    /// The region in the picture: grid edges to draw.
+    /// The region in the picture, with grid edges for drawing.
     pub footprint: Footprint,
     since_wet_s: Vec<f32>,
     not_seen: Vec<bool>,
@@ -58,7 +58,7 @@ impl Watch {
                 (since_wet_s[index], was_wet[index]) = (NEVER, true);
             }
         }
-        // By either method: what was sanded needs evidence that it was wet.
+        // For either method, a sanded place needs evidence that it was wet.
         let sanded = Sanded {
             model: &self.model,
             window: self.footprint.window(),
@@ -77,7 +77,7 @@ impl Watch {
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         let faint: Vec<usize> = (0..inside.len()).filter(|&i| is_faint(i)).collect();
         faint.iter().for_each(|index| self.footprint.add_area(*index, &mut faint_mm2));
-        // What broke is known, whatever hid it at other times.
+        // A pixel that broke is known, even if it was hidden at other times.
         let is_lost = |index: usize| since_wet_s[index] == NEVER && !model.saw(index);
         let not_seen: Vec<bool> =
             (0..inside.len()).map(|i| inside[i] && (was_wet[i] || is_unsure[i] || is_lost(i))).collect();
@@ -123,7 +123,7 @@ impl Watch {
     }
 
     fn wet_when_dry(&self, since_wet_s: &[f32], inside: &[bool]) -> Vec<usize> {
-        // A film that is brighter than the dry panel leaves no darker place.
+        // If the film is brighter than the dry panel, water leaves no darker place.
         let Some(film) = self.model.film().filter(|film| *film < 1.0) else { return Vec::new() };
         let never_wet = |index: usize| inside[index] && self.model.sees(index) && !self.model.ever_wet(index);
         let known = Dryness {
@@ -136,7 +136,7 @@ impl Watch {
         wet_when_dry(self.footprint.window(), &known)
     }
 
-    /// Each grid by the pixels that broke, in the order of their times.
+    /// Evaluates each grid by the pixels that broke, in the order of their times.
     fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
         let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
         broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
@@ -185,12 +185,13 @@ impl Inspection {
         self.footprint.to_picture(|index| self.since_wet_s[index] < NEVER)
     }
 
-    /// The pixels of the picture of which it is not known if they broke, besides those that are masked.
+    /// Returns the pixels of the picture for which it is not known whether they broke; masked pixels are not
+    /// included.
     pub fn not_seen(&self) -> Mask {
         self.footprint.to_picture(|index| self.not_seen[index])
     }
 
-    /// The pixels of the picture that broke until this time after the first fully wet picture.
+    /// Returns the pixels of the picture that broke until this time after the first fully wet picture.
     pub fn mask_at(&self, since_wet_s: f64) -> Mask {
         let until_s = (since_wet_s as f32).min(f32::MAX);
         self.footprint.to_picture(|index| self.since_wet_s[index] <= until_s)

@@ -1,35 +1,35 @@
-//! Places that were wet already in the dry picture; the test cannot judge them.
+//! Finds places that were already wet in the dry picture; the test cannot judge them.
 //!
 //! Water that remained from rinsing darkens a place in the dry picture as a film does. Later the place is as bright
-//! as it was in that picture, like a place on which no water stays. The two differ in the dry picture: a place that
-//! was never wet was as bright as its surroundings, while a wet one was darker, closer to τ than to 1 times their
-//! brightness.
+//! as it was in that picture, like a place on which no water stays. The two differ in the dry picture. A place that
+//! was never wet was as bright as its surroundings. A wet place was darker: its ratio to the brightness of its
+//! surroundings was closer to τ than to 1.
 
 use super::footprint::Window;
 use crate::geometry::AROUND;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
-/// A place's surroundings lie this far from it, pixels: beyond a drop's soft edge.
+/// The surroundings of a place lie at this distance from it, pixels: beyond a drop's soft edge.
 const AWAY_PX: std::ops::RangeInclusive<usize> = 4..=9;
-/// Of a place this share must have been wet in no picture.
+/// Share of a place that must have been wet in no picture.
 const MIN_NEVER_WET: f64 = 0.5;
 
-/// What is known of the window's pixels.
+/// The data of the window's pixels.
 pub struct Dryness<'a> {
-    /// Whether it broke, or was wet in no picture.
+    /// Whether the pixel broke, or was wet in no picture.
     pub is_suspect: &'a dyn Fn(usize) -> bool,
     /// Whether the pixel is evaluated and was wet in no picture.
     pub never_wet: &'a dyn Fn(usize) -> bool,
-    /// Whether it is looked at.
+    /// Whether the pixel is evaluated.
     pub sees: &'a dyn Fn(usize) -> bool,
     /// Its dry brightness.
     pub dry: &'a dyn Fn(usize) -> f64,
-    /// What the film leaves of the dry brightness.
+    /// The ratio of the brightness under a film to the dry brightness.
     pub film: f64,
 }
 
-/// The pixels that were wet already when the panel should have been dry.
+/// Returns the pixels that were already wet when the panel should have been dry.
 pub fn wet_when_dry(window: &Window, known: &Dryness<'_>) -> Vec<usize> {
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;

@@ -6,7 +6,7 @@ use crate::phase::Phase;
 /// Why pictures could not be inspected. A test without a result is not an error but has the verdict `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InspectError {
-    /// The picture is of another camera, or scaled.
+    /// The picture is from another camera, or scaled.
     #[error(
         "the picture has {found_width}×{found_height} px; the camera was calibrated for {width}×{height} px, and \
          grids cannot be projected to another size"
@@ -21,7 +21,7 @@ pub enum InspectError {
         /// Rows calibrated.
         height: usize,
     },
-    /// Not one point of the region projects into the picture.
+    /// No point of the region projects into the picture.
     #[error(
         "the region lies outside of the picture at the panel's present pose; does the pose belong to this clip?"
     )]
@@ -31,10 +31,10 @@ pub enum InspectError {
     TimeOrder {
         /// The picture's time, s.
         time_s: f64,
-        /// The time of the one before, s.
+        /// The time of the previous picture, s.
         previous_s: f64,
     },
-    /// A phase that is over came back.
+    /// A phase came back after it had ended.
     #[error(
         "the picture at {time_s} s is of phase {phase} after one of phase {previous}; the order is dry, spray, wet"
     )]
@@ -46,16 +46,16 @@ pub enum InspectError {
         /// The phase before.
         previous: Phase,
     },
-    /// A film too long.
+    /// The film has too many pictures.
     #[error("the clip has more than {most} wet pictures; take fewer per second")]
     TooManyPictures {
-        /// How many it may have.
+        /// Largest allowed number of pictures.
         most: usize,
     },
     /// A film that lasts too long.
     #[error("the clip has wet pictures more than {most_s} s after the first one; end it sooner")]
     TooLong {
-        /// How long it may last, s.
+        /// Longest allowed duration, s.
         most_s: f64,
     },
     /// Nothing to examine.

@@ -1,18 +1,19 @@
-//! The film over time: a pixel is broken from the first of `persist_frames` pictures in a row that show it so.
+//! The film over time: a pixel is broken from the first of `persist_frames` pictures in a row that show it as
+//! broken.
 //!
-//! What broke stays broken: water that runs over the place later does not clean it. A flash, shorter than the row, is
-//! not a break.
+//! A broken pixel stays broken: water that runs over the place later does not clean it. A flash that is shorter
+//! than this row of pictures is not a break.
 
 use std::collections::VecDeque;
 
-/// No time: the film held.
+/// Represents no time: the film did not break.
 pub const NEVER: f32 = f32::INFINITY;
 
-/// The film of one window while pictures come in.
+/// The state of the film in one window while pictures arrive.
 #[derive(Debug)]
 pub struct Film {
     persist_frames: usize,
-    /// Pictures in a row that showed the pixel broken.
+    /// Number of pictures in a row that showed the pixel broken.
     run: Vec<u8>,
     since_wet_s: Vec<f32>,
     /// Times of the last `persist_frames` pictures, oldest first.
@@ -22,9 +23,9 @@ pub struct Film {
 /// Pixels whose break has just lasted long enough.
 #[derive(Debug, PartialEq)]
 pub struct NewlyBroken {
-    /// When they broke: at the first picture of the row, s.
+    /// The time of the break: that of the first picture of the row, s.
     pub since_wet_s: f64,
-    /// Their indices in the window.
+    /// The indices of the pixels in the window.
     pub pixels: Vec<usize>,
 }
 

@@ -15,25 +15,25 @@ use crate::geometry::{ColorPicture, Mask, median};
 use crate::panel::GridId;
 use crate::recipe;
 
-/// What looked dry for longer and then wet again is a film that closed, s.
+/// If a place looked dry for longer than this and then wet again, the film has closed, s.
 const MAX_FLASH_S: f64 = 4.0;
 /// This many pixels are no noise: a break with fewer pixels would not be surely found.
 const MIN_FLASH_PX: usize = 12;
 
-/// One grid in the method's brightness.
+/// The contrast of one grid, in the brightness that the method uses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridContrast {
     /// The grid.
     pub id: GridId,
     /// Mean brightness when dry, grey levels.
     pub dry: f64,
-    /// Mean brightness under a whole film.
+    /// Mean brightness under a complete film.
     pub wet: f64,
-    /// How many times the noise of a pixel the film changes it.
+    /// The change by the film, in multiples of the noise of a pixel.
     pub contrast_to_noise: f64,
-    /// Its dry brightness against that of the whole region.
+    /// The grid's dry brightness relative to that of the whole region.
     pub light: f64,
-    /// The channel in which the film changes it most against the noise: 0 red, 1 green, 2 blue.
+    /// The channel with the largest change by the film relative to the noise: 0 red, 1 green, 2 blue.
     pub channel: usize,
     /// The contrast in that channel as a multiple of the noise; negative if the film is brighter than the dry
     /// panel.
@@ -51,7 +51,7 @@ impl GridContrast {
     }
 }
 
-/// The clip's pictures, one by one.
+/// Evaluates the clip's pictures, one by one, for flashes.
 #[derive(Debug)]
 pub struct Flashes {
     pixels: Vec<usize>,
@@ -64,7 +64,7 @@ pub struct Flashes {
     is_first: bool,
 }
 
-/// Brightness of a pixel by the channels' weights, which add up to 1.
+/// Calculates the brightness of a pixel with channel weights whose sum is 1.
 fn brightness([r, g, b]: [u8; 3], weights: [f64; 3]) -> f64 {
     f64::from(r) * weights[0] + f64::from(g) * weights[1] + f64::from(b) * weights[2]
 }
@@ -75,7 +75,8 @@ fn shares(settings: &recipe::Inspect) -> [f64; 3] {
 }
 
 impl Sampler {
-    /// Contrast in each grid of which pixels of the picture are given; those without one are left out.
+    /// Calculates the contrast in each grid from its given pixels of the picture; grids without a pixel are left
+    /// out.
     pub fn contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
         let weights = shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
@@ -123,7 +124,8 @@ impl Sampler {
         grids.iter().filter_map(grid).collect()
     }
 
-    /// Begins to look for places that look dry for a moment, without the pixels of `broken`, which are known to break.
+    /// Begins the search for places that look dry for a moment; the pixels of `broken`, which are known to break,
+    /// are excluded.
     pub fn flashes(&self, settings: &recipe::Inspect, broken: Option<&Mask>) -> Flashes {
         let weights = shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
@@ -145,7 +147,7 @@ impl Sampler {
 }
 
 impl Flashes {
-    /// The next wet picture.
+    /// Evaluates the next wet picture.
     pub fn push(&mut self, picture: &ColorPicture, time_s: f64) {
         let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
         let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>())
@@ -154,7 +156,7 @@ impl Flashes {
             let half = (self.dry[index] - self.wet[index]) / 2.0;
             let is_dry = (now / light - self.dry[index]).abs() < half; // (1)
             match (is_dry, self.since_s[index]) {
-                // What looks dry from the beginning never became wet, or became so late.
+                // A pixel that looks dry from the beginning never became wet, or became wet late.
                 (true, None) => self.since_s[index] = Some(if self.is_first { f64::NEG_INFINITY } else { time_s }),
                 (false, Some(since_s)) => {
                     let lasted_s = time_s - since_s;
@@ -188,7 +190,7 @@ mod tests {
 
     fn sampler() -> Sampler {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
-        // The left half is lit twice as much.
+        // The light on the left half is twice as strong.
         let lit = |level: u8| {
             let mut picture = ColorPicture::filled(20, 20, [level; 3]);
             (0..WHOLE).filter(|i| i % 20 < 10).for_each(|i| picture.rgb[i] = [2 * level; 3]);
@@ -217,8 +219,8 @@ mod tests {
         assert_eq!(found.len(), 2);
     }
 
-    /// By hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s; 5 of them for 1 s, fewer than a
-    /// break; 40 from 2 s on to the end, a break; the light grows by a fifth meanwhile.
+    /// Calculated by hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s. 5 of them look dry for
+    /// 1 s, less than a break; 40 from 2 s to the end, a break. The light increases by a fifth meanwhile.
     #[test]
     fn a_moment_s_dryness_is_told_from_a_break() {
         let settings = inspect_table("");
@@ -245,8 +247,8 @@ mod tests {
         assert!((found(Some(&broken), 3.0) - 0.6).abs() < 1e-9, "unless it is known to have broken");
     }
 
-    /// By hand: at the left a film that mirrors something red is brighter than the dry panel, by 20 levels in red;
-    /// at the right it is alike to 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
+    /// Calculated by hand: on the left, a film that mirrors something red is brighter than the dry panel, by 20
+    /// levels in red. On the right, the film differs by only 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
     #[test]
     fn a_film_that_is_brighter_or_alike_is_told_by_grid() {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });

@@ -43,7 +43,7 @@ pub mod name {
     pub const MASKED_GRIDS: &str = "grids that the recipe masks";
 }
 
-/// A test with every number that was judged.
+/// A test with all numbers that were judged.
 pub struct Judged {
     /// The checks, in the order in which they are judged.
     pub checks: Vec<Check>,
@@ -80,7 +80,7 @@ struct Film<'a> {
 }
 
 impl Film<'_> {
-    /// Was it watched for long enough, with a dry picture and without a gap?
+    /// Checks whether the film was watched for long enough, with a dry picture and without a gap.
     fn watched(&self) -> Vec<Check> {
         let Observation { observed_s, frames, longest_gap_s, has_dry, .. } = *self.observation;
         let demands = self.demands;
@@ -132,7 +132,7 @@ impl Film<'_> {
         ]
     }
 
-    /// Can its pictures be judged by?
+    /// Checks whether the pictures are usable for a judgement.
     fn clear(&self) -> Vec<Check> {
         let (observation, quality) = (self.observation, &self.observation.quality);
         let (change, min_change) = (observation.change_levels, MIN_CHANGE_TO_NOISE * observation.noise_levels);
@@ -193,7 +193,7 @@ impl Film<'_> {
         )
     }
 
-    /// Was the panel dry before, and wet all over then?
+    /// Checks whether the panel was dry before, and wet everywhere afterwards.
     fn wetted(&self) -> Vec<Check> {
         let (observation, allowed_percent) = (self.observation, self.settings.max_never_wet_percent());
         let is_dry_somewhere = observation.has_dry && observation.never_wet_percent > allowed_percent;
@@ -221,7 +221,7 @@ impl Film<'_> {
         ]
     }
 
-    /// What of each grid was seen, and broke.
+    /// Checks how much of each grid was seen, and which grids broke.
     fn grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
         // A failed grid stays failed, whatever else on it could not be seen: it is abraded and tested again.

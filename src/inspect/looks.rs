@@ -8,24 +8,25 @@ use super::footprint::Window;
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar, Size};
 use opencv::imgproc;
 
-/// The looks of a window's pixels.
+/// The brightness levels of a window's pixels.
 pub struct Looks<'a> {
     pub window: &'a Window,
     /// Levels; 0 for a pixel with an unknown look.
     pub levels: Vec<f32>,
     /// The radius of the disc, px.
     pub disc_px: usize,
-    /// The smallest share of the look around by which a place differs from it, if it is not known how breaks differ.
+    /// The smallest relative difference between a place and its surroundings; used if it is not known how breaks
+    /// differ.
     pub tolerance: f32,
 }
 
-/// More than any look, levels.
+/// A level above that of any look.
 const MAX_LEVELS: f32 = 1024.0;
 
 impl Looks<'_> {
-    /// The pixels that no disc covers within their look and that differ from what lies around as a break does from
-    /// its film: by these shares at least, of which 1 is no difference. If it is not known if breaks are brighter
-    /// or darker, those that differ either way.
+    /// Finds pixels that no disc covers within their look and that differ from their surroundings as a break
+    /// differs from its film. They differ by at least these ratios, of which 1 is no difference. If it is not known
+    /// whether breaks are brighter or darker, pixels that differ in either direction are returned.
     ///
     /// # Errors
     /// If OpenCV refuses the picture.
@@ -39,17 +40,17 @@ impl Looks<'_> {
             let bright = |look: f32, around: f32| look >= least * around;
             return self.apart(&self.levels, bright);
         }
-        // Darker places are the brighter ones of the negative.
+        // Darker places are found as brighter places of the negative.
         let negative: Vec<f32> =
             self.levels.iter().map(|&look| if look > 0.0 { MAX_LEVELS - look } else { 0.0 }).collect();
         self.apart(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
     }
 
-    /// The known pixels of a picture that are apart from what its opening leaves.
+    /// Finds the known pixels of a picture that differ from the result of its morphological opening.
     fn apart(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
-        // What is not known hides no edge of a place: it is as bright as all for the erosion, and dark for the
-        // reconstruction.
+        // Unknown pixels hide no edge of a place: they have the highest brightness for the erosion, and are dark
+        // for the reconstruction.
         let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MAX_LEVELS }).collect();
         let open = Mat::new_rows_cols_with_data(rows, columns, &open)?;
         let picture_mat = Mat::new_rows_cols_with_data(rows, columns, picture)?;
@@ -61,8 +62,8 @@ impl Looks<'_> {
         imgproc::erode(&open, &mut eroded, &disc, Point::new(-1, -1), 1, border, outside)?;
         core::min(&eroded, &picture_mat, &mut opened)?;
         let square = imgproc::get_structuring_element(imgproc::MORPH_RECT, Size::new(3, 3), Point::new(-1, -1))?;
-        // Each step reaches one pixel farther; it ends when nothing changes, after as many steps as the window has
-        // pixels at most.
+        // Each step reaches one pixel farther. The loop ends when nothing changes, at the latest after as many
+        // steps as the window has pixels.
         for _ in 0..picture.len() {
             let (mut wider, mut next) = (Mat::default(), Mat::default());
             imgproc::dilate(&opened, &mut wider, &square, Point::new(-1, -1), 1, border, Scalar::all(0.0))?;
@@ -85,16 +86,17 @@ mod tests {
     const SIDE: usize = 60;
     const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
 
-    /// How many pixels of a picture of these looks are narrow, for breaks within these shares of their film.
+    /// Returns how many pixels of a picture with these levels are narrow, for breaks with these ratios to their
+    /// film.
     fn narrow(break_to_film: Option<[f32; 2]>, look: impl Fn(usize, usize) -> f32) -> usize {
         let levels = (0..SIDE * SIDE).map(|i| look(i % SIDE, i / SIDE)).collect();
         let looks = Looks { window: &WINDOW, levels, disc_px: 6, tolerance: 0.1 };
         looks.narrow(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
     }
 
-    /// By hand: film of 30 levels and a square of 45, 1.5 times as bright. One of 8 px holds no disc of 13 px and
-    /// counts, with its 64 px; one of 20 px holds it, and counts nowhere, its corners included. One that is 1.2
-    /// times as bright is no break.
+    /// Calculated by hand: a film of 30 levels and a square of 45 levels, 1.5 times as bright. A square of 8 px
+    /// does not hold a disc of 13 px and counts, with its 64 px. A square of 20 px holds the disc and does not
+    /// count, its corners included. A square that is 1.2 times as bright is not a break.
     #[test]
     fn a_place_that_no_disc_made_is_narrow() {
         let square = |side: usize, bright: f32| {
@@ -106,17 +108,17 @@ mod tests {
         assert_eq!(narrow(darker_film, square(8, 45.0)), 64);
         assert_eq!(narrow(darker_film, square(20, 45.0)), 0);
         assert_eq!(narrow(darker_film, square(8, 36.0)), 0);
-        // The film is brighter than the dry panel: 18 of 30 levels is a break, 45 is none.
+        // The film is brighter than the dry panel: a level of 18 of 30 is a break, a level of 45 is not.
         assert_eq!(narrow(Some([0.4, 0.7]), square(8, 18.0)), 64);
         assert_eq!(narrow(Some([0.4, 0.7]), square(8, 45.0)), 0);
-        // It is not known how breaks differ: by more than 10 % either way.
+        // It is not known how breaks differ: pixels that differ by more than 10 % in either direction count.
         assert_eq!(narrow(None, square(8, 34.0)), 64);
         assert_eq!(narrow(None, square(8, 26.0)), 64);
         assert_eq!(narrow(None, square(8, 32.0)), 0);
     }
 
-    /// The edge of a brighter region is as narrow as it is drawn, and belongs to the region; beside what is not
-    /// known nothing is narrow.
+    /// The transition at the edge of a brighter region is narrow, but belongs to the region; next to unknown pixels
+    /// nothing is narrow.
     #[test]
     fn an_edge_of_a_region_is_not_narrow() {
         let region = |column: usize, _: usize| match column {

@@ -1,4 +1,4 @@
-//! What the gate judges: the demands of a test, how its film was watched, and what became of each grid.
+//! The data that the gate judges: the demands of a test, how its film was watched, and the result of each grid.
 
 use super::model::FILM_ASSUMED;
 use super::quality::{Quality, most_brighter_percent};
@@ -7,17 +7,18 @@ use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
 use crate::verdict::SetBy;
 
-/// Pictures that can be judged by must cover this share of the film.
+/// Smallest share of the film's duration that usable pictures must cover.
 const MIN_USABLE_SHARE: f64 = 0.8;
-/// Pictures farther apart than this many of the recipe's intervals leave a gap, unless a break has to last longer to count.
+/// Pictures leave a gap if they are farther apart than this number of the recipe's intervals, unless a break has to
+/// last longer to count.
 const MAX_GAP_INTERVALS: f64 = 5.0;
 
-/// Which of the demands the cell's file states, since the recipe does not.
+/// The demands that the cell's file states because the recipe does not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ByCell {
-    /// How long the film is watched.
+    /// Whether the cell's file states how long the film is watched.
     pub observation: bool,
-    /// Broken film from which a grid fails.
+    /// Whether the cell's file states the area of broken film from which a grid fails.
     pub min_break: bool,
 }
 
@@ -28,7 +29,7 @@ pub struct Demands {
     pub observation_s: f64,
     /// Pictures a second.
     pub frames_per_second: f64,
-    /// Broken film from which a grid fails, mm².
+    /// The area of broken film from which a grid fails, mm².
     pub min_break_mm2: f64,
     /// How long a place must be seen dry to count as broken, s.
     pub persist_s: f64,
@@ -51,7 +52,7 @@ impl Demands {
         }
     }
 
-    /// How long to film, s: what breaks at the end of the window must be seen dry long enough to count.
+    /// Returns how long to film, s: a break at the end of the window must be seen as dry long enough to count.
     pub fn filmed_s(&self) -> f64 {
         self.observation_s + self.persist_s
     }
@@ -70,13 +71,13 @@ impl Demands {
         }
     }
 
-    /// The shortest time from the first to the last wet picture, s: the last one of a window may come one interval
-    /// before its end.
+    /// Returns the shortest time from the first to the last wet picture, s: the last picture of a window may come
+    /// one interval before its end.
     pub fn min_observed_s(&self) -> f64 {
         self.observation_s - 1.001 / self.frames_per_second
     }
 
-    /// For how long a film must be seen in pictures that can be judged by, s.
+    /// Returns how long a film must be seen in usable pictures, s.
     pub fn min_usable_s(&self, observed_s: f64) -> f64 {
         MIN_USABLE_SHARE * observed_s
     }
@@ -87,19 +88,19 @@ impl Demands {
     }
 }
 
-/// What the places of a grid were held against.
+/// The reference with which the places of a grid were compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
     /// Their own dry look and their own wet look.
     DryAndWet,
-    /// Their own wet look alone: the grid was sanded since the dry picture, or there is none.
+    /// Only their own wet look: the grid was sanded since the dry picture, or there is no dry picture.
     Wet,
     /// One for a part of the grid, the other for the rest.
     Both,
 }
 
 impl Reference {
-    /// By the share of a grid that was sanded since the dry picture.
+    /// Selects the reference by the share of a grid that was sanded since the dry picture.
     pub(super) fn from_sanded_share(share: f64) -> Self {
         match share {
             0.0 => Reference::DryAndWet,
@@ -123,11 +124,12 @@ impl Reference {
 pub struct GridInspection {
     /// Its name.
     pub id: GridId,
-    /// What its places were held against.
+    /// The reference with which the grid's places were compared.
     pub reference: Reference,
-    /// Did at least `min_break_mm2` of film break on it?
+    /// Whether at least `min_break_mm2` of film broke on the grid.
     pub failed: bool,
-    /// Was it wholly seen, but for what is too small to make it fail? A grid that was not is not passed.
+    /// Whether the grid was seen completely, except for areas too small to make it fail. A grid that was not seen
+    /// completely is not passed.
     pub seen: bool,
     /// Is every part that was not seen masked by the recipe?
     pub only_masked: bool,
@@ -137,22 +139,22 @@ pub struct GridInspection {
     pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
-    /// When `min_break_mm2` were broken, s after the first fully wet picture.
+    /// When the broken area reached `min_break_mm2`, s after the first fully wet picture.
     pub time_to_break_s: Option<f64>,
 }
 
 /// How the film was watched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// From the first to the last wet picture, s.
+    /// Time from the first to the last wet picture, s.
     pub observed_s: f64,
-    /// Wet pictures, the reference among them.
+    /// Number of wet pictures, including the reference.
     pub frames: usize,
-    /// The longest time between two of them, s.
+    /// The longest time between two wet pictures, s.
     pub longest_gap_s: f64,
-    /// Broken film from which a grid fails, mm².
+    /// The area of broken film from which a grid fails, mm².
     pub min_break_mm2: f64,
-    /// Was a dry picture taken?
+    /// Whether a dry picture was taken.
     pub has_dry: bool,
     /// Share of the region's surface that was wet in no picture, percent.
     pub never_wet_percent: f64,
@@ -162,16 +164,17 @@ pub struct Observation {
     pub change_levels: Option<f64>,
     /// The clip's noise: the standard deviation of a pixel of the film from picture to picture, grey levels.
     pub noise_levels: f64,
-    /// The smallest break that is surely found, mm².
+    /// The smallest break that is certainly found, mm².
     pub detection_limit_mm2: f64,
     /// Is the panel's place assumed, because none was stated?
     pub is_place_assumed: bool,
-    /// Which pictures could be judged by.
+    /// Which pictures were usable for the judgement.
     pub quality: Quality,
 }
 
 impl Observation {
-    /// How much less light and how much more than the dry picture's is made up for, percent.
+    /// Returns the largest decrease and the largest increase of the light against the dry picture that are
+    /// compensated, percent.
     pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
         let brighter = most_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
         [settings.max_light_change_percent(), brighter]

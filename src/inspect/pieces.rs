@@ -1,4 +1,4 @@
-//! Breaks: the connected pieces of what broke, each with its contour (thesis Fig. 4.17).
+//! Finds breaks: the connected pieces of the broken film, each with its contour (thesis Fig. 4.17).
 
 use super::film::NEVER;
 use super::footprint::Footprint;
@@ -11,13 +11,13 @@ use crate::panel::GridId;
 pub struct Break {
     /// Its surface, mm².
     pub area_mm2: f64,
-    /// When its first pixel broke, s after the first fully wet picture.
+    /// Time at which the first pixel of the break broke, s after the first fully wet picture.
     pub first_seen_s: f64,
     /// The share of the break over which the film had closed again at the end, 0…1.
     pub closed_share: f64,
-    /// The grids it lies in, row by row.
+    /// The grids in which the break lies, row by row.
     pub grids: Vec<GridId>,
-    /// Its outer contour in the picture, px.
+    /// The outer contour of the break in the picture, px.
     pub contour_px: Vec<Pixel>,
 }
 
@@ -25,13 +25,13 @@ pub struct Break {
 const CLOSED_SHARE: f64 = 0.8;
 
 impl Break {
-    /// Whether the film had closed over it again at the end.
+    /// Returns whether the film had closed over the break again at the end.
     pub fn closed_again(&self) -> bool {
         self.closed_share >= CLOSED_SHARE
     }
 }
 
-/// The breaks of a window, largest first. A piece that holds no surface is none.
+/// Returns the breaks of a window, largest first. A piece without any surface is not a break.
 pub fn breaks(
     footprint: &Footprint,
     since_wet_s: &[f32],
@@ -58,7 +58,8 @@ pub fn breaks(
     Ok(breaks)
 }
 
-/// The outer contour of one piece alone: traced together, a piece in the hole of another would have none.
+/// Returns the outer contour of a single piece. If all pieces were traced together, a piece in the hole of another
+/// piece would have no outer contour.
 fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, ImagingError> {
     let places = || piece.iter().map(|&index| footprint.place(index));
     let (left, right) = ends(places().map(|(column, _)| column));

@@ -1,4 +1,4 @@
-//! What is checked before any film runs: is the panel at its pose, and are the pixels fine enough?
+//! Checks before any film runs: is the panel at its pose, and are the pixels fine enough?
 
 use crate::verdict::Reason;
 use crate::words::apart;
@@ -7,9 +7,10 @@ use crate::words::apart;
 /// place, the distance is a few tenths of a pixel, from the errors of pose and calibration.
 pub const MAX_OFF_PX: f64 = 1.5;
 
-/// Why breaks that must fail a grid may be missed: the smallest one that is surely found is larger.
+/// Returns a reason if breaks that must fail a grid may be missed: the smallest break that is surely found is
+/// larger than the smallest break that fails a grid.
 pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
-    // A NaN is no limit that could be kept.
+    // If a value is NaN, the limit is not met.
     let is_fine = detection_limit_mm2 <= min_break_mm2;
     (!is_fine).then(|| {
         let message = format!(

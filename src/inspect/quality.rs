@@ -1,31 +1,33 @@
-//! Can each picture be used? What is wrong with those that cannot, and how long the film was not observed because of them.
+//! Can each picture be used? States what is wrong with the pictures that cannot be used, and how long the film was
+//! not observed because of them.
 
 use super::model::PictureMeasurement;
 use super::steady::OutlineMeasurement;
 use crate::recipe;
 use strum::{EnumCount, VariantArray};
 
-/// A picture with less of the first one's sharpness is out of focus.
+/// A picture with a smaller share of the first picture's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;
-/// Less is no sharp picture to begin with: the largest step from pixel to pixel, of the whole edge.
+/// With less sharpness the first picture itself is not sharp. The sharpness is the largest step from pixel to pixel
+/// as a share of the whole edge.
 pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 
-/// What keeps a picture from being judged by.
+/// A reason why a picture cannot be used for the judgement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, EnumCount, VariantArray)]
 pub enum Flaw {
-    /// There is less light than can be made up for.
+    /// There is less light than can be compensated.
     Darker,
-    /// There is more; or is it a film that broke all over?
+    /// There is more light than can be compensated, or the film broke everywhere: the two look alike.
     Brighter,
     /// The lamp flickers, and it cannot be determined if the lamp or water darkened the surroundings of the panel.
     Flicker,
-    /// Too much is overexposed.
+    /// Too much of the region is overexposed.
     Bright,
     /// The panel is not at its earlier place.
     Moved,
     /// Out of focus.
     Focus,
-    /// Bit for bit the picture before.
+    /// The picture is bit for bit equal to the previous one.
     Frozen,
     /// Too little of the outline is seen to determine whether the panel moved.
     Outline,
@@ -53,28 +55,29 @@ impl Flaw {
 /// The pictures with one flaw.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Flawed {
-    /// How many; a picture counts for its first flaw alone.
+    /// The number of pictures; a picture counts only for its first flaw.
     pub pictures: usize,
-    /// The worst that was measured, in the unit of its limit.
+    /// The worst measured value, in the unit of its limit.
     pub worst: f64,
 }
 
-/// How well a film could be seen.
+/// How well a film could be observed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Pictures that were judged by.
+    /// The number of pictures that were used for the judgement.
     pub usable: usize,
-    /// The time that they cover: each one that since the picture before it, s.
+    /// The time that the usable pictures cover, s: each one covers the time since the picture before it.
     pub usable_s: f64,
     /// The pictures with each flaw, in the order of [`Flaw::ALL`].
     pub flawed: [Flawed; Flaw::COUNT],
     /// The longest time without a usable picture, s.
     pub longest_unseen_s: f64,
-    /// The least and the most light of a usable picture, the dry picture's being 1.
+    /// The least and the most light of a usable picture, relative to the dry picture.
     pub light: [f64; 2],
     /// The largest movement of the panel in the picture, px; `None` if its outline has no contrast.
     pub moved_px: Option<f64>,
-    /// The least sharp picture against the first; `None` likewise.
+    /// The sharpness of the least sharp picture relative to the first picture; `None` if the outline has no
+    /// contrast.
     pub sharpness: Option<f64>,
     /// The first picture's own sharpness.
     pub first_sharpness: Option<f64>,
@@ -136,7 +139,7 @@ impl Quality {
         flaw.is_none()
     }
 
-    /// The end of the film: what came after the last usable picture was not seen.
+    /// Ends the film: the time after the last usable picture counts as not observed.
     pub fn end(&mut self) {
         self.longest_unseen_s = self.longest_unseen_s.max(self.last_s - self.last_usable_s);
     }
@@ -149,7 +152,7 @@ pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 
     (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }
 
-/// The first flaw of a picture, and what was measured.
+/// Returns the first flaw of a picture and the measured value.
 fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
     let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
     let overexposed = look.overexposed * 100.0;
@@ -192,7 +195,7 @@ mod tests {
     };
     const STEADY: Steadiness = Steadiness { moved_px: 0.0, sharpness: 1.0 };
 
-    /// By hand, at both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
+    /// Calculated by hand, on both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
     #[test]
     fn each_limit_has_its_flaw() {
         let settings = inspect_table("");
@@ -242,7 +245,8 @@ mod tests {
         );
     }
 
-    /// By hand: of pictures a second apart three in the middle and the last two are flawed, each kind by its worst.
+    /// By hand: pictures come once a second. Three in the middle and the last two are flawed; each flaw is reported
+    /// with its worst value.
     #[test]
     fn what_was_not_seen_and_the_worst_of_it() {
         let mut quality = Quality::default();

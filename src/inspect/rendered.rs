@@ -1,4 +1,4 @@
-//! The test on rendered films of a displaced panel: a quarter of the camera's size, and once at full size.
+//! The test on rendered films of a displaced panel: at a quarter of the camera's size, and once at full size.
 
 use super::*;
 use crate::geometry::{Camera, Mask, Panel, Rigid};
@@ -38,7 +38,7 @@ impl Test {
         let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
             .expect("a panel to learn");
         let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
-        // No less than what pixels of this size show surely, also of a panel that was displaced.
+        // Not less than the area that pixels of this size show surely, also on a displaced panel.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught, recipe.inspect()).expect("in view");
         let min_break_mm2 = (1.2 * limit_mm2).max(5.0);
         let demands = Demands {
@@ -57,7 +57,8 @@ impl Test {
         self.filmed(film, film)
     }
 
-    /// A panel that was sanded on the touched pixels after the dry pictures, which are those of another film.
+    /// Inspects a panel that was sanded on the touched pixels after the dry pictures. The dry pictures come from
+    /// another film.
     fn inspect_sanded(mut self, film: &Film, dry: &Film, touched: &Mask) -> (Inspection, Mask) {
         let view = View { sanded: Some(touched), ..view(&self.taught, &self.cell, self.camera_from_panel) };
         self.watch = Watch::new(&view, self.recipe.inspect(), self.demands).expect("in view");
@@ -82,7 +83,7 @@ fn view<'a>(taught: &'a TaughtPanel, cell: &'a Cell, camera_from_panel: Rigid<Ca
     View { taught, camera: cell.scanner(), camera_from_panel, sanded: None }
 }
 
-/// Grids as they truly are, and places as they truly lie but for their rim.
+/// Asserts that the grids' results are true, and that the broken places are true except at their rim.
 fn agrees(inspection: &Inspection, truth: &Mask, least: f64) {
     let agreement = score_within(&inspection.mask(), truth, &inspection.footprint.region()).expect("one size");
     assert!(agreement.iou > least, "{agreement:?}");
@@ -90,7 +91,7 @@ fn agrees(inspection: &Inspection, truth: &Mask, least: f64) {
     assert_eq!((confusion.false_fail, confusion.false_pass), (0, 0), "{confusion:?}");
 }
 
-/// Three seeds of light that drifts, glints, drops and exposures from dark to bright; a pixel is 1.8 mm wide.
+/// Three seeds with drifting light, glints, drops and exposures from dark to bright; a pixel is 1.8 mm wide.
 #[test]
 fn greasy_grids_are_found_however_hard_they_are_to_see() {
     for seed in [1, 3, 7] {
@@ -111,16 +112,16 @@ fn greasy_grids_are_found_however_hard_they_are_to_see() {
         for (grid, broken_mm2) in inspection.grids.iter().zip(broken_mm2) {
             let is_broken = broken_mm2 >= inspection.observation.min_break_mm2;
             assert!(!is_broken || grid.failed || !grid.seen, "{seed}: {grid:?}");
-            // A break's rim adds half of a pixel around it, which is 1.8 mm wide.
+            // A break's rim adds half of a pixel around the break; a pixel is 1.8 mm wide.
             let is_clean = broken_mm2 < 0.8 * inspection.observation.min_break_mm2;
             assert!(!is_clean || !grid.failed, "{seed}: {grid:?}");
         }
     }
 }
 
-/// All of the region was sanded since the dry picture and looks between 0.45 and 1.8 times as bright. Of breaks
-/// that come and places that never wet none passes, though drops run over them; with the look that sanding usually
-/// has, a whole film does.
+/// The whole region was sanded after the dry picture and looks 0.45 to 1.8 times as bright. No grid with a break or
+/// a place that never becomes wet passes, although drops run over such places. With the look that sanding usually
+/// has, a whole film passes.
 #[test]
 fn no_look_of_what_was_sanded_hides_a_break() {
     let sanded = |seed: u64, albedo: [f64; 2], spots: &dyn Fn(&Cell) -> Vec<Spot>| {
@@ -162,7 +163,7 @@ fn a_clean_panel_passes_in_bad_light() {
     }
 }
 
-/// The lamp grows by 15 % while the film thins, and flickers.
+/// The lamp becomes 15 % brighter while the film becomes thinner, and flickers.
 #[test]
 fn light_that_drifts_as_far_as_it_may_fails_nothing_and_hides_nothing() {
     let places = Grease::Mixed { count: 4, until_s: WET_FROM_S + 25.0 };
@@ -191,7 +192,7 @@ fn grease_that_dries_under_the_spray_fails() {
     }
 }
 
-/// 60 % of the panel that no water stays on is no test, and no pass.
+/// If no water stays on 60 % of the panel, the test is not valid and nothing passes.
 #[test]
 fn a_panel_that_is_hardly_wet_is_no_test() {
     let test = Test::new(9, 4, 5.0);
@@ -232,7 +233,7 @@ fn a_panel_that_stands_elsewhere_is_no_test() {
     }
 }
 
-/// At full size for 5 s: small places of every kind, and how much surface broke.
+/// At full size for 5 s: small places of every kind are found, and the broken area is measured.
 #[test]
 fn at_full_size_every_place_and_its_surface_is_found() {
     let test = Test::new(5, 1, 5.0);

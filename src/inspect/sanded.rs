@@ -23,11 +23,11 @@ use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
 use opencv::imgproc;
 use rayon::prelude::*;
 
-/// The film shimmers by this many times the sensor's noise …
+/// The shimmer of a film is at least this many times the sensor's noise …
 const MIN_SHIMMER: f64 = 1.35;
-/// … and by this many standard deviations of what noise alone would show.
+/// … and exceeds the value that noise alone would give by at least this many standard deviations.
 const SURE_SIGMA: f64 = 4.5;
-/// … of still places the shimmer is below that by this many.
+/// The shimmer of still places lies below that factor by at least this many standard deviations.
 const STILL_SIGMA: f64 = 3.0;
 /// A place is still if it surely moves less than this share of the water that moves on a film of the clip. More
 /// than this share of the places that look alike is still only if there is no film: on rendered films at most 0.023
@@ -39,48 +39,49 @@ const MAX_STILL_SHARE: f64 = 0.05;
 const PASSING: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
-/// Squares of these half sides are looked at, in steps of the lattice on which shimmer is measured.
+/// Half sides of the squares that are evaluated, in steps of the lattice on which shimmer is measured.
 const RADII: [usize; 4] = [2, 4, 8, 16];
-/// The first ones show what lies nearest.
+/// The number of radii, from the smallest, that show only the nearest places.
 const NEAREST: usize = 2;
-/// Places look alike within this many times the noise of one pixel, or within a quarter of what a break changes.
+/// Places look alike if their looks differ by at most this many times the noise of one pixel, or by a quarter of
+/// the change that a break causes.
 const ALIKE_SIGMA: f64 = 3.0;
-/// The smallest break that is surely found, 12 px.
+/// The shape of the smallest break that is surely found, 12 px.
 const SURE_BREAK: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
 
-/// What is known of the sanded places.
+/// The data about the sanded places.
 pub struct Sanded<'a> {
     pub model: &'a Model,
     pub window: &'a Window,
-    /// Of the window's pixels those that are judged.
+    /// For each pixel of the window, whether the pixel is judged.
     pub inside: &'a [bool],
-    /// When each pixel broke, s; infinite if it did not.
+    /// Time at which each pixel broke, s; infinite if the pixel did not break.
     pub broke_s: &'a [f32],
-    /// The least radius of a disc, px.
+    /// The smallest radius of a disc, px.
     pub disc_px: usize,
-    /// The least and the largest look of a break, as a share of its film's look; `None` if that is not known.
+    /// The least and the largest look of a break, as a share of its film's look; `None` if the range is not known.
     pub break_to_film: Option<[f32; 2]>,
 }
 
 /// One place of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct Site {
-    /// Its film's look, levels; 0 of a place that is not judged.
+    /// The look of the film at this site, levels; 0 for a place that is not judged.
     look: f64,
-    /// One standard deviation of its look in a picture, levels.
+    /// One standard deviation of the site's look in a picture, levels.
     noise: f64,
-    /// Its shimmer in each difference.
+    /// The site's shimmer in each difference.
     shimmer: [f32; DIFFERENCES],
 }
 
 impl Site {
-    /// Its noise as a share of its look.
+    /// Returns the noise of a site as a share of its look.
     fn noise_share(&self) -> f64 {
         self.noise / self.look
     }
 }
 
-/// What some places show together in each difference: how many, the sum of their z and of their squares.
+/// The statistics of several places in each difference: the number of places, the sum of their z and the sum of z².
 #[derive(Debug, Clone, Copy, Default)]
 struct Shown([[f64; 3]; DIFFERENCES]);
 
@@ -94,9 +95,9 @@ impl Shown {
         }
     }
 
-    /// How many times the variance of still places they show, and its standard deviation for still places: the mean
-    /// over the smaller ones of the differences. The variance of n normal deviates has the relative standard
-    /// deviation √(2/(n − 1)).
+    /// Returns the ratio of these places' variance to the variance of still places, and the standard deviation of
+    /// this ratio for still places. The ratio is the mean over the smaller differences. The variance of n normal
+    /// deviates has the relative standard deviation √(2/(n − 1)).
     fn shimmer(&self) -> Option<(f64, f64)> {
         let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
         let mut shown: Vec<(f64, f64)> = seen
@@ -106,13 +107,13 @@ impl Shown {
         let passing = (PASSING * shown.len() as f64).ceil() as usize;
         let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
         let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
-        // Differences that share a span are not independent: a third of them counts.
+        // Differences that share a span are not independent, so only a third of them is counted.
         Some((variance / kept as f64, (2.0 * 3.0 / degrees).sqrt()))
     }
 }
 
 impl Sanded<'_> {
-    /// The sanded pixels without evidence that they were wet.
+    /// Returns the sanded pixels without evidence that they were wet.
     ///
     /// # Errors
     /// If OpenCV refuses the mask.
@@ -142,8 +143,9 @@ impl Sanded<'_> {
         self.wide(&without)
     }
 
-    /// Of pixels without evidence those that lie in a place wide enough for the smallest break that is surely
-    /// found, with what broke and what lies outside of the region beside them: a thinner place hides none.
+    /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is surely
+    /// found. Broken pixels and pixels outside of the region beside them count as part of this place. A thinner
+    /// place cannot hide a break.
     fn wide(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
@@ -175,12 +177,13 @@ impl Sanded<'_> {
             && model.saw(i)
     }
 
-    /// The look of a pixel's film, levels: a place that left its wet look and became film has that of the end.
+    /// Returns the look of a pixel's film, levels. For a place that left its wet look and became film, returns the
+    /// look at the end.
     fn look_levels(&self, i: usize) -> f64 {
         if self.model.is_open(i) { f64::from(self.model.levels(i)[0]) } else { self.model.wet_look_levels(i) }
     }
 
-    /// The looks of what holds, levels; 0 elsewhere.
+    /// Returns the looks of the film that did not break, levels; 0 elsewhere.
     fn looks(&self) -> Vec<f32> {
         let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.saw(i);
         (0..self.inside.len()).map(|i| if holds(i) { self.look_levels(i) as f32 } else { 0.0 }).collect()
@@ -209,7 +212,8 @@ impl Sanded<'_> {
     }
 }
 
-/// The opening of a mask by the smallest break that is surely found; outside of the window the mask is set.
+/// Returns the morphological opening of a mask by the smallest break that is surely found; the mask counts as set
+/// outside of the window.
 fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
     let kernel = Mat::from_slice_2d(&SURE_BREAK)?;
@@ -225,12 +229,12 @@ fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
 struct Lattice<'a> {
     sites: Vec<Site>,
     shimmer: &'a Shimmer,
-    /// Half of what a break changes a film by, as a share of its look.
+    /// Half of the change that a break causes in a film, as a share of the film's look.
     tolerance: f64,
 }
 
 impl Lattice<'_> {
-    /// Which sites were wet.
+    /// Returns for each site whether the site was wet.
     fn wet(&self) -> Vec<bool> {
         let sites = 0..self.sites.len();
         let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water(at)).collect();
@@ -243,8 +247,8 @@ impl Lattice<'_> {
         sites.into_par_iter().map(is_wet).collect()
     }
 
-    /// How much water moves on a site: the variance of its look over what noise has, in shares of the look; `None`
-    /// without evidence.
+    /// Returns how much the water on a site moves: the variance of the site's look in excess of the noise, relative
+    /// to the look; `None` without evidence.
     fn water(&self, at: usize) -> Option<f64> {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -255,7 +259,7 @@ impl Lattice<'_> {
             if ratio >= MIN_SHIMMER.max(1.0 + SURE_SIGMA * deviation) {
                 return Some((ratio - 1.0) * site.noise_share().powi(2));
             }
-            // What lies nearest and is surely still outweighs what moves farther away.
+            // If the nearest places are surely still, farther places that move do not count.
             if nth < NEAREST && ratio + STILL_SIGMA * deviation < MIN_SHIMMER {
                 return None;
             }
@@ -263,7 +267,7 @@ impl Lattice<'_> {
         None
     }
 
-    /// Does a site surely move less than a film of this clip does, by what lies nearest?
+    /// Checks from the nearest places whether a site surely moves less than a film of this clip.
     fn is_still(&self, at: usize, film: f64) -> bool {
         let site = &self.sites[at];
         if site.look <= 0.0 {
@@ -276,7 +280,7 @@ impl Lattice<'_> {
         })
     }
 
-    /// Of the sites that look like this one and are not far, the share that is still.
+    /// Returns the share of still sites among the near sites that look like this one.
     fn still_share(&self, at: usize, is_still: &[bool]) -> f64 {
         let (mut still, mut all) = (0, 0);
         self.near_alike(at, RADII[RADII.len() - 1], |near| {
@@ -286,14 +290,14 @@ impl Lattice<'_> {
         still as f64 / all.max(1) as f64
     }
 
-    /// What the places show together that look like this one and are near it.
+    /// Returns the combined statistics of the near places that look like this one.
     fn alike(&self, at: usize, radius: usize) -> Shown {
         let mut shown = Shown::default();
         self.near_alike(at, radius, |near| shown.add(&self.sites[near]));
         shown
     }
 
-    /// Calls for each site within a square about this one that looks like it.
+    /// Calls `takes` for each site that looks like this one, within a square around this site.
     fn near_alike(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let own = &self.sites[at];
         let alike = (self.tolerance / 2.0 * own.look).max(ALIKE_SIGMA * own.noise);
@@ -323,18 +327,19 @@ mod tests {
     /// The window lies in the middle of the picture, which shows the sensor's noise around it.
     const WINDOW: Window = Window { left: 32, top: 32, width: 64, height: 64 };
 
-    /// A normal deviate of standard deviation 1, of the sum of four bytes that a number and a pixel give.
+    /// Returns a normal deviate with standard deviation 1, from the sum of four bytes that the picture number and
+    /// the pixel determine.
     fn noise(picture: usize, index: usize) -> f64 {
         let mixed = (picture as u64 * 0x9E37_79B9 + index as u64).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0x94D0_49BB_1331_11EB);
         let bytes = (mixed ^ (mixed >> 29)).to_le_bytes();
-        // A byte has the variance (256² − 1)/12 = 5461; four of them 148².
+        // A byte has the variance (256² − 1)/12 = 5461; the sum of four bytes has 148².
         (bytes[..4].iter().map(|byte| f64::from(*byte)).sum::<f64>() - 510.0) / 147.8
     }
 
-    /// All of the window was sanded; on its left half water of ±`film` levels moves from place to place and second
-    /// to second, its right half, which is as bright as a break in that film, shows the sensor's noise alone.
-    /// `also` adds to a place of the window in a picture.
+    /// The whole window was sanded. On its left half water of ±`film` levels moves from place to place and from
+    /// second to second. Its right half is as bright as a break in that film and shows only the sensor's noise.
+    /// `also` adds levels to a place of the window in a picture.
     fn without_evidence(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
         let terms = Terms { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
         let inside = [true; 64 * 64];
@@ -373,8 +378,8 @@ mod tests {
         [left.len(), right.len()]
     }
 
-    /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, 2.9 times that of
-    /// the mean of three.
+    /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, and 2.9 times the
+    /// noise of the mean of three channels.
     #[test]
     fn water_that_moves_is_evidence_and_a_still_place_is_none() {
         let [left, right] = without_evidence(2.0, |_, _, _| 0.0);
@@ -383,8 +388,8 @@ mod tests {
         assert!(left > 2_000 && right > 2_000, "{left} {right}");
     }
 
-    /// By hand: the smallest break is 4 px wide. It fits into a strip of 4 px and not into one of 3 px; of a square
-    /// of 4 px it leaves the corners.
+    /// By hand: the smallest break is 4 px wide. The break fits into a strip of 4 px, but not into a strip of 3 px;
+    /// in a square of 4 px, it does not cover the corners.
     #[test]
     fn a_thin_strip_hides_no_break() {
         let window = Window { left: 0, top: 0, width: 40, height: 30 };
@@ -396,7 +401,8 @@ mod tests {
         assert_eq!((count(10..13, 0..30), count(10..14, 0..30), count(10..14, 5..9)), (0, 120, 12));
     }
 
-    /// A place that dries by 4 levels, unevenly, and a shadow of 20 levels that passes within 3 s: neither is water.
+    /// A place that dries by 4 levels, unevenly, and a shadow of 20 levels that passes within 3 s: neither of them
+    /// is water.
     #[test]
     fn drying_and_a_passing_shadow_are_no_evidence() {
         let dries = |column: usize, row: usize, time_s: f64| 0.2 * time_s * ((column / 4 + row / 4) % 2) as f64;

@@ -6,22 +6,22 @@ use crate::geometry::Mask;
 /// Agreement of two masks, each a share 0…1. If there is nothing to find and nothing was found, all are 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Score {
-    /// Pixels in both over pixels in either.
+    /// The number of pixels in both masks divided by the number of pixels in at least one of them.
     pub iou: f64,
-    /// Pixels in both over pixels found.
+    /// The number of pixels in both masks divided by the number of found pixels.
     pub precision: f64,
-    /// Pixels in both over true pixels.
+    /// The number of pixels in both masks divided by the number of true pixels.
     pub recall: f64,
 }
 
-/// Grids by what they truly are and what was found.
+/// Numbers of grids by their true state and their result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Confusion {
     /// Broken and failed.
     pub true_fail: usize,
-    /// Whole, yet failed: an hour of sanding.
+    /// Grids that are whole but failed: each costs an hour of sanding.
     pub false_fail: usize,
-    /// Broken, yet passed: a coating that peels.
+    /// Grids that are broken but passed: the coating peels.
     pub false_pass: usize,
     /// Whole and passed.
     pub true_pass: usize,
@@ -105,7 +105,7 @@ mod tests {
         Mask { width: 3, height: 2, inside: flags.map(|flag| flag == 1).to_vec() }
     }
 
-    /// By hand: in the five pixels of the region 3 found, 2 true, 1 both: 1/4, 1/3, 1/2.
+    /// By hand: in the five pixels of the region, 3 were found, 2 are true, 1 is both: 1/4, 1/3, 1/2.
     #[test]
     fn agreement_by_hand() {
         let region = mask([1, 1, 1, 1, 1, 0]);
@@ -113,7 +113,8 @@ mod tests {
         assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
     }
 
-    /// By hand, one true pixel of 3 × 2 at the left: its column and the next are rim; of the last column nothing is true.
+    /// By hand, one true pixel of 3 × 2 at the left: its column and the next one are the rim; the last column
+    /// contains no true pixel.
     #[test]
     fn the_rim_is_left_out() {
         let (truth, region) = (mask([1, 0, 0, 0, 0, 0]), mask([1; 6]));

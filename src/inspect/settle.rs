@@ -1,11 +1,13 @@
-//! From pixels that look bare to broken places, once the film is over; and which places cannot be judged.
+//! Determines the broken places from the pixels that look bare, after the film has ended; also determines which
+//! places cannot be judged.
 //!
-//! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as
-//! bare all over as anywhere in it, and the film around it differs from that. A glint that does not move has a
-//! bell-shaped brightness, and equals a bare place on a ring alone; the edge of a reflection runs from film to bare
-//! and beyond; a film that happens to look bare has no rim. Such places are not seen, unless they closed again soon
-//! and moved on, by themselves or, if each is smaller than a break, with those beside them. A small wet place
-//! within a break is a bead of water on grease and no film; it belongs to the break.
+//! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is
+//! equally bare over its whole area, and the film around it differs from it. A glint that does not move has a
+//! bell-shaped brightness, and equals a bare place only on a ring. The edge of a reflection runs from film to bare
+//! and beyond. A film that happens to look bare has no rim. Such places count as not seen, unless they closed again
+//! soon and moved on. They move on by themselves or, if each is smaller than a break, together with the places
+//! beside them. A small wet place within a break is a bead of water on grease and not a film; it belongs to the
+//! break.
 
 use super::film::NEVER;
 use super::footprint::Window;
@@ -14,16 +16,17 @@ use crate::geometry::{AROUND, BESIDE};
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
-/// Fewer connected pixels are noise.
+/// A piece with fewer connected pixels is noise.
 const MIN_PIECE_PX: usize = 4;
 /// The inner part of a break varies by this share of the brightness that the film takes away, from its first
 /// quarter to its last. Glints and edges of reflections vary by more (`make bench-inspect`).
 const MAX_UNEVEN: f32 = 0.14;
-/// Noise alone makes the looks of an even place vary by 1.35 σ between their quarters; of a few pixels by this much.
+/// Noise alone makes the looks of an even place vary by 1.35 σ between their quarters; for a few pixels, by this
+/// many σ.
 const NOISE_SPREAD: f32 = 1.8;
-/// The pixels of a disc that touch its outside are a rim of this width, px.
+/// The pixels of a disc that touch its outside form a rim of this width, px.
 const RIM_PX: f64 = 0.9;
-/// A smaller inner part carries no information by its evenness.
+/// A smaller inner part is too small for its evenness to carry information.
 const MIN_CORE_PX: usize = 9;
 /// A place lies along a reflection if this share of the pixels around it is brighter than any bare place. Around
 /// breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
@@ -34,66 +37,69 @@ const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
 /// A pixel of a place that became film looks like at least this share of the film around it, and would be a break
 /// of less than this share …
 const ALIKE_AROUND: f64 = 0.35;
-/// … and this share of its pixels is alike: the rest is its blurred rim.
+/// … and this share of the place's pixels looks like that film: the rest is the blurred rim of the place.
 const MAX_ALIKE_SHARE: f64 = 0.6;
-/// A place without a dry look broke if it changed by this share of what the faintest break changes; less is not sure.
+/// A place without a dry look broke if it changed by at least this share of the change by the faintest break; a
+/// smaller change is not sure.
 const FAINTEST_SHARE: f64 = 0.7;
 const AWAY_PX: usize = 3;
 
-/// The sizes of what is not a break.
+/// The sizes of glints, beads and breaks.
 #[derive(Debug, Clone, Copy)]
 pub struct Sizes {
     /// The largest glint, px.
     pub glint_px: usize,
     /// The largest bead, px.
     pub bead_px: usize,
-    /// The smallest break that a grid fails by, px.
+    /// The smallest break that makes a grid fail, px.
     pub break_px: usize,
 }
 
-/// What is observed of the window's pixels besides the times at which they broke.
+/// The observations of the window's pixels, except the times at which the pixels broke.
 pub trait Observed {
-    /// Since when a pixel that did not break has looked bare, s.
+    /// Time since which a pixel that did not break has looked bare, s.
     fn looks_bare_since_s(&self, index: usize) -> Option<f32>;
-    /// How long a pixel that broke was open, s, if it closed again.
+    /// Time for which a pixel that broke was open, s, if the film closed again.
     fn was_open_s(&self, index: usize) -> Option<f32>;
-    /// Its look while it looked bare, as a share of its dry look; of a place without one, of its film's.
+    /// The look of the pixel while it looked bare, as a share of its dry look; for a place without a dry look, as a
+    /// share of its film's look.
     fn bare_look(&self, index: usize) -> f32;
-    /// Its film's look in the same shares.
+    /// The look of the pixel's film, as a share of the same look as in `bare_look`.
     fn film_look(&self, index: usize) -> f32;
-    /// The standard deviation of its bare look, in the same shares.
+    /// The standard deviation of `bare_look`, in the same shares.
     fn noise(&self, index: usize) -> f32;
-    /// Is its film brighter than any bare place?
+    /// Returns whether the pixel's film is brighter than any bare place.
     fn is_bright(&self, index: usize) -> bool;
-    /// Does its film differ from a bare place by enough?
+    /// Returns whether the pixel's film differs enough from a bare place.
     fn has_contrast(&self, index: usize) -> bool;
-    /// How long a place must look bare to have broken, s.
+    /// The time for which a place must look bare to count as broken, s.
     fn persist_s(&self) -> f32;
     /// The longest time between two pictures, s.
     fn longest_step_s(&self) -> f32;
-    /// Does it belong to the region?
+    /// Returns whether the pixel belongs to the region.
     fn is_inside(&self, index: usize) -> bool;
-    /// Has it no dry look of its own?
+    /// Returns whether the pixel has no dry look of its own.
     fn is_without_dry(&self, index: usize) -> bool;
-    /// Its look while it looks bare, and its look of now, grey levels, both in the light of the first wet picture.
+    /// The look of the pixel while it looks bare, and its present look, grey levels, both in the light of the first
+    /// wet picture.
     fn levels(&self, index: usize) -> [f32; 2];
-    /// By less than this share of its look a film differs from the film beside it.
+    /// A film differs from the film beside it by less than this share of its look.
     fn alike_share(&self) -> f32;
     /// The least and the largest look of a break on a place without a dry look, as a share of its film's look;
-    /// `None` if that is not known.
+    /// `None` if the range is not known.
     fn break_to_film(&self) -> Option<[f32; 2]>;
 }
 
-/// What became of the pixels.
+/// The final result for each pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settled {
-    /// When each broke, s; [`NEVER`] if its film holds.
+    /// Time at which each pixel broke, s; [`NEVER`] if its film did not break.
     pub broke_s: Vec<f32>,
     /// Pixels for which it cannot be decided if they broke: these count as holding in `broke_s`.
     pub unsure: Vec<usize>,
 }
 
-/// Assembles the broken places.
+/// Determines the broken places from the pixels.
 pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Observed) -> Settled {
     let mut broke_s = broke_s;
     grow(window, &mut broke_s, |index| seen.looks_bare_since_s(index));
@@ -107,7 +113,7 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
         match place.judged(sizes.glint_px, seen) {
             Verdict::Broke => continue,
             Verdict::Passed => {}
-            // What is as large as a break has to show by itself that it moves.
+            // A place as large as a break must show by itself that it moves.
             Verdict::Unsure if piece.len() < sizes.break_px && place.closed_soon(seen) => {
                 short.extend_from_slice(&piece);
             }
@@ -140,7 +146,7 @@ fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl 
     is_bead
 }
 
-/// What a place that looks bare is.
+/// The classification of a place that looks bare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     Broke,
@@ -149,7 +155,7 @@ enum Verdict {
     Unsure,
 }
 
-/// A place that looks bare: a connected one, or those of one trail.
+/// A place that looks bare: a connected place, or the places of one trail.
 #[derive(Clone, Copy)]
 struct Place<'a> {
     window: &'a Window,
@@ -169,7 +175,7 @@ impl Place<'_> {
         let around = self.ring(AWAY_PX, |i| self.broke_s[i] == NEVER && seen.is_inside(i));
         let core = self.core();
         let is_even = spread(&core, seen).is_none_or(|spread| spread <= most_spread(&core, &around, seen));
-        // A break in a film that is bright itself lies along no reflection.
+        // A break in a film that is itself bright does not count as lying along a reflection.
         let is_along = share(&next, |i| seen.is_bright(i)) >= ALONG_REFLECTION
             && share(self.piece, |i| seen.is_bright(i)) < ALONG_REFLECTION;
         let is_told = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
@@ -178,8 +184,8 @@ impl Place<'_> {
         if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
     }
 
-    /// Did what looks bare move on? A break is open all over at one time; of what a glint passed the first part is
-    /// film again before the last part was reached.
+    /// Checks whether the bare look moved on. A break is open over its whole area at one time. If a glint passed,
+    /// the first part is film again before the glint reaches the last part.
     fn moved_on(&self, seen: &impl Observed) -> bool {
         let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
@@ -193,9 +199,9 @@ impl Place<'_> {
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
-    /// Its parts that one reflection may have left on its way: it stays long enough to look bare here and there,
-    /// and no part shows by itself that it moves. Parts within twice the largest glint's diameter of one another
-    /// are judged together.
+    /// Returns the parts of this place that one reflection may have left on its way. The reflection stays long
+    /// enough to look bare here and there, and no part shows by itself that it moves. Parts within twice the
+    /// largest glint's diameter of one another are judged together.
     fn trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
@@ -205,16 +211,16 @@ impl Place<'_> {
         trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
     }
 
-    /// Did each of its pixels become film again within the time in which reflections move on?
+    /// Checks whether each pixel of the place became film again within the time in which reflections move on.
     fn closed_soon(&self, seen: &impl Observed) -> bool {
         let mut own = self.piece.iter().filter(|&&i| !self.is_bead[i]);
         own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| f64::from(open_s) <= MOVES_ON_S))
     }
 
-    /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet
-    /// look was learnt, or the water reached it later. A break differs from the film around it. Along an edge of
-    /// what was sanded only one side is alike, and the place must not look like a break of the film on the other
-    /// side.
+    /// Checks whether a place without a dry look of its own became like the film around it. A glint lay on the
+    /// place while its wet look was learnt, or the water reached the place later. A break differs from the film
+    /// around it. Along an edge of a sanded area only one side looks alike, and the place must not look like a
+    /// break of the film on the other side.
     fn became_film(&self, seen: &impl Observed) -> bool {
         let of_film = |i: usize| self.broke_s[i] == NEVER && seen.is_inside(i) && seen.is_without_dry(i);
         let around = self.ring(AWAY_PX, of_film);
@@ -226,11 +232,11 @@ impl Place<'_> {
         let share_of = |holds: &dyn Fn(f32) -> bool| {
             films.iter().filter(|&&film| holds(film)).count() as f64 / films.len() as f64
         };
-        // Each pixel by itself: the mean of a break over two kinds of film is the look of neither.
+        // Each pixel is compared individually: the mean of a break over two kinds of film matches neither film.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
-            // What still has its other look is compared in the last picture: the light of now is that of the film
-            // around it.
+            // A pixel that still has its other look is compared in the last picture: there it has the same light as
+            // the film around it.
             let look = if seen.was_open_s(i).is_none() { now } else { bare };
             let is_break_of = |film: f32| {
                 seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
@@ -241,7 +247,8 @@ impl Place<'_> {
         share(&own, is_film) >= MAX_ALIKE_SHARE
     }
 
-    /// Does it differ from its own film as a break does, as far as it has no dry look?
+    /// Checks whether the place differs from its own film as a break does; only pixels without a dry look are
+    /// compared.
     fn fits(&self, seen: &impl Observed) -> bool {
         let own = self.piece.iter().copied().filter(|&i| seen.is_without_dry(i) && !self.is_bead[i]);
         let shares: Vec<f32> = own.map(|i| seen.bare_look(i)).collect();
@@ -250,7 +257,7 @@ impl Place<'_> {
         shares.is_empty() || seen.break_to_film().is_some_and(within)
     }
 
-    /// The pixels within a distance around it, of those that count.
+    /// Returns the pixels within a distance around the place, of those for which `counts`.
     fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
         let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
         let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
@@ -262,7 +269,7 @@ impl Place<'_> {
         reached.into_iter().filter(|i| !inner.contains(i) && counts(*i)).collect()
     }
 
-    /// Its pixels that do not lie at its rim, and are no beads.
+    /// Returns the pixels of the place that do not lie at its rim and are not beads.
     fn core(&self) -> Vec<usize> {
         let is_inner =
             |&i: &usize| self.window.raster().neighbours(i, &BESIDE).all(|next| self.broke_s[next] < NEVER);
@@ -270,7 +277,8 @@ impl Place<'_> {
     }
 }
 
-/// How much the looks of a break's inner part may vary between its quarters, by the film around it and by noise.
+/// Returns how much the looks of a break's inner part may vary between their quarters, from the film around it and
+/// the noise.
 fn most_spread(core: &[usize], around: &[usize], seen: &impl Observed) -> f32 {
     let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
         pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
@@ -294,13 +302,13 @@ fn is_compact(size_px: usize, core_px: usize) -> bool {
     core_px as f64 >= PI * (radius_px - RIM_PX).max(0.0).powi(2) / 2.0
 }
 
-/// The share of some pixels for which something holds; of none all.
+/// Returns the share of the pixels for which `holds`; 1 if there are no pixels.
 fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
     let count = pixels.iter().filter(|&&i| holds(i)).count();
     if pixels.is_empty() { 1.0 } else { count as f64 / pixels.len() as f64 }
 }
 
-/// Whether it lies at the window's edge.
+/// Returns whether the pixel lies at the window's edge.
 fn at_rim(window: &Window, index: usize) -> bool {
     window.raster().neighbours(index, &BESIDE).count() < 4
 }
@@ -319,7 +327,7 @@ fn grow(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn(usize)
     }
 }
 
-/// A film's model with the region that is judged.
+/// A film's model together with the region that is judged.
 pub struct OfModel<'a> {
     model: &'a Model,
     inside: &'a [bool],
@@ -327,15 +335,15 @@ pub struct OfModel<'a> {
 }
 
 impl<'a> OfModel<'a> {
-    /// The model with the pixels that are judged.
+    /// Combines the model with the pixels that are judged.
     pub fn new(model: &'a Model, inside: &'a [bool]) -> Self {
         OfModel { model, inside, break_to_film: break_to_film(model) }
     }
 }
 
-/// The least and the largest look of a break on a place without a dry look, as a share of its film's look: by the
-/// film on the places that have a dry look, or by the assumed one if there are none. A film that is darker than the
-/// dry panel here and brighter there leaves it open.
+/// Returns the least and the largest look of a break on a place without a dry look, as a share of its film's look.
+/// They follow from the film on the places that have a dry look, or from the assumed film if there are none. If the
+/// film is darker than the dry panel at some places and brighter at others, the result is `None`.
 pub fn break_to_film(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
     let away = FAINTEST_SHARE * 2.0 * model.away_share();

@@ -20,7 +20,7 @@ use crate::panel::TaughtPanel;
 use nalgebra::{Matrix2, Vector2};
 use profile::{Edge, EdgeLocation, GRAY, MIN_CONTRAST, Profile, REACH_PX, VIEWS, edge, edges, profiles};
 
-/// Places on the outline.
+/// The number of places on the outline.
 const PLACES: usize = 240;
 /// With fewer profiles nothing is reported.
 const MIN_PROFILES: usize = 40;
@@ -37,7 +37,7 @@ const AGREE_PX: f32 = 1.0;
 /// the smallest contrast.
 const SURE_CONTRAST: f32 = 1.5;
 
-/// The outline as the dry picture shows it.
+/// The outline in the dry picture.
 #[derive(Debug)]
 pub struct Outline {
     places: Vec<EdgeLocation>,
@@ -46,19 +46,19 @@ pub struct Outline {
     first: Vec<[Option<Edge>; VIEWS]>,
 }
 
-/// The outline against the first picture.
+/// The outline compared with the first picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Steadiness {
-    /// How far the panel moved in the picture, px.
+    /// The movement of the panel in the picture, px.
     pub moved_px: f64,
-    /// Sharpness against the first picture's: 1 is as sharp.
+    /// Sharpness relative to the first picture: 1 is equally sharp.
     pub sharpness: f64,
 }
 
 /// What a picture shows of the panel's outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMeasurement {
-    /// The first picture has no outline to hold against.
+    /// The first picture has no outline for the comparison.
     NoContrast,
     /// Too little of the first picture's outline is seen to determine whether it moved: only this many percent.
     Lost(f64),
@@ -81,7 +81,8 @@ impl Outline {
         };
         let (pixels, then): (Vec<Pixel>, Vec<Pixel>) = taught.outline.iter().filter_map(project).unzip();
         let step = (pixels.len() / PLACES).max(1);
-        // The normal over some pixels to both sides: the taught outline goes from pixel to pixel.
+        // The normal is calculated over some pixels to both sides, because the taught outline goes from pixel to
+        // pixel.
         let reach = (pixels.len() / 100).max(2);
         let place = |pixels: &[Pixel], i: usize| {
             let [from, at, to] = [i + pixels.len() - reach, i, i + reach].map(|i| pixels[i % pixels.len()]);
@@ -153,7 +154,7 @@ impl Outline {
         sharpness(&|edges| edges[GRAY]).or_else(|| sharpness(&clearest))
     }
 
-    /// What moved since, and how sharp it is.
+    /// Measures how far the panel has moved since the first picture, and how sharp the picture is.
     pub fn hold_against(&self, picture: &ColorPicture) -> OutlineMeasurement {
         let in_gray = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
             first[GRAY].map(|first| (*place, first, edge(place, picture, GRAY)))
@@ -169,7 +170,7 @@ impl Outline {
         }
     }
 
-    /// The same by each profile's best channel.
+    /// Measures the outline in each profile's best channel.
     fn in_channels(&self, picture: &ColorPicture) -> OutlineMeasurement {
         let in_best = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
             let clearest = clearest(first)?;
@@ -207,12 +208,12 @@ fn percent(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// The edge with the most contrast of a place's views.
+/// Returns the edge with the most contrast among a place's views.
 fn clearest(edges: &[Option<Edge>; VIEWS]) -> Option<Edge> {
     edges.iter().flatten().copied().reduce(|a, b| if b.contrast > a.contrast { b } else { a })
 }
 
-/// The edges that kept at least this share of their contrast.
+/// Returns the edges that still have at least this share of their contrast.
 fn seen_again(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
     let kept = |&(place, first, now): &(EdgeLocation, Edge, Option<Edge>)| {
         now.filter(|now| now.contrast > least * first.contrast).map(|now| (place, first, now))
@@ -229,7 +230,7 @@ fn steadiness(seen: &[(EdgeLocation, Edge, Edge)]) -> Steadiness {
     Steadiness { moved_px: f64::from(moved(&shifts(seen)).norm()), sharpness: f64::from(middle(&mut sharp)) }
 }
 
-// (1), four times, without what lies more than three times the median away
+// (1), four times, without the residuals above three times the median
 fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
     let mut d = Vector2::zeros();
     let mut bound = f32::INFINITY;
@@ -247,7 +248,7 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
     d
 }
 
-/// The median, 0 of none.
+/// Returns the median; 0 if there are no values.
 fn middle(values: &mut [f32]) -> f32 {
     median(values).unwrap_or(0.0)
 }
@@ -256,7 +257,8 @@ fn middle(values: &mut [f32]) -> f32 {
 mod tests {
     use super::*;
 
-    /// A dark square of 60 px before a light ground, its edges `blur_px` wide, `shift` to the right; `inside` grey.
+    /// A dark square of 60 px in front of a light ground, with edges `blur_px` wide, shifted to the right by
+    /// `shift`; the square has the grey level `inside`.
     fn square(shift: f32, blur_px: f32, inside: f32) -> ColorPicture {
         let mut picture = ColorPicture::filled(100, 100, [0; 3]);
         let cover = |from: f32, at: f32| ((at - from) / blur_px + 0.5).clamp(0.0, 1.0);
@@ -287,7 +289,8 @@ mod tests {
         Outline { places, taught, first: Vec::new() }
     }
 
-    /// By hand: 3 px to the right alone show on two of the four sides; with 4 px down as well it is 5 px away.
+    /// By hand: a shift of only 3 px to the right shows on two of the four sides; with 4 px down as well the panel
+    /// is 5 px away.
     #[test]
     fn a_panel_that_stands_elsewhere_is_told_from_one_in_its_place() {
         let outline = outline();
@@ -329,7 +332,8 @@ mod tests {
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
     }
 
-    /// By hand: 16 of 208 places see an edge 4 px farther in, which alone would be a move of 16 · 4/104 = 0.6 px.
+    /// By hand: 16 of 208 places see an edge 4 px farther in, which without outlier rejection would be a move of 16
+    /// · 4/104 = 0.6 px.
     #[test]
     fn a_drop_at_the_edge_is_no_move_and_an_outline_that_is_gone_is_none_either() {
         let mut outline = outline();
@@ -349,15 +353,16 @@ mod tests {
         assert_eq!(outline.hold_against(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);
     }
 
-    /// A red panel of (190, 40, 30) on grey of 125: dry 39 grey levels, wet (150, 110, 100) hardly 5. By hand: its red edge
-    /// is 65 and 25 levels then, so that a shift of 2 px is still measured. Wet as (120, 128, 122) no channel shows it.
+    /// A red panel of (190, 40, 30) on grey of 125 differs from the ground by 39 grey levels when dry; when wet,
+    /// (150, 110, 100), by hardly 5. By hand: in red the edge has 65 levels when dry and 25 when wet, so that a
+    /// shift of 2 px is still measured. When wet as (120, 128, 122), no channel shows the edge.
     #[test]
     fn an_outline_without_gray_contrast_is_seen_in_its_colours() {
         let coloured = |shift: f32, inside: [f32; 3]| {
             let channels = inside.map(|level| square(shift, 1.0, level).rgb);
             let mut picture = square(shift, 1.0, 0.0);
             for (index, pixel) in picture.rgb.iter_mut().enumerate() {
-                // The ground is 125 in place of 180.
+                // The ground is 125 instead of 180.
                 *pixel = std::array::from_fn(|i| {
                     let share = (180.0 - f32::from(channels[i][index][0])) / (180.0 - inside[i]);
                     (125.0 + share * (inside[i] - 125.0)) as u8

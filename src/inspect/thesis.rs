@@ -22,18 +22,19 @@ use crate::recipe;
 use opencv::core::{self, CV_8U, Mat, MatTraitConst, MatTraitConstManual, Rect};
 use opencv::imgproc;
 
-/// How far beyond a window the medians look: a window wider by this gives the same pixels as the whole picture.
+/// Returns how far the medians look beyond a window: a window that is wider by this margin gives the same pixels as
+/// the whole picture.
 pub fn margin_px(settings: &recipe::Inspect) -> usize {
     settings.median_passes() * (settings.median_px() / 2)
 }
 
-/// The window's part of a picture, three channels.
+/// Returns the window's part of a picture, three channels.
 pub fn crop(picture: &ColorPicture, window: &Window) -> Result<Mat, ImagingError> {
     named("the window", crop_of(picture, window))
 }
 
 fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
-    // Bytes have a safe view and triples have none, hence columns of bytes until the copy.
+    // OpenCV offers a safe view of bytes but not of triples; so the data remain columns of bytes until the copy.
     let bytes = picture.rgb.as_flattened();
     let whole = Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32 * 3, bytes)?;
     let [left, top, width, height] = [window.left, window.top, window.width, window.height].map(|n| n as i32);
@@ -41,7 +42,7 @@ fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
     part.reshape_def(3)?.try_clone()
 }
 
-/// The adjusted difference of two pictures, row by row: what the threshold is held against.
+/// Returns the adjusted difference of two pictures, row by row: the value that is compared with the threshold.
 pub fn levels(
     settings: &recipe::Inspect,
     reference: &ColorPicture,
@@ -80,7 +81,7 @@ fn adjusted_difference(settings: &recipe::Inspect, reference: &Mat, test: &Mat) 
         let weighed = (0..3).map(|i| (f64::from(channels[i]) * weights[i] / heaviest).round() as u8);
         weighed.max().unwrap_or_default()
     };
-    // Alike, they need no arithmetic.
+    // Equal weights need no arithmetic.
     if weights.iter().all(|weight| *weight == heaviest) {
         return Ok(channels.iter().map(|&[r, g, b]| r.max(g).max(b)).collect());
     }
@@ -120,12 +121,12 @@ impl OverTime {
         Ok(())
     }
 
-    /// When each pixel of the window broke, s.
+    /// Returns the time at which each pixel of the window broke, s.
     pub fn times_s(&self) -> &[f32] {
         self.film.times()
     }
 
-    /// The pixels that broke now, and when they did.
+    /// Returns the pixels that broke in this picture and the times at which they broke.
     pub fn wet(
         &mut self,
         picture: &ColorPicture,
@@ -137,7 +138,7 @@ impl OverTime {
         let inside = footprint.inside();
         let looks_dry = looks_dry(settings, &test)?;
         let Some(reference) = &self.reference else {
-            // The first fully wet picture: what still is as it was dry broke at 0 s.
+            // In the first fully wet picture, pixels that still look dry count as broken at 0 s.
             let mut never_wet = Vec::new();
             if let Some(dry) = self.dry.take() {
                 let wetted = changed(settings, &dry, &test)?;
@@ -181,7 +182,8 @@ mod tests {
         assert_eq!(found(41), [0usize; 0]);
     }
 
-    /// By hand: red differs by 40, blue by 30; with red at a quarter the difference is max(10, 30) · 2 = 60.
+    /// By hand: red differs by 40, blue by 30; with a weight of a quarter for red the difference is max(10, 30) · 2
+    /// = 60.
     #[test]
     fn a_channel_counts_by_its_weight() {
         let reference = ColorPicture::filled(8, 8, [100, 100, 100]);

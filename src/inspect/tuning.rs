@@ -1,5 +1,5 @@
-//! The gate of a clip that is taken to set up lamp, camera and recipe: is the light fit for the test, and are the method's
-//! settings? What it finds wrong is for a person.
+//! The gate of a clip that is recorded to set up lamp, camera and recipe. It checks whether the light and the
+//! method's settings are fit for the test. The findings are for a person.
 
 use super::advice::Advice;
 use super::film_advice::GridContrast;
@@ -12,11 +12,11 @@ use crate::words::{apart, fixed};
 
 /// A contrast of fewer times the noise is too small to distinguish wet from dry.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
-/// Share of a grid that may look alike under a film and dry, percent: greasy places do.
+/// Share of a grid, percent, that may look alike under a film and dry, as greasy places do.
 const MAX_FAINT_PERCENT: f64 = 10.0;
-/// A panel that is darker when dry, in grey levels, needs more light before anything else.
+/// A panel with fewer grey levels when dry needs more light first.
 const DARK_LEVELS: f64 = 40.0;
-/// Light less even than this leaves a part of the panel dark or overexposed sooner than the rest.
+/// Light that is less even makes a part of the panel dark or overexposed earlier than the rest.
 const MIN_EVENNESS: f64 = 0.6;
 /// Share of the dry region that may be overexposed.
 const MAX_OVEREXPOSED: f64 = 0.001;
@@ -26,26 +26,27 @@ const MAX_OVEREXPOSED: f64 = 0.001;
 pub struct Tuning {
     /// Light and channels.
     pub advice: Advice,
-    /// Each grid in the method's brightness.
+    /// The contrast of each grid in the method's brightness.
     pub grids: Vec<GridContrast>,
-    /// How long places look dry and then wet again, s.
+    /// Time for which places look dry before they look wet again, s.
     pub flash_s: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
-    /// The grids that would not be seen if all were sanded since the dry picture, by the water that moves on this film.
+    /// The grids that would count as not seen if they were completely sanded after the dry picture, according to
+    /// the movement of water on this film.
     pub unseen_if_sanded: Vec<GridId>,
     /// Why the panel is not at the place where the grids are looked for.
     pub elsewhere: Option<Reason>,
 }
 
 impl Tuning {
-    /// How long a break must be seen so that no flash is taken for one, s.
+    /// Returns how long a break must be seen so that no flash counts as a break, s.
     pub fn needed_persist_s(&self, demands: &Demands) -> f64 {
         let interval_s = 1.0 / demands.frames_per_second;
         tenth_up((self.flash_s + interval_s).max(2.0 * interval_s))
     }
 
-    /// Every number that is judged.
+    /// Returns every value that is judged.
     pub fn checks(&self, demands: &Demands) -> Vec<Check> {
         let worst = self.grids.iter().min_by(|a, b| a.best_to_noise().total_cmp(&b.best_to_noise()));
         let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.best_to_noise()));
@@ -75,7 +76,7 @@ impl Tuning {
     }
 }
 
-/// The same for the thesis's method, which has no grids and no flashes.
+/// Returns the checks for the thesis's method, which has no grids and no flashes.
 pub fn thesis_checks(advice: &Advice, elsewhere: Option<Reason>) -> Vec<Check> {
     let best = advice.channels.iter().map(|channel| channel.contrast_to_noise()).fold(0.0, f64::max);
     [place(elsewhere), contrast("the best channel", best)].into_iter().chain(light(advice)).collect()
@@ -85,7 +86,7 @@ fn place(elsewhere: Option<Reason>) -> Check {
     Check::new("the panel stands where the grids are looked for", "", None).gives(elsewhere, Severity::Review)
 }
 
-/// What is wrong with the light, whatever the method.
+/// Checks the light, independently of the method.
 fn light(advice: &Advice) -> [Check; 2] {
     let darkest = advice.evenness[0];
     [

@@ -14,7 +14,7 @@ use crate::phase::Phase;
 use crate::recipe::{self, Method};
 use crate::verdict::Reason;
 
-/// A panel before the camera that films it.
+/// A panel in front of the camera that films it.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The panel as taught.
@@ -23,12 +23,11 @@ pub struct View<'a> {
     pub camera: &'a PinholeCamera,
     /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7).
     pub camera_from_panel: Rigid<Camera, Panel>,
-    /// The taught pixels of places that were sanded since the dry picture was taken: they are judged by their wet
-    /// look alone.
+    /// The taught pixels of places that were sanded after the dry picture: they are judged only by their wet look.
     pub sanded: Option<&'a Mask>,
 }
 
-/// Watches a film break.
+/// Observes how a film breaks.
 #[derive(Debug)]
 pub struct Watch {
     pub(super) settings: recipe::Inspect,
@@ -51,14 +50,14 @@ pub struct Watch {
     pub(super) time_to_break_s: Vec<Option<f64>>,
 }
 
-/// What one picture added.
+/// The result that one picture added.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Step {
     /// The picture's time after the first fully wet one, s; `None` before that.
     pub since_wet_s: Option<f64>,
-    /// Whether the picture can be judged by.
+    /// Whether the picture can be used for the judgement.
     pub usable: bool,
-    /// Broken film so far, mm²; what turns out to be a glint is taken back at the end.
+    /// Area of broken film so far, mm²; places that prove to be glints are subtracted at the end.
     pub broken_mm2: f64,
     /// Grids that fail from this picture on.
     pub newly_failed: Vec<GridId>,
@@ -124,7 +123,7 @@ impl Watch {
                 self.model.spray(picture);
                 Ok(Step::default())
             }
-            // One way into the pool for all that follows: each way wakes a thread that sleeps.
+            // All work below enters the thread pool only once: each entry wakes a thread that sleeps.
             Phase::Wet => rayon::scope(|_| self.wet(picture, time_s)),
         }
     }
@@ -134,7 +133,8 @@ impl Watch {
         self.is_place_assumed = true;
     }
 
-    /// The film begins at this time, on the clock of its pictures: what is missing before its first one is a gap too.
+    /// Begins the film at this time, on the clock of its pictures: missing pictures before the first one count as a
+    /// gap, too.
     pub fn begins(&mut self, time_s: f64) {
         self.begins_s = Some(time_s);
     }
@@ -226,7 +226,7 @@ impl Watch {
         elsewhere(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }
 
-    /// The pixels of the picture that each grid holds, row by row.
+    /// Returns the pixels of the picture in each grid, row by row.
     pub fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
         self.footprint.grid_pixels()
     }
@@ -236,18 +236,18 @@ impl Watch {
         self.footprint.detection_limit_mm2()
     }
 
-    /// The grids that failed so far.
+    /// Returns the grids that have failed so far.
     pub fn failed(&self) -> Vec<GridId> {
         let grids = self.footprint.grids().iter().zip(&self.time_to_break_s);
         grids.filter(|(_, time_s)| time_s.is_some()).map(|(grid, _)| grid.id).collect()
     }
 
-    /// The region's pixels in the picture.
+    /// Returns the region's pixels in the picture.
     pub fn region(&self) -> Mask {
         self.footprint.region()
     }
 
-    /// The pixels of the picture that broke so far.
+    /// Returns the pixels of the picture that broke so far.
     pub fn mask(&self) -> Mask {
         self.footprint.to_picture(|index| self.broke_s(index) < NEVER)
     }

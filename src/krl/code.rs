@@ -1,6 +1,7 @@
 //! The compiled form of a program: one list of small steps for a stack machine, divided into statements.
 //!
-//! Between two statements another interpreter may run or an interrupt may occur; within a statement neither can.
+//! Between two statements another interpreter may run or an interrupt may occur; within a statement neither is
+//! possible.
 
 use super::routines::Builtin;
 use super::syntax::{Approximation, Binary, Motion};
@@ -8,7 +9,7 @@ use super::syntax::{Approximation, Binary, Motion};
 /// One value in memory or on the stack.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cell {
-    /// Never assigned: reading it stops an interpreter.
+    /// A value that was never assigned: reading it stops an interpreter.
     Unset,
     /// INT
     Int(i32),
@@ -18,20 +19,20 @@ pub enum Cell {
     Bool(bool),
     /// CHAR
     Char(u8),
-    /// A word of an enumeration, by its place there.
+    /// An enumeration constant, by its index in the enumeration.
     Word(u16),
-    /// A text, by its place among the program's texts.
+    /// A text, by its index among the program's texts.
     Text(u32),
     /// The address of a variable.
     Address(Address),
 }
 
-/// A place in memory.
+/// A location in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Address {
     /// Which memory.
     pub space: Space,
-    /// The cell in it.
+    /// The cell within the memory.
     pub offset: u32,
 }
 
@@ -42,7 +43,7 @@ pub enum Space {
     Global,
     /// Parameters and local variables of one interpreter.
     Frame,
-    /// A system variable, by its place in the table.
+    /// A system variable, by its index in the table.
     System(u16),
 }
 
@@ -50,12 +51,12 @@ pub enum Space {
 #[allow(missing_docs)] // a field is what the step's sentence says of it
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Op {
-    /// A statement begins, by its place among the program's statements.
+    /// Begins a statement, given by its index among the program's statements.
     Statement(u32),
     /// Puts a value on the stack.
     Push(Cell),
-    /// Puts an address on the stack: of a shared variable, of a local one, of what a parameter refers to, of a system
-    /// variable.
+    /// Puts an address on the stack: of a shared variable, of a local variable, of the variable to which a
+    /// parameter refers, or of a system variable.
     Global(u32),
     /// See [`Op::Global`].
     Local(u32),
@@ -67,7 +68,7 @@ pub enum Op {
     Component(u32),
     /// Pops an index and advances the address to that element, of `count` elements with `size` cells each.
     Index { count: u32, size: u32 },
-    /// Replaces an address by the value there.
+    /// Replaces an address by the value at this address.
     Load,
     /// Puts the value of this shared or local cell on the stack.
     LoadGlobal(u32),
@@ -83,9 +84,9 @@ pub enum Op {
     StoreAggregate(u32),
     /// Pops a text and an address, and writes this many characters at most.
     StoreText(u32),
-    /// INT to REAL, this many cells below the top.
+    /// Converts an INT to REAL; the INT lies this number of cells below the top of the stack.
     ToReal(u32),
-    /// REAL to INT, rounded.
+    /// Converts a REAL to INT, rounded.
     ToInt,
     /// The opposite.
     Negate,
@@ -93,9 +94,9 @@ pub enum Op {
     Not,
     /// B_NOT
     BitNot,
-    /// An operator between two simple values.
+    /// Applies an operator to two simple values.
     Binary(Binary),
-    /// `:` between two frames of 6 numbers.
+    /// Applies `:` to two frames of 6 numbers.
     Geometric,
     /// Keeps the first cells of this many, drops the others: a FRAME of a POS.
     Keep { first: u32, of: u32 },
@@ -110,15 +111,15 @@ pub enum Op {
     ForTest,
     /// Calls a routine with its arguments on the stack.
     Call(u32),
-    /// A routine of the controller.
+    /// Calls a routine of the controller.
     Builtin(Builtin),
     /// Leaves the routine with a value of this many cells.
     Return(u32),
-    /// A function ended without RETURN.
+    /// Reports that a function ended without RETURN.
     NoReturn,
     /// Discards this many cells of the stack.
     Drop(u32),
-    /// A motion; its target is 6 numbers on the stack, axes or a pose.
+    /// Requests a motion; its target is 6 numbers on the stack, axes or a pose.
     Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },
     /// Pops seconds.
     WaitSeconds,
@@ -131,9 +132,9 @@ pub enum Op {
     InterruptSwitch { on: bool },
     /// All interrupts.
     InterruptSwitchAll { on: bool },
-    /// The condition's value is on the stack.
+    /// Ends a condition; its value is on the stack.
     EndCondition,
-    /// An interrupt's or trigger's call is over.
+    /// Ends the call of an interrupt or a trigger.
     EndInterrupt,
     /// BRAKE or BRAKE F.
     Brake { fast: bool },
@@ -147,10 +148,10 @@ pub enum Op {
     Trigger { after: u32 },
 }
 
-/// A statement's place in the text.
+/// The location of a statement in the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Location {
-    /// The file's place in the list of files.
+    /// Index of the file in the list of files.
     pub file: usize,
     /// From 1.
     pub line: usize,
@@ -163,11 +164,11 @@ pub struct Entry {
     pub name: String,
     /// Its first step.
     pub start: u32,
-    /// Cells of its parameters.
+    /// The number of cells of the routine's parameters.
     pub parameter_cells: u32,
-    /// Cells of parameters, local variables and counters.
+    /// The number of cells of the parameters, local variables and counters.
     pub frame_cells: u32,
-    /// The file's place in the list of files.
+    /// Index of the file in the list of files.
     pub file: usize,
     /// Parameters and local variables.
     pub locals: Vec<LocalVariable>,
@@ -178,9 +179,9 @@ pub struct Entry {
 pub struct LocalVariable {
     /// In upper case.
     pub name: String,
-    /// Its first cell in the routine's frame.
+    /// The first cell of the variable in the routine's frame.
     pub offset: u32,
-    /// The cell there holds the address of the variable that was handed over.
+    /// Whether the cell contains the address of the variable that the caller passed.
     pub by_reference: bool,
 }
 
@@ -191,6 +192,6 @@ pub struct Shared {
     pub name: String,
     /// Its first cell.
     pub offset: u32,
-    /// How many cells it has.
+    /// The number of cells of the variable.
     pub cells: u32,
 }

@@ -26,16 +26,18 @@ use crate::config::Problem;
 use compiler::{Argument, Compiler, Home, Signature, Variable, cells_u32};
 use std::collections::BTreeMap;
 
-/// What was found in files that belong together.
+/// The results for files that belong together.
 #[derive(Debug)]
 pub struct Analysis {
-    /// What a controller refuses; for each file in the order of its lines.
+    /// Problems that a controller refuses; for each file, in the order of its lines.
     pub problems: Vec<Vec<Problem>>,
-    /// What was not checked, since it was not read or another file declares it, and what may go wrong at run time.
+    /// Parts that were not checked, because they were not read or another file declares them, and errors that may
+    /// occur at run time.
     pub warnings: Vec<Vec<Problem>>,
-    /// What was read and checked and is not executed: the line, and what it is.
+    /// Parts that were read and checked but are not executed: the line, and a description.
     pub unexecuted: Vec<Vec<Problem>>,
-    /// The program; it may be executed if there is no problem. A statement that is not executed stops it with its line.
+    /// The program; it may be executed if there is no problem. A statement that is not executed stops the program
+    /// with its line.
     pub program: Program,
 }
 
@@ -133,7 +135,7 @@ impl Compiler<'_> {
         let signature = self.routines[place].clone();
         self.routine = Some(place);
         self.line = routine.line;
-        // Of the routine's first statement.
+        // The location of the routine's first statement.
         self.statement = cells_u32(self.program.statements.len());
         (self.locals, self.frame_cells) = (BTreeMap::new(), 0);
         (self.ranges, self.returns) = (BTreeMap::new(), signature.returns);
@@ -222,7 +224,7 @@ impl Compiler<'_> {
     }
 }
 
-/// How a parameter is declared in its routine.
+/// Returns the declaration of a parameter in its routine.
 fn declared<'a>(routine: &'a Routine, name: &str) -> Option<(&'a str, &'a Item)> {
     routine.declarations.iter().find_map(|declaration| match &declaration.kind {
         Declared::Variables { type_name, items, .. } => {

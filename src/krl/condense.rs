@@ -8,23 +8,24 @@ use super::code::{Cell, Op, Space};
 use super::syntax::Binary;
 use super::system::SYSTEM_VARIABLES;
 
-/// Values that wait on the stack; more of them are no expression but a list, which is never taken together.
+/// The maximum number of values that wait on the stack. More values are a list instead of an expression, and a list
+/// is never condensed.
 const MAX_STACK_DEPTH: usize = 32;
 
-/// What the steps from a place on come to.
+/// The operation into which the steps from an index onward are combined.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Together {
     /// Nothing but themselves.
     Nothing,
-    /// A value on the stack.
+    /// The steps put a value on the stack.
     Value { value: u32, next: u32 },
     /// A jump if the value is FALSE; `at` is its step.
     Branch { value: u32, at: u32, to: u32, next: u32 },
-    /// The value of a place.
+    /// The steps assign a value to a memory location.
     Assign { place: u32, value: u32, next: u32 },
 }
 
-/// A value, made of others by their places in the list.
+/// A value, composed of other values by their indices in the list.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Value {
     Fixed(Cell),
@@ -50,7 +51,7 @@ pub(super) enum Value {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Start {
     Space(Space),
-    /// At the address in this local cell.
+    /// The memory at the address in this local cell.
     Referred(u32),
 }
 
@@ -70,23 +71,23 @@ pub(super) struct Index {
     pub(super) size: u32,
 }
 
-/// All of a program.
+/// The condensed form of a whole program.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Condensed {
-    /// Beside each step, and whether what begins there may wait for the arm.
+    /// For each step, the combined operation that begins there, and whether it may wait for the arm.
     pub(super) steps: Vec<(Together, bool)>,
     pub(super) values: Vec<Value>,
     pub(super) places: Vec<MemoryRef>,
 }
 
-/// What a step would have put on the stack.
+/// A value or a memory location that a step would have put on the stack.
 #[derive(Debug, Clone, Copy)]
 enum Item {
     Memory(MemoryRef),
     Value(u32),
 }
 
-/// Steps from one place on, as far as they are understood.
+/// Reads the steps from one index onward, as far as they are understood.
 struct Reading<'a> {
     all: &'a mut Condensed,
     stack: Vec<Item>,
@@ -118,7 +119,7 @@ impl Condensed {
 }
 
 impl Reading<'_> {
-    /// The longest run of steps that is one value, or the jump or assignment that it ends with.
+    /// Reads the longest run of steps that forms one value, or the jump or assignment with which the run ends.
     fn read(&mut self, code: &[Op], from: usize) -> (Together, bool) {
         let mut found = (Together::Nothing, false);
         for (at, op) in code.iter().enumerate().skip(from) {
@@ -221,7 +222,7 @@ impl Reading<'_> {
                 if !matches!(operator, Binary::And | Binary::Or) {
                     return self.push(Value::Binary(operator, left, last));
                 }
-                // Both sides of this one, and no other's, are here.
+                // Both sides of this operator, and of no other, have been read here.
                 (self.decided.pop()? == next).then_some(())?;
                 self.push(Value::Decided { operator, left, right: last })
             }
@@ -234,7 +235,8 @@ impl Reading<'_> {
     }
 }
 
-/// Reading or writing it stops the advance run; what the caller handed over may do so.
+/// Returns whether reading or writing a memory location stops the advance run. A variable that the caller passed
+/// may do this.
 fn may_wait(place: &MemoryRef) -> bool {
     match place.start {
         Start::Space(Space::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,

@@ -1,16 +1,16 @@
-//! Reads declarations: variables, structures, enumerations, signals, and what is declared elsewhere.
+//! Reads declarations: variables, structures, enumerations, signals, and items that are declared elsewhere.
 
 use super::expression::{Read, Reader, Unread};
 use super::lex::{RESERVED, Token};
 use super::syntax::{Declaration, Declared, Expression, Item, Returned};
 
-/// Types that need no DECL before them.
+/// Types that need no DECL in front of them.
 const SIMPLE_TYPES: [&str; 11] =
     ["INT", "REAL", "BOOL", "CHAR", "FRAME", "POS", "E3POS", "E6POS", "AXIS", "E3AXIS", "E6AXIS"];
-/// Routines that are defined elsewhere; KUKA's own data lists have the two with P.
+/// Keywords for routines that are defined elsewhere; KUKA's own data lists use the two with P.
 const FOREIGN: [&str; 4] = ["EXT", "EXTFCT", "EXTP", "EXTFCTP"];
 
-/// Whether a line declares something.
+/// Returns whether a line is a declaration.
 pub(super) fn is_declaration(tokens: &[Token]) -> bool {
     let word = |at: usize| match tokens.get(at) {
         Some(Token::Name(name)) => name.as_str(),
@@ -27,7 +27,7 @@ pub(super) fn is_declaration(tokens: &[Token]) -> bool {
     }
 }
 
-/// `NAME NAME`, as a declaration that lacks its DECL: a type, then its first variable.
+/// Returns whether a line is `NAME NAME`, a declaration that lacks its DECL: a type, then its first variable.
 pub(super) fn lacks_decl(tokens: &[Token]) -> bool {
     let is_name =
         |token: &Token| matches!(token, Token::Name(name) if RESERVED.binary_search(&name.as_str()).is_err());
@@ -69,7 +69,7 @@ pub(super) fn declaration(reader: &mut Reader<'_>, line: usize) -> Read<Declarat
     Ok(Declaration { line, global, kind })
 }
 
-/// The type of a DEFFCT: `INT`, or `CHAR[20]` for a text.
+/// Reads the type of a DEFFCT: `INT`, or `CHAR[20]` for a text.
 pub(super) fn returned(reader: &mut Reader<'_>) -> Read<Returned> {
     Ok(Returned { type_name: reader.name()?, dimensions: dimensions(reader)? })
 }
@@ -83,7 +83,7 @@ fn enumeration(reader: &mut Reader<'_>) -> Read<Declared> {
     Ok(Declared::Enumeration { name, words })
 }
 
-/// `STRUC NAME INT A,B,REAL C`: a component keeps the type before it.
+/// Reads `STRUC NAME INT A,B,REAL C`: a component has the last type in front of it.
 fn struc(reader: &mut Reader<'_>) -> Read<Declared> {
     let name = reader.name()?;
     let mut type_name = String::new();
@@ -102,7 +102,7 @@ fn struc(reader: &mut Reader<'_>) -> Read<Declared> {
     }
 }
 
-/// `SIGNAL NAME $OUT[3]`, `SIGNAL NAME $IN[1] TO $IN[8]`, `SIGNAL NAME FALSE`.
+/// Reads `SIGNAL NAME $OUT[3]`, `SIGNAL NAME $IN[1] TO $IN[8]`, `SIGNAL NAME FALSE`.
 fn signal(reader: &mut Reader<'_>) -> Read<Declared> {
     let name = reader.name()?;
     if reader.takes_word("FALSE") || reader.takes_word("TRUE") {
@@ -113,7 +113,7 @@ fn signal(reader: &mut Reader<'_>) -> Read<Declared> {
     Ok(Declared::Signal { name, from: Some(from), to })
 }
 
-/// `IMPORT INT NAME IS /R1/OTHER..NAME`
+/// Reads `IMPORT INT NAME IS /R1/OTHER..NAME`.
 fn import(reader: &mut Reader<'_>) -> Read<Declared> {
     let type_name = reader.name()?;
     let name = reader.name()?;
@@ -134,7 +134,7 @@ fn item(reader: &mut Reader<'_>) -> Read<Item> {
     Ok(Item { name, dimensions, value })
 }
 
-/// `[3,4]`, `[]`, or nothing.
+/// Reads `[3,4]`, `[]`, or nothing.
 fn dimensions(reader: &mut Reader<'_>) -> Read<Vec<Option<Expression>>> {
     let dimensions = if reader.takes_sign("[") { reader.list_until("]")? } else { Vec::new() };
     match dimensions.len() {

@@ -4,10 +4,10 @@ use super::lex::Token;
 use super::limits::{EXPRESSION_DEPTH, OPERATORS};
 use super::syntax::{Binary, Call, Expression, Step, Unary, VariableRef};
 
-/// Why a line is not read.
+/// The reason why a line is not read.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Unread {
-    /// A controller refuses it.
+    /// A controller refuses the line.
     Wrong(String),
     /// A controller may accept it.
     NotChecked(String),
@@ -48,7 +48,7 @@ impl<'a> Reader<'a> {
         self.tokens.get(self.at + count)
     }
 
-    /// What comes next, for a message.
+    /// Describes the next token, for a message.
     pub(super) fn found(&self) -> String {
         self.peek().map_or("the end of the line".to_owned(), |token| format!("'{token}'"))
     }
@@ -111,12 +111,12 @@ impl<'a> Reader<'a> {
         self.takes_word(word)
     }
 
-    /// The rest of the line, which is not read.
+    /// Skips the rest of the line, which is not read.
     pub(super) fn skip_line(&mut self) {
         self.at = self.tokens.len();
     }
 
-    /// Nothing may be left on the line.
+    /// Checks that nothing is left on the line.
     pub(super) fn end(&self) -> Read<()> {
         match self.peek() {
             None => Ok(()),
@@ -128,7 +128,7 @@ impl<'a> Reader<'a> {
         self.binary(0)
     }
 
-    /// What operators of this level and stronger ones join.
+    /// Reads the operands that operators of this level and stronger ones combine.
     fn binary(&mut self, weakest: usize) -> Read<Expression> {
         let mut left = self.unary()?;
         while let Some((operator, level)) = self.operator().filter(|(_, level)| *level >= weakest) {
@@ -152,7 +152,7 @@ impl<'a> Reader<'a> {
         OPERATOR_LEVELS.iter().find(|(sign, ..)| *sign == next).map(|(_, operator, level)| (*operator, *level))
     }
 
-    /// One level deeper, as far as the limit allows.
+    /// Reads one level deeper, if the limit allows.
     fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Read<T>) -> Read<T> {
         if self.depth >= EXPRESSION_DEPTH {
             let message = format!("more than {EXPRESSION_DEPTH} brackets, braces or signs inside each other");
@@ -226,7 +226,7 @@ impl<'a> Reader<'a> {
         Ok(value)
     }
 
-    /// A name with its indices and components.
+    /// Reads a name with its indices and components.
     pub(super) fn place(&mut self) -> Read<VariableRef> {
         let name = self.name()?;
         let mut steps = Vec::new();
@@ -241,12 +241,12 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// `1,2]`, also `]`, `,]` and `3,]`.
+    /// Reads `1,2]`, also `]`, `,]` and `3,]`.
     fn indices(&mut self) -> Read<Vec<Option<Expression>>> {
         self.list_until("]")
     }
 
-    /// Expressions between commas up to the end sign; each may be left out.
+    /// Reads expressions between commas up to the end sign; each expression may be omitted.
     pub(super) fn list_until(&mut self, end: &str) -> Read<Vec<Option<Expression>>> {
         let mut list = Vec::new();
         loop {
@@ -259,7 +259,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A routine's name and its arguments in brackets; each may be left out.
+    /// Reads a routine's name and its arguments in brackets; each argument may be omitted.
     pub(super) fn call(&mut self) -> Read<Call> {
         let name = self.name()?;
         self.sign("(")?;
@@ -271,7 +271,7 @@ impl<'a> Reader<'a> {
         if self.takes_sign(")") { Ok(Vec::new()) } else { self.list_until(")") }
     }
 
-    /// `{X 1.0,Y 2.0}`, with or without its type: `{FRAME: X 1.0}`.
+    /// Reads `{X 1.0,Y 2.0}`, with or without its type: `{FRAME: X 1.0}`.
     fn aggregate(&mut self) -> Read<Expression> {
         self.sign("{")?;
         let type_name = match (self.peek(), self.peek_behind(1)) {

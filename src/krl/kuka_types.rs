@@ -1,8 +1,8 @@
 //! KUKA's own types, as far as programs of a cell name them.
 //!
-//! A controller declares most of them in data lists of its own (`$operate.dat`, `$config.dat`), which may be checked beside
-//! a program and then count; what is missing here is reported as not checked, never as wrong. Sources: README.md beside
-//! this file.
+//! A controller declares most of them in data lists of its own (`$operate.dat`, `$config.dat`). If these are
+//! checked together with a program, their declarations count. A type that is missing here is reported as not
+//! checked, never as wrong. Sources: README.md beside this file.
 
 use super::declaration::declaration;
 use super::expression::Reader;
@@ -11,7 +11,7 @@ use super::syntax::{Declared, Expression};
 use super::types::{NewComponent, Scope, Type, Types};
 use std::sync::LazyLock;
 
-/// In KRL, each after those that it names.
+/// Declarations in KRL, each after the types that it names.
 const TYPES: &str = "
 STRUC FRAME REAL X,Y,Z,A,B,C
 STRUC POS REAL X,Y,Z,A,B,C,INT S,T
@@ -63,7 +63,8 @@ STRUC LDAT REAL VEL,ACC,APO_DIST,APO_FAC,AXIS_VEL,AXIS_ACC,ORI_TYPE ORI_TYP,CIRC
 STRUC BASIS_SUGG_T CHAR POINT1[24],POINT2[24],CP_PARAMS[24],PTP_PARAMS[24],CONT[24],CP_VEL[24],PTP_VEL[24],SYNC_PARAMS[24],SPL_NAME[24],A_PARAMS[24]
 ";
 
-/// KUKA's own, too, of machine data and of programs that KUKA delivers, by name alone: what they consist of is not checked.
+/// More of KUKA's own types, from machine data and from programs that KUKA delivers. Only their names are known:
+/// their components are not checked.
 const BY_NAME: [&str; 39] = [
     "ACC_CAR",
     "ADAP_ACC",
@@ -111,7 +112,7 @@ pub(super) fn is_known_by_name(name: &str) -> bool {
     BY_NAME.binary_search(&name).is_ok()
 }
 
-/// All of them; files are checked beside a copy.
+/// Returns all of KUKA's types; files are checked with a copy of them.
 pub(super) fn kuka_types() -> &'static Types {
     static KUKA: LazyLock<Types> = LazyLock::new(|| {
         let mut types = Types::default();

@@ -1,17 +1,18 @@
-//! One line of KRL as tokens. KRL ends a statement with its line, and reads upper and lower case as the same letter.
+//! Splits one line of KRL into tokens. KRL ends a statement with its line, and does not distinguish upper and lower
+//! case.
 
-/// A token of a line. Names are in upper case and carry their `$`.
+/// A token of a line. Names are in upper case and include their `$`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Token {
     Name(String),
-    /// Without its sign: 2147483648 is read, too, since `-2147483648` is an INT.
+    /// An INT without its sign: 2147483648 is read, too, because `-2147483648` is an INT.
     Int(i64),
     Real(f32),
     Text(String),
-    /// The word behind `#`, in upper case.
+    /// The enumeration constant behind `#`, in upper case.
     Word(String),
     Sign(&'static str),
-    /// From here on the line cannot be read; the message was reported.
+    /// From this token onward the line cannot be read; the message was reported.
     Unreadable,
 }
 
@@ -58,7 +59,7 @@ pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
     }
 }
 
-/// The token at the beginning of a text, and its length.
+/// Returns the token at the beginning of a text, and its length.
 fn token(rest: &str) -> Result<(Token, usize), String> {
     let mut characters = rest.chars();
     match (characters.next().unwrap_or_default(), characters.next()) {
@@ -81,7 +82,7 @@ fn name_length(text: &str) -> usize {
     text.bytes().take_while(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'$')).count()
 }
 
-/// `#RED`, also `# RED`.
+/// Reads `#RED`, also `# RED`.
 fn word(rest: &str) -> Result<(Token, usize), String> {
     let behind = &rest[1..];
     let blanks = behind.len() - behind.trim_start_matches([' ', '\t']).len();
@@ -137,7 +138,7 @@ fn number(rest: &str) -> Result<(Token, usize), String> {
     token.map(|token| (token, length)).ok_or_else(|| format!("the number {written} does not fit into 32 bits"))
 }
 
-/// Words that no variable and no routine may be called.
+/// Keywords that are not permitted as names of variables or routines.
 pub const RESERVED: [&str; 58] = [
     "AND",
     "BRAKE",

@@ -7,7 +7,7 @@ use super::syntax::{
     VariableRef,
 };
 
-/// Motions: the first word, the path.
+/// Motions: the first keyword, and the path.
 const MOTIONS: [(&str, PathKind); 14] = [
     ("PTP", PathKind::Joint),
     ("LIN", PathKind::Line),
@@ -33,7 +33,7 @@ const APPROXIMATIONS: [(&str, Approximation); 5] = [
     ("C_SPL", Approximation::Spline),
 ];
 
-/// A motion, its first word read; `None` if it is none.
+/// Reads a motion after its first keyword; `None` if the keyword does not begin a motion.
 pub(super) fn motion(reader: &mut Reader<'_>, first: &str) -> Option<Read<Action>> {
     let (word, path) = MOTIONS.iter().find(|(word, _)| *word == first)?;
     Some(motion_of(reader, word, *path))
@@ -62,7 +62,7 @@ fn motion_of(reader: &mut Reader<'_>, word: &'static str, path: PathKind) -> Rea
     Ok(Action::Motion(Box::new(motion)))
 }
 
-/// What may follow the target; false if it is none of that.
+/// Reads the parts that may follow the target; false if the next token is none of them.
 fn more(reader: &mut Reader<'_>, motion: &mut MotionStatement) -> Read<bool> {
     if let Some((_, approximation)) = APPROXIMATIONS.iter().find(|(word, _)| reader.takes_word(word)) {
         motion.approximates.push(*approximation);
@@ -74,7 +74,7 @@ fn more(reader: &mut Reader<'_>, motion: &mut MotionStatement) -> Read<bool> {
         reader.takes_sign("=");
         motion.angle = Some(reader.expression()?);
     } else if matches!(reader.peek(), Some(Token::Word(_))) {
-        // #BASE or #TOOL: what a relative motion is relative to.
+        // #BASE or #TOOL: the reference of a relative motion.
         reader.next();
     } else {
         return Ok(false);
@@ -117,7 +117,7 @@ pub(super) fn spline_part(reader: &mut Reader<'_>, first: &str) -> Option<Read<A
     }
 }
 
-/// `TIME_BLOCK PART=40`, `CONST_VEL START=5 ONSTART`
+/// Reads `TIME_BLOCK PART=40`, `CONST_VEL START=5 ONSTART`.
 fn bounded(reader: &mut Reader<'_>, word: &'static str, kinds: &[&str]) -> Read<Action> {
     if !kinds.iter().any(|kind| reader.takes_word(kind)) {
         return Err(
@@ -132,7 +132,7 @@ fn bounded(reader: &mut Reader<'_>, word: &'static str, kinds: &[&str]) -> Read<
     Ok(Action::Checked { word, values })
 }
 
-/// `STOP WHEN PATH=50 ONSTART IF $IN[3]`
+/// Reads `STOP WHEN PATH=50 ONSTART IF $IN[3]`.
 fn conditional_stop(reader: &mut Reader<'_>) -> Read<Action> {
     reader.word("WHEN")?;
     reader.word("PATH")?;
@@ -143,7 +143,8 @@ fn conditional_stop(reader: &mut Reader<'_>) -> Read<Action> {
     Ok(Action::Checked { word: "STOP WHEN", values: vec![(path, "REAL"), (reader.expression()?, "BOOL")] })
 }
 
-/// `INTERRUPT DECL 20 WHEN $FLAG[1] DO NAME( )`, `INTERRUPT WITH BRAKE DECL …`, `INTERRUPT ON 20`, its first word read.
+/// Reads `INTERRUPT DECL 20 WHEN $FLAG[1] DO NAME( )`, `INTERRUPT WITH BRAKE DECL …`, `INTERRUPT ON 20`, after the
+/// first keyword.
 pub(super) fn interrupt(reader: &mut Reader<'_>, global: bool) -> Read<Action> {
     let with_brake = reader.takes_word("WITH");
     if with_brake {
@@ -176,7 +177,8 @@ pub(super) fn interrupt(reader: &mut Reader<'_>, global: bool) -> Read<Action> {
     Ok(Action::InterruptSwitch { how, number })
 }
 
-/// `TRIGGER WHEN DISTANCE=1 DELAY=0 DO NAME( ) PRIO=-1`, or with `PATH=` and an assignment behind DO, its first word read.
+/// Reads `TRIGGER WHEN DISTANCE=1 DELAY=0 DO NAME( ) PRIO=-1`, or with `PATH=` and an assignment behind DO, after
+/// the first keyword.
 pub(super) fn trigger(reader: &mut Reader<'_>, line: usize) -> Read<Action> {
     reader.word("WHEN")?;
     let at = if reader.takes_word("PATH") {

@@ -1,5 +1,5 @@
-//! Reads a file: its routines or its data list. A line that cannot be read is reported and its block continues, so that one
-//! reading finds all problems of a file and none of them causes another.
+//! Reads a file: its routines or its data list. If a line cannot be read, it is reported and its block continues.
+//! Thus one pass finds all problems of a file, and no problem causes another one.
 
 use super::declaration::{declaration, is_declaration, lacks_decl, returned};
 use super::expression::{Read, Reader, Unread};
@@ -9,10 +9,10 @@ use super::routines::is_of_ethernet_krl_6;
 use super::syntax::{Action, Data, Declaration, File, Parameter, Returned, Routine, Statement};
 use crate::config::Problem;
 
-/// DOS ends a text with this character; what follows it is no part of the text.
+/// The character that ends a text in DOS; the characters behind it do not belong to the text.
 const END_OF_TEXT: char = '\u{1a}';
 
-/// Reads one file; `name` is its name in messages, and without folder and ending that of its module.
+/// Reads one file. `name` is its name in messages; without folder and extension it is the name of the module.
 pub fn parse(name: &str, text: &str) -> File {
     let base = name.rsplit(['/', '\\']).next().unwrap_or(name);
     let module = base.rsplit_once('.').map_or(base, |(stem, _)| stem).to_uppercase();
@@ -40,7 +40,7 @@ pub fn parse(name: &str, text: &str) -> File {
     file
 }
 
-/// By their lines, each once.
+/// Sorts the reports by line and removes duplicates.
 fn in_order(mut reports: Vec<Problem>) -> Vec<Problem> {
     reports.sort_by_key(|report| report.line);
     reports.dedup();
@@ -61,7 +61,7 @@ pub(super) struct Parser {
     ends_at: usize,
     problems: Vec<Problem>,
     warnings: Vec<Problem>,
-    /// Blocks that are open.
+    /// The number of open blocks.
     pub(super) depth: usize,
 }
 
@@ -69,7 +69,7 @@ impl Parser {
     fn read_lines(&mut self, text: &str) {
         let text = text.trim_start_matches('\u{feff}');
         let text = text.split(END_OF_TEXT).next().unwrap_or_default();
-        // A file without line feeds ends its lines with carriage returns alone.
+        // A file without line feeds ends its lines with carriage returns only.
         let end = if text.contains('\n') { '\n' } else { '\r' };
         for (index, line) in text.split(end).enumerate() {
             let number = index + 1;
@@ -103,7 +103,8 @@ impl Parser {
         self.first_has_the_files_name(file);
     }
 
-    /// A controller finds a module by its file and selects the routine of the same name.
+    /// Checks the name of the first routine: a controller finds a module by its file and selects the routine of the
+    /// same name.
     fn first_has_the_files_name(&mut self, file: &File) {
         let Some(first) = file.routines.first().filter(|first| !first.name.is_empty()) else { return };
         if first.name == file.module {
@@ -111,7 +112,7 @@ impl Parser {
         }
         let (line, name, module) = (first.line, first.name.clone(), &file.module);
         if !is_name(module) {
-            // It is called otherwise on the controller.
+            // The file has another name on the controller.
             let message = format!("{module} is no name of KRL: a controller wants the file to be called {name}");
             return self.warn(line, &name, message);
         }
@@ -139,7 +140,7 @@ impl Parser {
         }
     }
 
-    /// Reports why a line is not read; nothing if its characters were reported already.
+    /// Reports why a line is not read, unless its characters were reported already.
     pub(super) fn report(&mut self, line: usize, tokens: &[Token], key: &str, unread: Unread) {
         match unread {
             Unread::Wrong(_) if tokens.contains(&Token::Unreadable) => {}
@@ -152,7 +153,7 @@ impl Parser {
         self.ends_at
     }
 
-    /// The line that is to be read next, and its first word.
+    /// Returns the next line to be read, and its first keyword.
     pub(super) fn first_word(&self) -> Option<(usize, String)> {
         let line = self.lines.get(self.at)?;
         Some((line.number, line.tokens.first().map(ToString::to_string).unwrap_or_default()))
@@ -184,7 +185,7 @@ impl Parser {
         true
     }
 
-    /// A line that begins or ends a routine or a data list is in no block.
+    /// Returns whether a line begins or ends a routine or a data list; such a line is in no block.
     pub(super) fn closes_a_routine(&self) -> bool {
         match self.lines.get(self.at) {
             Some(line) if opens_a_routine(line) => true,
@@ -195,7 +196,7 @@ impl Parser {
         }
     }
 
-    /// The next routine of the file; what comes before its first line belongs to none.
+    /// Reads the next routine of the file; lines before its first line belong to no routine.
     fn routine(&mut self) -> Option<Routine> {
         if let Some((line, first)) =
             self.first_word().filter(|_| !self.lines.get(self.at).is_some_and(opens_a_routine))
@@ -226,8 +227,8 @@ impl Parser {
         Some(Routine { name, line, end_line, global, returns, parameters, declarations, body })
     }
 
-    /// The declarations that come next. Lines that may lack their DECL are declarations in a data list, and before
-    /// another one.
+    /// Reads the next declarations. A line that may lack its DECL is a declaration if it is in a data list or in
+    /// front of another declaration.
     fn declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
         loop {
@@ -255,7 +256,7 @@ impl Parser {
         read.map_err(|unread| self.report(line, &tokens, &first, unread)).ok()
     }
 
-    /// DEFDAT … ENDDAT, declarations and first values mixed.
+    /// Reads DEFDAT … ENDDAT, with declarations and initial values mixed.
     fn data(&mut self) -> Data {
         let line = self.first_word().map_or(1, |(line, _)| line);
         let tokens = self.take_line();
@@ -288,14 +289,14 @@ impl Parser {
     }
 }
 
-/// Whether a routine may be called like this.
+/// Returns whether a text is a valid name of a routine.
 fn is_name(text: &str) -> bool {
     let is_inside = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '$');
     let begins = text.starts_with(|c: char| is_inside(c) && !c.is_ascii_digit());
     begins && text.chars().all(is_inside) && RESERVED.binary_search(&text).is_err()
 }
 
-/// DEF, DEFFCT, GLOBAL DEF or GLOBAL DEFFCT.
+/// Returns whether a line is DEF, DEFFCT, GLOBAL DEF or GLOBAL DEFFCT.
 fn opens_a_routine(line: &Line) -> bool {
     let word = |at: usize| match line.tokens.get(at) {
         Some(Token::Name(name)) => name.as_str(),
@@ -305,7 +306,7 @@ fn opens_a_routine(line: &Line) -> bool {
     is_head(word(0)) || (word(0) == "GLOBAL" && is_head(word(1)))
 }
 
-/// `NAME[1]=17` in a data list.
+/// Reads `NAME[1]=17` in a data list.
 fn first_value(reader: &mut Reader<'_>, line: usize) -> Read<Statement> {
     let to = reader.place()?;
     reader.sign("=")?;

@@ -21,21 +21,22 @@ pub struct Program {
     pub texts: Vec<String>,
     /// The files' names.
     pub files: Vec<String>,
-    /// Statements that are not executed, by their places, and what each names that is not.
+    /// Statements that are not executed, by their indices, each with a description of the part that is not
+    /// executed.
     pub unexecuted: BTreeMap<u32, String>,
-    /// It has more steps than are kept: it must not be executed.
+    /// Whether the program has more steps than are stored; it must not be executed then.
     pub is_too_large: bool,
-    /// Steps that are taken together.
+    /// Steps that are executed together.
     pub(super) condensed: Condensed,
 }
 
 impl Program {
-    /// The routine of this name.
+    /// Returns the routine of this name.
     pub fn routine(&self, name: &str) -> Option<u32> {
         self.routines.iter().position(|routine| routine.name == name).and_then(|index| u32::try_from(index).ok())
     }
 
-    /// The first cell of the shared variable of this name.
+    /// Returns the first cell of the shared variable of this name.
     pub fn cell(&self, name: &str) -> Option<u32> {
         self.shared.iter().find(|shared| shared.name == name).map(|shared| shared.offset)
     }

@@ -1,4 +1,4 @@
-//! The controller's own routines and those that KUKA delivers: what they are given and what they give back. Sources:
+//! The controller's own routines and those that KUKA delivers: their arguments and their return values. Sources:
 //! README.md beside this file.
 
 use std::collections::BTreeMap;
@@ -42,14 +42,14 @@ pub enum Builtin {
     EkiCheck,
 }
 
-/// How an argument is handed over.
+/// The way in which an argument is passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wants {
     /// A value of this type.
     Value(&'static str),
-    /// A variable of this type, whatever it holds.
+    /// A variable of this type, with any value.
     Variable(&'static str),
-    /// A variable of this type that must hold a value before: EthernetKRL stops the program otherwise.
+    /// A variable of this type that must already have a value: otherwise EthernetKRL stops the program.
     Filled(&'static str),
     /// Anything.
     Any,
@@ -58,20 +58,20 @@ pub(super) enum Wants {
 /// A routine of the controller.
 #[derive(Debug)]
 pub(super) struct Known {
-    /// How it is executed; `None` if it is only checked.
+    /// The implementation of the routine; `None` if the routine is only checked.
     pub(super) builtin: Option<Builtin>,
     pub(super) wants: Vec<Wants>,
-    /// How many of them must be given.
+    /// The number of arguments that must be given.
     pub(super) least: usize,
-    /// More of any kind may follow.
+    /// Whether more arguments of any kind may follow.
     pub(super) open: bool,
-    /// The type of its value; `None` if it has none.
+    /// The type of the routine's return value; `None` if it returns no value.
     pub(super) returns: Option<&'static str>,
-    /// KSS 8 does not have it: it belongs to EthernetKRL 6.
+    /// Whether the routine belongs to EthernetKRL 6; KSS 8 does not have it.
     pub(super) of_ethernet_krl_6: bool,
 }
 
-/// The routine of this name.
+/// Returns the controller's routine of this name.
 pub(super) fn known(name: &str) -> Option<&'static Known> {
     ROUTINES.get(name)
 }
@@ -86,16 +86,18 @@ static ROUTINES: LazyLock<BTreeMap<&'static str, Known>> = LazyLock::new(|| {
     executed.chain(checked).chain(newer).collect()
 });
 
-/// Routines and variables of EthernetKRL 6 alone: a file that names one is written for it.
+/// Returns whether a routine or variable exists only in EthernetKRL 6: a file that names it is written for
+/// EthernetKRL 6.
 pub(super) fn is_of_ethernet_krl_6(name: &str) -> bool {
     VARIABLES_OF_ETHERNET_KRL_6.contains(&name) || known(name).is_some_and(|known| known.of_ethernet_krl_6)
 }
 
-/// Variables of EthernetKRL 6 alone.
+/// Variables that exist only in EthernetKRL 6.
 pub(super) const VARIABLES_OF_ETHERNET_KRL_6: [&str; 2] = ["EKIOK", "EKIINVALIDOPERATION"];
 
-/// `NAME arguments : type`. An argument is a type by value, `=TYPE` a variable, `+TYPE` a variable that must hold a value,
-/// `*` anything; `?` before the first one that may be left out; `…` for any more.
+/// Parses `NAME arguments : type`. An argument is a type by value, `=TYPE` a variable, `+TYPE` a variable that must
+/// have a value, `*` anything. `?` stands in front of the first argument that may be omitted; `…` represents any
+/// further arguments.
 fn parsed(row: &'static str, builtin: Option<Builtin>) -> (&'static str, Known) {
     let (head, returns) = match row.split_once(" : ") {
         Some((head, returns)) => (head, Some(returns)),
@@ -153,8 +155,8 @@ const EXECUTED: [(&str, Builtin); 32] = [
     ("EKI_CHECK EKI_STATUS EKI_MODE ? TEXT", Builtin::EkiCheck),
 ];
 
-/// By subject: EthernetKRL; messages (MsgLib); texts; arithmetic and poses; channels; signals, times and errors; motion
-/// parameters; sensors.
+/// Routines that are only checked, by subject: EthernetKRL; messages (MsgLib); texts; arithmetic and poses;
+/// channels; signals, times and errors; motion parameters; sensors.
 const CHECKED: [&str; 123] = [
     "EKI_GETSTRING TEXT TEXT +TEXT : EKI_STATUS",
     "EKI_SETSTRING TEXT TEXT TEXT : EKI_STATUS",

@@ -1,13 +1,14 @@
-//! The numbers that a data list states, each with its line: what another program compares without executing anything.
+//! The numbers that a data list states, each with its line, so that another program can compare them without
+//! executing anything.
 
 use super::syntax::{Action, Declared, Expression, File, Step, Unary};
 
 /// A number of a data list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StatedValue {
-    /// The variable, in upper case.
+    /// The name of the variable, in upper case.
     pub name: String,
-    /// Its place in an array of one dimension; `None` for a single variable.
+    /// The index in an array of one dimension; `None` for a single variable.
     pub index: Option<i32>,
     /// Line, from 1.
     pub line: usize,
@@ -16,7 +17,8 @@ pub struct StatedValue {
 }
 
 impl File {
-    /// The numbers of the data list, in the order of the text; none for a program. What is no plain number is left out.
+    /// Returns the numbers of the data list, in the order of the text; empty for a program. Values that are not
+    /// plain numbers are omitted.
     pub fn stated_values(&self) -> Vec<StatedValue> {
         let Some(data) = &self.data else { return Vec::new() };
         let mut all = Vec::new();
@@ -43,7 +45,7 @@ impl File {
         all
     }
 
-    /// Whether the data list declares this variable, in upper case.
+    /// Returns whether the data list declares this variable; the name is in upper case.
     pub fn declares(&self, name: &str) -> bool {
         let declarations = self.data.iter().flat_map(|data| &data.declarations);
         let mut items = declarations.flat_map(|declaration| match &declaration.kind {
@@ -57,7 +59,7 @@ impl File {
 fn number(value: &Expression) -> Option<f64> {
     match value {
         Expression::Int(value) => Some(f64::from(*value)),
-        // As it is written, not as 32 bits hold it.
+        // The number as it is written, and not as its 32-bit value.
         Expression::Real(value) => value.to_string().parse().ok(),
         Expression::Unary(Unary::Minus, value) => number(value).map(|value| -value),
         _ => None,

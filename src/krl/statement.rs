@@ -1,4 +1,4 @@
-//! Reads the statements of a routine: one line each, blocks from their first word to their last.
+//! Reads the statements of a routine: one line each; blocks from their first keyword to their last.
 
 use super::expression::{Read, Reader, Unread};
 use super::lex::Token;
@@ -7,10 +7,10 @@ use super::motion::{interrupt, motion, spline_head, spline_part, trigger};
 use super::parse::Parser;
 use super::syntax::{Action, Call, Case, Expression, Statement, VariableRef};
 
-/// First words of statements that are not read here; a controller reads them.
+/// First keywords of statements that are not read here, although a controller reads them.
 const NOT_READ: [&str; 8] = ["ANIN", "ANOUT", "DIGIN", "ASYPTP", "ASYCONT", "ASYSTOP", "ASYCANCEL", "CANCEL"];
 
-/// The first and last words of blocks.
+/// The first and last keywords of blocks.
 const BLOCKS: [(&str, &str); 8] = [
     ("IF", "ENDIF"),
     ("SWITCH", "ENDSWITCH"),
@@ -22,7 +22,7 @@ const BLOCKS: [(&str, &str); 8] = [
     ("PTP_SPLINE", "ENDSPLINE"),
 ];
 
-/// Words of other languages, and the KRL in their place.
+/// Keywords of other languages, each with the corresponding KRL.
 const OF_OTHER_LANGUAGES: [(&str, &str); 5] = [
     ("ELSEIF", "KRL has no ELSEIF: write ELSE, then an IF with an ENDIF of its own"),
     ("ELSIF", "KRL has no ELSIF: write ELSE, then an IF with an ENDIF of its own"),
@@ -86,7 +86,7 @@ impl Parser {
         })
     }
 
-    /// Leaves out the rest of a block, with all blocks in it.
+    /// Skips the rest of a block, including all blocks in it.
     fn skip_block(&mut self, last: &str) {
         let mut open = 1;
         while let Some((_, first)) = self.first_word() {
@@ -104,7 +104,8 @@ impl Parser {
         }
     }
 
-    /// The head of a block, reported if it cannot be read: its statements are checked anyway.
+    /// Reads the head of a block and reports it if it cannot be read: the statements of the block are checked in
+    /// any case.
     fn head<T>(
         &mut self,
         line: usize,
@@ -216,7 +217,7 @@ impl Parser {
     }
 }
 
-/// `NAME:` alone on its line.
+/// Returns whether a line consists only of `NAME:`.
 fn is_label(tokens: &[Token]) -> bool {
     matches!(tokens, [Token::Name(_), Token::Sign(":")])
 }
@@ -301,7 +302,7 @@ fn simple(reader: &mut Reader<'_>, line: usize, first: &str) -> Read<Action> {
     }
 }
 
-/// A motion, a part of a spline, or no statement of KRL.
+/// Reads a motion or a part of a spline; anything else is not a statement of KRL.
 fn other(reader: &mut Reader<'_>, first: &str) -> Read<Action> {
     if let Some(found) = motion(reader, first).or_else(|| spline_part(reader, first)) {
         return found;

@@ -5,15 +5,15 @@ use crate::config::Problem;
 /// A file that was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct File {
-    /// As the user wrote its name.
+    /// The file's name as the user wrote it.
     pub name: String,
-    /// What a controller refuses in its text, in the order of the lines.
+    /// Problems in the text that a controller refuses, in the order of the lines.
     pub problems: Vec<Problem>,
     /// The parts of the file that were not read, in the order of the lines.
     pub warnings: Vec<Problem>,
-    /// It is written for EthernetKRL 6 (iiQKA.OS2).
+    /// Whether the file is written for EthernetKRL 6 (iiQKA.OS2).
     pub(super) of_ethernet_krl_6: bool,
-    /// The name without folder and ending, in upper case.
+    /// The file's name without folder and extension, in upper case.
     pub(super) module: String,
     /// The DEF and DEFFCT of a `.src` or `.sub`.
     pub(super) routines: Vec<Routine>,
@@ -22,7 +22,7 @@ pub struct File {
 }
 
 impl File {
-    /// What the file holds, in a sentence.
+    /// Describes the content of the file in a sentence.
     pub fn sentence(&self) -> String {
         let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         let Some(data) = &self.data else {
@@ -53,15 +53,15 @@ impl File {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Data {
     pub(super) line: usize,
-    /// As DEFDAT has it; a controller wants the file's name.
+    /// The name that DEFDAT states; a controller requires the file's name.
     pub(super) name: String,
     pub(super) public: bool,
     pub(super) declarations: Vec<Declaration>,
-    /// `NAME[1]=17` below the declarations.
+    /// Assignments such as `NAME[1]=17` below the declarations.
     pub(super) values: Vec<Statement>,
 }
 
-/// DEF … END or DEFFCT … ENDFCT.
+/// A routine: DEF … END or DEFFCT … ENDFCT.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Routine {
     pub(super) name: String,
@@ -75,7 +75,7 @@ pub(super) struct Routine {
     pub(super) body: Vec<Statement>,
 }
 
-/// What a DEFFCT gives back: a type, or an array of CHAR.
+/// The return type of a DEFFCT: a type, or an array of CHAR.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Returned {
     pub(super) type_name: String,
@@ -103,7 +103,7 @@ pub(super) enum Declared {
         type_name: String,
         items: Vec<Item>,
     },
-    /// Components with their types, in order.
+    /// A structure: components with their types, in order.
     Struc {
         name: String,
         components: Vec<(String, Item)>,
@@ -112,7 +112,7 @@ pub(super) enum Declared {
         name: String,
         words: Vec<String>,
     },
-    /// A name for an input or output, or for several up to `to`; `None` for `SIGNAL NAME FALSE`.
+    /// A signal: a name for an input or output, or for several up to `to`; `None` for `SIGNAL NAME FALSE`.
     Signal {
         name: String,
         from: Option<VariableRef>,
@@ -123,11 +123,11 @@ pub(super) enum Declared {
         type_name: String,
         name: String,
     },
-    /// EXT and EXTFCT, a routine that is defined elsewhere, and CHANNEL.
+    /// EXT and EXTFCT, for a routine that is defined elsewhere, and CHANNEL.
     Foreign,
 }
 
-/// A variable or component: name, dimensions, first value.
+/// A variable or component: name, dimensions, initial value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Item {
     pub(super) name: String,
@@ -145,7 +145,7 @@ pub(super) struct Statement {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Call {
     pub(super) name: String,
-    /// `None` for an argument that is left out: `F(1, ,3)`.
+    /// The arguments; `None` for an argument that is omitted: `F(1, ,3)`.
     pub(super) arguments: Vec<Option<Expression>>,
 }
 
@@ -192,7 +192,7 @@ pub(super) enum Action {
     Goto(String),
     InterruptDeclaration {
         global: bool,
-        /// The arm is braked before the routine is called.
+        /// Whether the arm is braked before the routine is called.
         with_brake: bool,
         number: Expression,
         condition: Expression,
@@ -216,7 +216,7 @@ pub(super) enum Action {
         priority: Option<Expression>,
     },
     Motion(Box<MotionStatement>),
-    /// SPLINE or PTP_SPLINE … ENDSPLINE.
+    /// A spline block: SPLINE or PTP_SPLINE … ENDSPLINE.
     Spline {
         with: Vec<(VariableRef, Expression)>,
         body: Vec<Statement>,
@@ -229,7 +229,7 @@ pub(super) enum Action {
         word: &'static str,
         values: Vec<(Expression, &'static str)>,
     },
-    /// What was not read; it was reported.
+    /// A statement that was not read; it was reported.
     NotRead,
 }
 
@@ -250,30 +250,30 @@ pub(super) enum InterruptSwitch {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum TriggerPlace {
-    /// `DISTANCE=0` or `DISTANCE=1`: a motion's start or end.
+    /// `DISTANCE=0` or `DISTANCE=1`: the start or the end of a motion.
     Distance(Expression),
-    /// `PATH=-10`, mm from a motion's start or end.
+    /// `PATH=-10`: mm from the start or the end of a motion.
     Path(Expression),
 }
 
-/// A motion as it is written.
+/// A motion as written in the program.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MotionStatement {
     /// Its first word.
     pub(super) word: &'static str,
     pub(super) path: PathKind,
-    /// The point that a circle passes.
+    /// The auxiliary point through which a circle passes.
     pub(super) auxiliary: Option<Expression>,
     pub(super) target: Expression,
-    /// `CA`, of a circle.
+    /// `CA`: the angle of a circle.
     pub(super) angle: Option<Expression>,
     pub(super) approximates: Vec<Approximation>,
-    /// `WITH $VEL.CP=0.2`, of a spline motion.
+    /// `WITH $VEL.CP=0.2` of a spline motion.
     pub(super) with: Vec<(VariableRef, Expression)>,
 }
 
 impl MotionStatement {
-    /// How it is executed; `None` if it is only checked.
+    /// Returns the motion that is executed; `None` if the statement is only checked.
     pub(super) fn executed(&self) -> Option<Motion> {
         let motion = match self.word {
             "PTP" => Motion::Ptp,
@@ -284,10 +284,10 @@ impl MotionStatement {
     }
 }
 
-/// The path of a motion, whether it is absolute, relative or of a spline.
+/// The path of a motion, and whether the motion is absolute, relative or part of a spline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PathKind {
-    /// Axes together; the target may be axes or a pose.
+    /// A synchronous motion of the axes; the target may be axes or a pose.
     Joint,
     Line,
     Circle,
@@ -300,11 +300,11 @@ pub(super) enum PathKind {
 pub enum Motion {
     /// Axes together.
     Ptp,
-    /// The tool on a straight line.
+    /// A motion of the tool on a straight line.
     Lin,
 }
 
-/// How a motion's end is rounded.
+/// The way in which a motion's end is approximated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Approximation {
     /// C_PTP.
@@ -350,7 +350,7 @@ pub(super) enum Expression {
     Binary(Binary, Box<Expression>, Box<Expression>),
     /// `:SER_1`, a channel of COPEN.
     Channel,
-    /// What was not read; it was reported.
+    /// An expression that was not read; it was reported.
     NotRead,
 }
 
@@ -366,13 +366,13 @@ pub(super) enum Unary {
 pub enum Binary {
     /// `*`
     Times,
-    /// `/`, which truncates between two INT.
+    /// `/`: division, which truncates between two INT.
     By,
     /// `+`
     Plus,
     /// `-`
     Minus,
-    /// `:`, one frame in another.
+    /// `:`: one frame relative to another.
     Geometric,
     /// AND
     And,
@@ -401,7 +401,7 @@ pub enum Binary {
 }
 
 impl Action {
-    /// The blocks of statements inside.
+    /// Returns the blocks of statements in this statement.
     pub(super) fn blocks(&self) -> Vec<&[Statement]> {
         match self {
             Action::If { then, otherwise, .. } => vec![then, otherwise],

@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 pub struct Kss {
     /// The number before the dot.
     pub major: u8,
-    /// The number behind it.
+    /// The number behind the dot.
     pub minor: u8,
 }
 
@@ -47,9 +47,9 @@ pub struct SystemVariable {
     /// Elements of an array; 0 if it is none.
     pub(super) count: usize,
     pub(super) writable: bool,
-    /// Reading or writing it lets the advance run wait for the arm.
+    /// Whether reading or writing the variable makes the advance run wait for the arm.
     pub stops_advance: bool,
-    /// Since this minor version of KSS 8.
+    /// The minor version of KSS 8 that introduced the variable.
     pub(super) since: u8,
 }
 
@@ -65,7 +65,7 @@ const fn variable(
     SystemVariable { name, type_name, count, writable, stops_advance: access[1] == b's', since }
 }
 
-/// Access: `r` read only or `w` writable; `s` stops the advance run or `-` does not.
+/// The system variables. Access: `r` read-only or `w` writable; `s` stops the advance run, `-` does not.
 pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$ACC", "CP", 0, "w-", 0),
     variable("$ACC_AXIS", "INT", 12, "w-", 0),
@@ -85,7 +85,7 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$BASE", "FRAME", 0, "w-", 0),
     variable("$BASE_C", "FRAME", 0, "rs", 0),
     variable("$CMD", "INT", 0, "r-", 0),
-    // Read in public programs for 8.5 and 8.6; a data list of an 8.3 does not declare it.
+    // Found in public programs for 8.5 and 8.6; a data list of an 8.3 does not declare it.
     variable("$COULD_START_MOTION", "BOOL", 0, "rs", 5),
     variable("$CP_VEL_TYPE", "CP_VEL_TYPE", 0, "w-", 0),
     variable("$CYCFLAG", "BOOL", 256, "w-", 0),
@@ -147,20 +147,21 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$ACT_TOOL", "INT", 0, "w-", 0),
 ];
 
-/// The place of this variable in [`SYSTEM_VARIABLES`].
+/// Returns the index of this variable in [`SYSTEM_VARIABLES`].
 pub(super) fn find(name: &str) -> Option<usize> {
     SYSTEM_VARIABLES.iter().position(|variable| variable.name == name)
 }
 
-/// A variable that is known by its type and never executed: the controller's own, or one that every `$config.dat` declares.
+/// A variable of which only the type is known and that is never executed: a variable of the controller, or one that
+/// every `$config.dat` declares.
 #[derive(Debug, Clone)]
 pub(super) struct Named {
     pub(super) type_name: &'static str,
-    /// How many there are; their sizes differ between controllers.
+    /// The number of dimensions; their sizes differ between controllers.
     pub(super) dimensions: usize,
 }
 
-/// The variable of this name.
+/// Returns the variable of this name.
 pub(super) fn named(name: &str) -> Option<&'static Named> {
     static NAMED: LazyLock<BTreeMap<&'static str, Named>> = LazyLock::new(|| {
         let mut all = BTreeMap::new();

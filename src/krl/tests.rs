@@ -9,13 +9,13 @@ const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nGLOBAL STRUC POINT INT ID,N,REAL R,
     DECL GLOBAL POINT PLACES[2]\nDECL GLOBAL COLOUR SHADE=#RED\nDECL GLOBAL CHAR WORDS[8]\n\
     WORDS[]=\"abc\"\nENDDAT\n";
 
-/// Everything that is reported of a program beside [`DATA`], `line: key: message`.
+/// Returns all messages about a program together with [`DATA`], as `line: key: message`.
 fn reported_messages(program: &str) -> Vec<String> {
     let [problems, warnings, _] = reported(program);
     [problems, warnings].concat()
 }
 
-/// Problems, warnings, and what is not executed.
+/// Returns the problems, the warnings, and the parts that are not executed.
 fn reported(program: &str) -> [Vec<String>; 3] {
     let files = [("cell_data.dat", DATA), ("a.src", program)].map(|(name, text)| parse(name, text));
     let analysis = analyse(&files, HIGHEST);
@@ -25,7 +25,7 @@ fn reported(program: &str) -> [Vec<String>; 3] {
     })
 }
 
-/// Of these statements in a routine with `I`, `R`, `B` assigned.
+/// Returns the messages about these statements in a routine in which `I`, `R`, `B` are assigned.
 fn told_of(statements: &str) -> Vec<String> {
     reported_messages(&format!(
         "DEF A( )\nDECL INT I\nDECL REAL R\nDECL BOOL B\nDECL POINT P\nI=1\nR=1.0\nB=FALSE\nP=PLACES[1]\n{statements}\n\
@@ -156,7 +156,7 @@ fn what_a_routine_leaves_open_is_told() {
         let told = reported_messages(program);
         assert!(told.iter().any(|told| told.starts_with(expected)), "{program}: {told:#?} instead of {expected}");
     }
-    // No way leaves it open.
+    // On every path the value is assigned.
     let right = "DEF A( )\nDECL INT I\nIF COUNT>0 THEN\nI=1\nELSE\nRETURN\nENDIF\nCOUNT=I\nLOOP\nI=2\nENDLOOP\nEND\n\
         DEFFCT INT F( )\nDECL EKI_STATUS RET\nDECL INT I\nI=0\nRET=EKI_GetInt(\"C\",\"T\",I)\nSWITCH I\nCASE 1\nRETURN 1\n\
         DEFAULT\nRETURN RET.Buff\nENDSWITCH\nENDFCT";
@@ -175,7 +175,8 @@ fn the_version_decides_which_system_variables_there_are() {
     assert!("9.1".parse::<Kss>().is_err() && "8.1".parse::<Kss>().is_err() && "8".parse::<Kss>().is_err());
 }
 
-/// What may go wrong at run time is a warning, and so is what a file does not show; each name once.
+/// An error that may occur at run time is a warning, and so is an item that no file declares; each name is reported
+/// once.
 #[test]
 fn a_doubt_is_no_problem() {
     let program = "DEF A( )\nDECL INT I\nDECL NEW_T N\nIF COUNT>0 THEN\nI=1\nENDIF\nCOUNT=I\nN=#ON\nIF N==#OFF THEN\nUNKNOWN=1\n\
@@ -196,7 +197,7 @@ fn a_doubt_is_no_problem() {
     );
 }
 
-/// What no rehearsal executes is known by its statement, and only that stops an execution.
+/// A part that no rehearsal executes is known by its statement, and only this statement stops an execution.
 #[test]
 fn what_is_only_checked_is_known_by_its_line() {
     let [problems, warnings, unexecuted] = reported(
@@ -207,7 +208,8 @@ fn what_is_only_checked_is_known_by_its_line() {
     assert_eq!(unexecuted, ["8: CIRC: is not executed", "12: STRLEN: is not executed"]);
 }
 
-/// Types of one name in two modules are two types; a variable of another data list is seen if it is GLOBAL.
+/// Types with the same name in two modules are two types; a variable of another data list is visible if it is
+/// GLOBAL.
 #[test]
 fn a_name_is_known_where_it_is_declared() {
     let list = |name: &str, words: &str, more: &str| {
@@ -240,7 +242,7 @@ fn a_name_is_known_where_it_is_declared() {
     assert_eq!(told[0].message, "this name is declared twice: two.dat, line 4");
 }
 
-/// Whatever is in a file, it is reported or read; nothing panics.
+/// Any content of a file is either reported or read; nothing panics.
 #[test]
 fn torn_files_are_told_and_harm_nothing() {
     let whole = include_str!("../../config/kuka/cell_motion.src");

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Type {
-    /// Not known, since its declaration is missing; reported once, at the declaration that names it.
+    /// An unknown type, because its declaration is missing. It is reported once, at the declaration that names it.
     Unknown,
     /// 32 bits.
     Int,
@@ -22,7 +22,7 @@ pub enum Type {
     Char,
     /// A text in quotation marks.
     Text,
-    /// A word of this enumeration.
+    /// A constant of this enumeration.
     Enumeration(usize),
     /// A structure.
     Struc(usize),
@@ -52,12 +52,13 @@ pub struct Struc {
     places: BTreeMap<String, usize>,
     /// Cells.
     pub size: usize,
-    /// No file declares it: it is KUKA's own as far as it is known here, and may have more components.
+    /// Whether no file declares the type: it is KUKA's own type as far as it is known here, and may have more
+    /// components.
     pub(super) kuka: bool,
 }
 
 impl Struc {
-    /// The component of this name.
+    /// Returns the component of this name.
     pub(super) fn component(&self, name: &str) -> Option<&Component> {
         self.places.get(name).and_then(|place| self.components.get(*place))
     }
@@ -69,7 +70,7 @@ pub(super) struct Enumeration {
     pub(super) name: String,
     pub(super) words: Vec<String>,
     places: BTreeMap<String, u16>,
-    /// As of a structure.
+    /// Whether no file declares the enumeration: it is KUKA's own type, and may have more constants.
     pub(super) kuka: bool,
 }
 
@@ -86,7 +87,7 @@ pub(super) enum Scope {
     Kuka,
 }
 
-/// All types that are known.
+/// All known types.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Types {
     pub(super) strucs: Vec<Struc>,
@@ -94,16 +95,16 @@ pub struct Types {
     names: BTreeMap<String, Vec<(Scope, Type)>>,
 }
 
-/// A component that is to be placed.
+/// A component that is not yet placed.
 pub(super) struct NewComponent {
     pub(super) name: String,
     pub(super) kind: Type,
     pub(super) dimensions: Vec<usize>,
 }
 
-/// How the components of KUKA's poses begin; a shorter one is the beginning of a longer one.
+/// The first components of KUKA's poses; a shorter type is the beginning of a longer one.
 const POSES: [&str; 4] = ["FRAME", "POS", "E3POS", "E6POS"];
-/// As of the poses.
+/// The first components of KUKA's axis types, in the same order as for the poses.
 const AXES: [&str; 3] = ["AXIS", "E3AXIS", "E6AXIS"];
 
 impl Types {
@@ -114,7 +115,7 @@ impl Types {
         }
     }
 
-    /// The type of this name as the scopes see it, KUKA's own last.
+    /// Returns the type of this name that is visible in the scopes; KUKA's own types come last.
     pub(super) fn find(&self, name: &str, scopes: &[Scope]) -> Option<Type> {
         let known = self.names.get(name)?;
         let of = |scope: &Scope| known.iter().find(|(known, _)| known == scope).map(|(_, kind)| *kind);
@@ -126,7 +127,7 @@ impl Types {
         self.names.contains_key(name)
     }
 
-    /// A type of KUKA's own; [`Type::Text`] for a text.
+    /// Returns a type of KUKA's own; [`Type::Text`] for a text.
     pub(super) fn own(&self, name: &str) -> Type {
         match name {
             "TEXT" => Type::Text,
@@ -134,7 +135,7 @@ impl Types {
         }
     }
 
-    /// False if the name is taken in this scope.
+    /// Adds an enumeration; false if the name is already used in this scope.
     pub(super) fn add_enumeration(&mut self, scope: Scope, name: &str, words: Vec<String>) -> bool {
         let kind = Type::Enumeration(self.enumerations.len());
         let places = (0..=u16::MAX).zip(&words).map(|(place, word)| (word.clone(), place)).collect();
@@ -143,7 +144,7 @@ impl Types {
         self.add(scope, name, kind)
     }
 
-    /// False if the name is taken in this scope.
+    /// Adds a structure; false if the name is already used in this scope.
     pub(super) fn add_struc(&mut self, scope: Scope, name: &str, components: Vec<NewComponent>) -> bool {
         let mut size = 0_usize;
         let mut placed = Vec::new();
@@ -183,7 +184,7 @@ impl Types {
         dimensions.iter().fold(self.size(kind), |cells, dimension| cells.saturating_mul(*dimension))
     }
 
-    /// The type's name, for messages.
+    /// Returns the type's name, for messages.
     pub(super) fn name(&self, kind: Type) -> String {
         match kind {
             Type::Unknown => "an unknown type".to_owned(),
@@ -197,12 +198,12 @@ impl Types {
         }
     }
 
-    /// The structure behind a type.
+    /// Returns the structure of a type.
     pub(super) fn struc(&self, kind: Type) -> Option<&Struc> {
         if let Type::Struc(index) = kind { self.strucs.get(index) } else { None }
     }
 
-    /// The enumeration behind a type.
+    /// Returns the enumeration of a type.
     pub(super) fn enumeration(&self, kind: Type) -> Option<&Enumeration> {
         if let Type::Enumeration(index) = kind { self.enumerations.get(index) } else { None }
     }
@@ -211,22 +212,22 @@ impl Types {
         self.struc(kind).is_some_and(|struc| names.contains(&struc.name.as_str()))
     }
 
-    /// Whether it begins with X, Y, Z, A, B, C.
+    /// Returns whether the type begins with X, Y, Z, A, B, C.
     pub(super) fn is_pose(&self, kind: Type) -> bool {
         self.is_one_of(kind, &POSES)
     }
 
-    /// Whether it begins with A1 to A6.
+    /// Returns whether the type begins with A1 to A6.
     pub(super) fn is_axes(&self, kind: Type) -> bool {
         self.is_one_of(kind, &AXES)
     }
 
-    /// Whether the controller changes one into the other: two poses, or two sets of axes.
+    /// Returns whether the controller converts the two types into each other: two poses, or two sets of axes.
     pub(super) fn are_alike(&self, one: Type, other: Type) -> bool {
         (self.is_pose(one) && self.is_pose(other)) || (self.is_axes(one) && self.is_axes(other))
     }
 
-    /// Whether two types are the same: a type of KUKA's own may be declared once more.
+    /// Returns whether two types are the same: a type of KUKA's own may be declared a second time.
     pub(super) fn are_same(&self, one: Type, other: Type) -> bool {
         match (one, other) {
             (Type::Enumeration(_), Type::Enumeration(_)) | (Type::Struc(_), Type::Struc(_)) => {
@@ -236,21 +237,21 @@ impl Types {
         }
     }
 
-    /// The place of this word in its enumeration.
+    /// Returns the index of this constant in its enumeration.
     pub(super) fn word(&self, kind: Type, word: &str) -> Option<u16> {
         self.enumeration(kind)?.places.get(word).copied()
     }
 }
 
 impl Struc {
-    /// Its components, for a message.
+    /// Lists the components of the structure, for a message.
     pub(super) fn listed(&self) -> String {
         listed(self.components.iter().map(|component| component.name.as_str()), "")
     }
 }
 
 impl Enumeration {
-    /// Its words, for a message.
+    /// Lists the constants of the enumeration, for a message.
     pub(super) fn listed(&self) -> String {
         listed(self.words.iter().map(String::as_str), "#")
     }

@@ -8,7 +8,7 @@ use super::coded::coded;
 use super::shapes::Break;
 use crate::geometry::{ColorPicture, Mask, Pixel, polygon};
 
-/// The pixels that broke.
+/// The pixels that broke, with their times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Broken {
     /// Columns.
@@ -19,7 +19,7 @@ pub struct Broken {
     pub since_wet_s: Vec<f64>,
 }
 
-/// The pixels that broke by the clip's end; the breaks are ones without [`problems`](super::problems).
+/// Returns the pixels that broke by the clip's end. The breaks must be without [`problems`](super::problems).
 pub fn broken(breaks: &[Break], frame: &ClipFrame) -> Broken {
     let [width, height] = frame.size_px;
     let mut broken = Broken { width, height, since_wet_s: vec![f64::INFINITY; width * height] };
@@ -36,7 +36,7 @@ pub fn broken(breaks: &[Break], frame: &ClipFrame) -> Broken {
     broken
 }
 
-/// When a break is looked at, s of the clip, in order.
+/// Returns the times at which a break is evaluated, s of the clip, in order.
 fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
     let begins = one.shapes.iter().map(|shape| shape.from_s);
     let mut moments_s: Vec<f64> =
@@ -64,13 +64,13 @@ impl Broken {
         }
     }
 
-    /// The pixels that broke, as a mask.
+    /// Returns the pixels that broke, as a mask.
     pub fn mask(&self) -> Mask {
         let inside = self.since_wet_s.iter().map(|time_s| time_s.is_finite()).collect();
         Mask { width: self.width, height: self.height, inside }
     }
 
-    /// When they broke, as colours: see [`coded`].
+    /// Returns the times at which the pixels broke, as colours: see [`coded`].
     pub fn times(&self) -> ColorPicture {
         let rgb = self.since_wet_s.iter().map(|&time_s| coded(time_s.is_finite().then_some(time_s))).collect();
         ColorPicture { width: self.width, height: self.height, rgb }

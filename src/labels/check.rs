@@ -4,47 +4,47 @@
 use super::shapes::{Break, Shape, Statement};
 use crate::geometry::{Pixel, polygon};
 
-/// A name may be so long.
+/// The maximum length of a name, characters.
 const MAX_CHARACTERS: usize = 200;
 /// A polygon needs this many corners to have an inside.
 const MIN_CORNERS: usize = 3;
-/// The latest time that `times.png` can hold, s since the first wet picture.
+/// The latest time that `times.png` can represent, s since the first wet picture.
 pub const MAX_SINCE_WET_S: f64 = 655.35;
 
-/// What of a clip its labels refer to.
+/// The data of a clip to which its labels refer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClipFrame {
-    /// Columns and rows of its pictures.
+    /// Columns and rows of the clip's pictures.
     pub size_px: [usize; 2],
-    /// The times of its wet pictures, s of the clip, in order; at least one.
+    /// The times of the clip's wet pictures, s of the clip, in order; at least one.
     pub wet_times_s: Vec<f64>,
 }
 
 impl ClipFrame {
-    /// The time of the first fully wet picture, s of the clip.
+    /// Returns the time of the first fully wet picture, s of the clip.
     pub fn wet_from_s(&self) -> f64 {
         self.wet_times_s.first().copied().unwrap_or_default()
     }
 
-    /// The time of the last wet picture, s of the clip.
+    /// Returns the time of the last wet picture, s of the clip.
     pub fn ends_s(&self) -> f64 {
         self.wet_times_s.last().copied().unwrap_or_default()
     }
 }
 
-/// What cannot be so. Breaks and corners count from 1; times are s of the clip.
+/// A contradiction in the labels. Breaks and corners count from 1; times are s of the clip.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// The author's name is missing.
     #[error("the name of the person who labels is missing")]
     NoAuthor,
-    /// A name that is none.
+    /// The author's name is not valid.
     #[error("the name has {found} characters (limit {MAX_CHARACTERS}, no control characters)")]
     BadAuthor {
         /// Characters in it.
         found: usize,
     },
-    /// Neither the one nor the other.
+    /// The statement neither contains a break nor states that the clip is clean.
     #[error("no break is drawn: draw one, or state that the clip is clean")]
     NothingSaid,
     /// Both at once.
@@ -64,19 +64,19 @@ pub enum Problem {
     TooFewCorners {
         /// Which break.
         number: usize,
-        /// Which of its shapes.
+        /// The time at which the shape begins, which identifies the shape.
         from_s: f64,
         /// Its corners.
         found: usize,
     },
-    /// A corner that no pixel is at.
+    /// A corner lies at no pixel of the picture.
     #[error(
         "break {number}, shape from {from_s} s: corner {corner} at ({u}, {v}) px lies outside of the picture, which has {width}×{height} px"
     )]
     Outside {
         /// Which break.
         number: usize,
-        /// Which of its shapes.
+        /// The time at which the shape begins, which identifies the shape.
         from_s: f64,
         /// Which corner.
         corner: usize,
@@ -89,21 +89,21 @@ pub enum Problem {
         /// Rows of the picture.
         height: usize,
     },
-    /// An outline that has no clear inside.
+    /// The outline has no clear inside.
     #[error(
         "break {number}, shape from {from_s} s: the side after corner {first} meets the side after corner {second}; an outline must not cross itself"
     )]
     Crosses {
         /// Which break.
         number: usize,
-        /// Which of its shapes.
+        /// The time at which the shape begins, which identifies the shape.
         from_s: f64,
-        /// The corner before the one side.
+        /// The number of the corner before the first side.
         first: usize,
-        /// The corner before the other side.
+        /// The number of the corner before the second side.
         second: usize,
     },
-    /// A break without a film that could break.
+    /// The break begins before there was a film that could break.
     #[error(
         "break {number} begins at {from_s} s, before the first wet picture at {wet_from_s} s; a place that the water never covered begins with the first wet picture"
     )]
@@ -112,10 +112,10 @@ pub enum Problem {
         number: usize,
         /// When it begins.
         from_s: f64,
-        /// When the film is whole.
+        /// Time from which the film is whole.
         wet_from_s: f64,
     },
-    /// After everything was seen.
+    /// The time is after the last wet picture.
     #[error("break {number}: {what} {time_s} s, after the clip's last wet picture at {ends_s} s")]
     AfterEnd {
         /// Which break.
@@ -124,10 +124,10 @@ pub enum Problem {
         what: &'static str,
         /// When.
         time_s: f64,
-        /// When the clip ends.
+        /// Time at which the clip ends.
         ends_s: f64,
     },
-    /// More than the times' picture can hold.
+    /// The time is later than `times.png` can represent.
     #[error(
         "break {number}: a shape begins {since_wet_s} s after the first wet picture (limit {MAX_SINCE_WET_S} s, \
          the most that times.png can hold)"
@@ -135,29 +135,29 @@ pub enum Problem {
     TooLate {
         /// Which break.
         number: usize,
-        /// When, since the first wet picture.
+        /// The time since the first wet picture.
         since_wet_s: f64,
     },
-    /// Shapes that are out of order.
+    /// The shapes are not in the order of time.
     #[error(
         "break {number}: a shape begins at {from_s} s, and the one before it at {before_s} s; each must begin later than the one before"
     )]
     NotLater {
         /// Which break.
         number: usize,
-        /// When the later one begins.
+        /// Time at which the later shape begins.
         from_s: f64,
-        /// When the one before it begins.
+        /// Time at which the shape before it begins.
         before_s: f64,
     },
-    /// It closes before it has this shape.
+    /// The break closes before it has this shape.
     #[error("break {number} closes again at {closes_s} s, which is not after its shape from {from_s} s")]
     ClosesEarly {
         /// Which break.
         number: usize,
         /// When it closes.
         closes_s: f64,
-        /// When its last shape begins.
+        /// Time at which the last shape of the break begins.
         from_s: f64,
     },
 }
@@ -185,13 +185,13 @@ pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
     problems
 }
 
-/// What is wrong with a break's times.
+/// Finds the problems in a break's times.
 fn when(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Problem>) {
     let (Some(first), Some(last)) = (one.shapes.first(), one.shapes.last()) else {
         return problems.push(Problem::NoShape { number });
     };
     let (wet_from_s, ends_s) = (frame.wet_from_s(), frame.ends_s());
-    // A time that is no number is neither wet nor later.
+    // A time that is NaN is neither wet nor later.
     let is_wet = first.from_s >= wet_from_s;
     let is_later = |time_s: f64, before_s: f64| time_s > before_s;
     if !is_wet {
@@ -216,14 +216,14 @@ fn when(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Proble
     }
 }
 
-/// What is wrong with an outline: the first problem.
+/// Returns the first problem of an outline.
 fn outline(number: usize, shape: &Shape, frame: &ClipFrame) -> Option<Problem> {
     let (from_s, [width, height]) = (shape.from_s, frame.size_px);
     let found = shape.corners_px.len();
     if found < MIN_CORNERS {
         return Some(Problem::TooFewCorners { number, from_s, found });
     }
-    // A picture reaches half a pixel beyond the centres of its outer pixels.
+    // A picture extends half a pixel beyond the centres of its outer pixels.
     let is_on = |value: f64, count: usize| (-0.5..=count as f64 - 0.5).contains(&value);
     let outside = |[u, v]: &[f64; 2]| !is_on(*u, width) || !is_on(*v, height);
     if let Some(index) = shape.corners_px.iter().position(outside) {

@@ -1,9 +1,9 @@
-//! The time of a break as a colour: `times.png`.
+//! The time of a break as a colour in `times.png`.
 //!
-//! A pixel that broke has blue 255, and red · 256 + green hundredths of a second since the first fully wet picture;
-//! any other pixel is black.
+//! A pixel that broke has blue 255; red · 256 + green is the time in hundredths of a second since the first fully
+//! wet picture. Any other pixel is black.
 
-/// A time as a colour.
+/// Converts a time to a colour.
 pub fn coded(since_wet_s: Option<f64>) -> [u8; 3] {
     since_wet_s.map_or([0; 3], |since_wet_s| {
         let [red, green] = ((since_wet_s * 100.0).round().clamp(0.0, 65_535.0) as u16).to_be_bytes();

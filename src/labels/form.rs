@@ -1,21 +1,21 @@
-//! `labels.json` from and to text.
+//! Reads and writes `labels.json` as text.
 
 use super::shapes::{Break, Statement};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// The version of the form that is written, and the only one that is read.
+/// The version of the file format that is written, and the only one that is read.
 pub const VERSION: u32 = 1;
 
-/// The file's content: see the [module](super).
+/// The content of the label file: see the [module](super).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LabelFile {
-    /// The version of its form.
+    /// The version of the file format.
     pub version: u32,
     /// The person's name.
     pub author: String,
-    /// When it was saved, UTC.
+    /// The time at which the file was saved, UTC.
     pub saved_at: String,
     /// The hash of the clip.
     pub clip_sha256: String,
@@ -27,7 +27,7 @@ pub struct LabelFile {
     pub breaks: Vec<Break>,
 }
 
-/// Why a file is none.
+/// The reason why a file is not a label file.
 #[derive(Debug, thiserror::Error)]
 pub enum FormError {
     /// Another form.
@@ -64,7 +64,7 @@ pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
     }
 }
 
-/// The file's text; reads back equal. Each shape is one line.
+/// Returns the file's text. Reading this text gives an equal file. Each shape is one line.
 pub fn write(file: &LabelFile) -> String {
     let LabelFile { version, author, saved_at, clip_sha256, size_px, clean, breaks } = file;
     let shapes = |one: &Break| {

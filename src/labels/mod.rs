@@ -38,9 +38,9 @@ pub use shapes::{Break, Shape, Statement};
 
 /// The labels' file.
 pub const LABELS: &str = "labels.json";
-/// What a person has not saved yet, in the same form.
+/// The labels that a person has not saved yet, in the same format.
 pub const DRAFT: &str = "labels.draft.json";
-/// The mask's file: the pixels that broke by the clip's end are white.
+/// The file of the mask: the pixels that broke by the clip's end are white.
 pub const MASK: &str = "mask.png";
-/// The times' file: see [`coded`].
+/// The file of the times: see [`coded`].
 pub const TIMES: &str = "times.png";

@@ -3,13 +3,13 @@
 use crate::geometry::Pixel;
 use serde::{Deserialize, Serialize};
 
-/// The outline of a break from a time on.
+/// The outline of a break, valid from a time onward.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shape {
-    /// From when on it has this outline, s of the clip.
+    /// Time from which the break has this outline, s of the clip.
     pub from_s: f64,
-    /// Its corners, px; the last one is joined to the first one.
+    /// The corners of the outline, px; the last corner is joined to the first.
     pub corners_px: Vec<[f64; 2]>,
 }
 
@@ -19,7 +19,7 @@ pub struct Shape {
 pub struct Break {
     /// The time from which on the film is closed again, s of the clip; `None` if it is open at the clip's end.
     pub closes_s: Option<f64>,
-    /// Its outlines in the order of time; it begins with the first one.
+    /// The outlines of the break in the order of time; the break begins with the first outline.
     pub shapes: Vec<Shape>,
 }
 
@@ -29,20 +29,21 @@ pub struct Break {
 pub struct Statement {
     /// The person's name.
     pub author: String,
-    /// The person has looked at the whole clip, and nothing broke.
+    /// Whether the person has looked at the whole clip, and nothing broke.
     pub clean: bool,
     /// The places where the film broke.
     pub breaks: Vec<Break>,
 }
 
 impl Break {
-    /// Is the film open at this time, s of the clip?
+    /// Returns whether the film is open at this time, s of the clip.
     pub fn is_open(&self, time_s: f64) -> bool {
         let has_begun = self.shapes.first().is_some_and(|first| first.from_s <= time_s);
         has_begun && self.closes_s.is_none_or(|closes_s| time_s < closes_s)
     }
 
-    /// Its corners at this time, px; none before it begins. Whether it has closed again does not matter here.
+    /// Returns the corners of the break at this time, px; none before the break begins. Whether the break has
+    /// closed again does not matter here.
     pub fn corners_at(&self, time_s: f64) -> Vec<Pixel> {
         let begun = self.shapes.partition_point(|shape| shape.from_s <= time_s);
         let Some(shape) = begun.checked_sub(1).and_then(|index| self.shapes.get(index)) else { return Vec::new() };

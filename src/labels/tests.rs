@@ -1,4 +1,4 @@
-//! Statements as a person makes them, with numbers checked by hand.
+//! Statements such as a person makes, with numbers calculated by hand.
 
 use super::*;
 use crate::geometry::Pixel;
@@ -7,7 +7,7 @@ fn shape(from_s: f64, corners_px: &[[f64; 2]]) -> Shape {
     Shape { from_s, corners_px: corners_px.to_vec() }
 }
 
-/// A rectangle from its left upper to its right lower corner.
+/// Makes a rectangle from its upper left to its lower right corner.
 fn rectangle(from_s: f64, [left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> Shape {
     shape(from_s, &[[left, top], [right, top], [right, bottom], [left, bottom]])
 }
@@ -16,15 +16,15 @@ fn statement(breaks: Vec<Break>) -> Statement {
     Statement { author: "A. Meier".to_owned(), clean: breaks.is_empty(), breaks }
 }
 
-/// 10 × 6 px; wet from 3 s to 8 s, a picture each second.
+/// A clip of 10 × 6 px; wet from 3 s to 8 s, with a picture each second.
 fn frame() -> ClipFrame {
     ClipFrame { size_px: [10, 6], wet_times_s: (3..=8).map(f64::from).collect() }
 }
 
-/// By hand: the rectangle from (1.5, 0.5) to (4.5, 2.5) holds the centres of columns 2 to 4 and rows 1 and 2, six
-/// pixels, from 4 s on, which is 1 s after the first wet picture. The second shape adds column 5, which the first
-/// does not hold; with the same number of corners its right side moves from 4.5 at 4 s to 6.5 at 8 s and passes 5
-/// between 5 s (at 5.0, which is not inside yet) and 6 s, and 6 between 7 s (at 6.0) and 8 s.
+/// By hand: the rectangle from (1.5, 0.5) to (4.5, 2.5) contains the centres of columns 2 to 4 and rows 1 and 2.
+/// These are six pixels, from 4 s on, which is 1 s after the first wet picture. The second shape adds column 5,
+/// which the first does not contain. With the same number of corners, its right side moves from 4.5 at 4 s to 6.5
+/// at 8 s. It passes 5 between 5 s (at 5.0, which is not inside yet) and 6 s, and 6 between 7 s (at 6.0) and 8 s.
 #[test]
 fn pixels_break_when_a_growing_shape_reaches_them() {
     let grows = Break {

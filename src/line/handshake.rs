@@ -9,13 +9,13 @@ const STEADY: u8 = 2;
 /// A request to the cell for the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineRequest {
-    /// A cycle, by the recipe and part of the cell's file.
+    /// Requests a cycle, with the recipe and the part of the cell's file.
     Start,
-    /// A reset: the part was taken after a cycle.
+    /// Requests a reset: the part was removed after a cycle.
     Reset,
 }
 
-/// One look at the line and the cell.
+/// One observation of the line and the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Look {
     /// The line's inputs; `None` if nothing is received from the controller.
@@ -32,13 +32,13 @@ pub struct Look {
 /// was low.
 #[derive(Debug, Clone, Default)]
 pub struct Handshake {
-    /// The request was low while the cell was idle.
+    /// Whether the request was low while the cell was idle.
     is_armed: bool,
-    /// The part of the cycle that is over was still there.
+    /// Whether the part was seen in the cell after its cycle.
     saw_part: bool,
     /// The last request was refused, and no one has reacted to that yet.
     refused: Option<LineRequest>,
-    /// The last looks that were the same, and how many.
+    /// The last observation, and the number of equal consecutive ones.
     steady: Option<(Look, u8)>,
 }
 
@@ -55,7 +55,7 @@ impl Handshake {
             (self.is_armed, self.saw_part) = (false, false);
             return None;
         };
-        // The cell's own state does not bounce: what was seen in another one is over at once.
+        // The cell's own state does not bounce: observations in another state become invalid at once.
         self.is_armed &= cell.state == "idle";
         self.saw_part &= cell.state == "complete";
         match cell.state.as_str() {

@@ -3,10 +3,10 @@
 use crate::cell::LineSignal;
 use crate::verdict::Verdict;
 
-/// What the line sets.
+/// The inputs that the line sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LineInputs {
-    /// A part lies in the cell.
+    /// Whether a part lies in the cell.
     pub part_present: bool,
     /// The line requests a cycle.
     pub start_request: bool,
@@ -15,11 +15,11 @@ pub struct LineInputs {
 /// The state of the cell, for the line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CellStatus {
-    /// The PackML word of its state.
+    /// The PackML name of the cell's state.
     pub state: String,
-    /// Whether it waits for a person's word on a result.
+    /// Whether the cell waits for a person's decision on a result.
     pub is_review: bool,
-    /// The verdict of its last cycle.
+    /// The verdict of the cell's last cycle.
     pub verdict: Option<Verdict>,
 }
 
@@ -33,7 +33,7 @@ impl LineSignals {
         LineSignals(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
     }
 
-    /// Whether this one is on.
+    /// Returns whether this signal is on.
     pub fn has(self, signal: LineSignal) -> bool {
         self.0 & signal.bit() != 0
     }
@@ -53,7 +53,7 @@ pub fn line_signals(cell: Option<&CellStatus>) -> LineSignals {
         ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => {
             LineSignals(0)
         }
-        // Stopped, held for trouble, aborted: a person has to do something.
+        // Stopped, held because of a problem, or aborted: a person must act.
         _ => LineSignals::from_signals(&[Fault]),
     }
 }

@@ -95,7 +95,8 @@ fn a_contact_that_bounces_asks_for_nothing() {
     assert_eq!(asked(&mut handshake, &[look("idle", true, true)]), [LineRequest::Start]);
 }
 
-/// The part must have been seen after the cycle, and the request be low, before the cell is reset for the next one.
+/// Before the cell is reset for the next cycle, the part must have been seen after the cycle, and the request must
+/// be low.
 #[test]
 fn a_reset_needs_a_part_that_went() {
     let mut handshake = Handshake::default();
@@ -138,8 +139,8 @@ fn a_refusal_is_told() {
     assert_eq!(handshake.output_signals(&low), LineSignals::from_signals(&[LineSignal::Ready]));
 }
 
-/// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle
-/// done alone, and pass with no other verdict.
+/// Every state with every verdict: at most one of ready, cycle done, review and fault is on. Pass and fail are on
+/// only together with cycle done, and pass with no other verdict than pass.
 #[test]
 fn what_is_told_is_never_two_things() {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
@@ -165,8 +166,9 @@ fn what_is_told_is_never_two_things() {
 }
 
 proptest! {
-    /// Whatever is seen: a start has a low request in the same idle time of an unbroken link before it, a part, and
-    /// an edge of its own; a reset follows a part that was there and is gone, in the same rest after a cycle.
+    /// For any observations: before a start, there was a low request in the same idle time of an unbroken link. A
+    /// part is present, and the start has an edge of its own. Before a reset, a part was seen and is gone, in the
+    /// same complete state after a cycle.
     #[test]
     fn what_is_asked_for_was_earned(
         walk in proptest::collection::vec((0..3_usize, any::<bool>(), any::<bool>(), 0..12_u8, 1..4_usize), 1..80),

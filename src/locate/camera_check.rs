@@ -1,9 +1,9 @@
-//! Has the camera moved since teaching? This is measured on the fixture, which does not move.
+//! Checks on the fixture, which does not move, whether the camera has moved since teaching.
 //!
 //! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not
-//! moved. A small twist of the camera changes the depths of the fixture's faces and shifts its edges in
-//! the picture. Both are constraints of one robust least-squares fit (`solve`). Objects that were added or removed
-//! are outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
+//! moved. A small twist of the camera changes the depths of the fixture's faces and shifts its edges in the
+//! picture. Both are constraints of one robust least-squares fit (`solve`). Objects that were added or removed are
+//! outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
 use super::grid::{self, DepthReading, Grid, Motion, Scan, camera_point};
@@ -19,12 +19,14 @@ use crate::recipe;
 use nalgebra::{Matrix6, Vector2};
 use rayon::prelude::*;
 
-/// Faces and edges that are compared, at most.
+/// The maximum numbers of faces and edges that are compared.
 const FACES: usize = 3_000;
 const EDGES: usize = 700;
-/// Fewer carry no information.
+/// With fewer faces the check gives no result.
 const MIN_FACES: usize = 150;
-/// What range noise makes of the depth of a face, over what area it is alike, and how far away it is still the same face.
+/// For a face: the depth noise that range noise causes, and the number of neighbours that share one error. Then the
+/// lower bound of the cutoff, and the largest distance at which the face counts as the same. The next constants are
+/// those of an edge.
 const FACE_NOISE_MM: f64 = 0.06;
 const FACE_SHARING: f64 = 60.0;
 const FACE_FLOOR_MM: f64 = 0.5;
@@ -32,13 +34,14 @@ const SAME_FACE_MM: f64 = 1.0;
 const EDGE_NOISE_PX: f64 = 0.15;
 const EDGE_SHARING: f64 = 8.0;
 const EDGE_FLOOR_PX: f64 = 0.6;
-/// A change of brightness from block to block that makes an edge.
+/// The minimum change of brightness from block to block at an edge.
 const EDGE_GRAY: f64 = 16.0;
 /// Fewer edges do not show whether they are still there.
 const MIN_EDGES: usize = 40;
 /// A face farther than this from its taught place hides the object that was there, mm.
 const SAME_PLACE_MM: f64 = 15.0;
-/// A camera does not move farther than this unnoticed: what holds a direction that the fixture does not.
+/// The largest motion of a camera that could stay unnoticed; it constrains the directions that the fixture does not
+/// constrain.
 const PRIOR_MM: f64 = 3.0;
 const PRIOR_RAD: f64 = 0.004;
 const ROUNDS: usize = 4;
@@ -46,9 +49,9 @@ const ROUNDS: usize = 4;
 /// The check of the camera's place by the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraCheck {
-    /// How far the camera's motion since teaching moves the panel, at most, mm.
+    /// The largest displacement of the panel by the camera's motion since teaching, mm.
     pub moved_mm: f64,
-    /// 95 % of the errors of that are smaller, mm.
+    /// 95 % of the errors of `moved_mm` are smaller, mm.
     pub uncertainty_mm: f64,
     /// The share of the fixture that lies at its taught place, 0…1.
     pub same: f64,
@@ -78,7 +81,7 @@ pub(super) fn at_teaching_mm(panel: &TaughtPanel, taught: &TaughtModel, settings
     compared(panel, model, (fixture, fixture, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
 }
 
-/// Which blocks of the taught scan lie in the search box.
+/// Returns for each block of the taught scan whether it lies in the search box.
 fn inside_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
     let base_from_camera = panel_from_base_at_teaching().inverse() * panel.panel_from_camera;
     grid::in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
@@ -154,7 +157,7 @@ impl<'a> StaticScene<'a> {
         StaticScene { taught, blocks, is_still }
     }
 
-    /// The distance of the taught faces before the scan's, along their normals.
+    /// Returns the distances of the taught faces in front of the scan's faces, along their normals.
     fn faces(&self, grid: &Grid) -> Vec<Constraint> {
         let chosen = spread_over(self.blocks.len(), FACES);
         let face = |&k: &usize| {
@@ -247,7 +250,7 @@ impl<'a> StaticScene<'a> {
             (None, Some(_)) => beside,
             (None, None) => return None,
         };
-        // What was put before it hides it.
+        // An object that was put in front of the edge hides it.
         let moved_mm = grid.depth_mm(block)? - self.taught.depth_mm(block)?;
         if moved_mm.abs() > SAME_PLACE_MM {
             return None;
@@ -273,11 +276,11 @@ impl<'a> StaticScene<'a> {
 /// What a scan shows at the place of a fixture's edge in the taught picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FixtureEdge {
-    /// The edge, moved across itself by this distance, px.
+    /// The edge is visible and has moved across itself by this distance, px.
     Moved(f64),
-    /// The fixture, but no such edge.
+    /// The fixture is visible, but without such an edge.
     Gone,
-    /// Nothing, or something before it.
+    /// Nothing is visible, or an object is in front of the edge.
     Unseen,
 }
 

@@ -1,9 +1,9 @@
-//! Comparison of two pose hypotheses of one panel: what supports one of them alone.
+//! Compares two pose hypotheses of one panel by the evidence that supports only one of them.
 //!
-//! Only places at which the two differ carry information: a stretch of the outline that has its edge at one pose
-//! and not at the other, a border of a mark likewise, or a piece of surface that lies on the scan at one and not at
-//! the other. Places that are occluded at either pose are left out. Both kinds are expressed as a length; a square
-//! of surface counts as its side.
+//! Only places at which the two differ carry information. Such a place is a stretch of the outline, or the border
+//! of a mark, that has its edge at only one of the poses. It may also be a piece of surface that lies on the scan
+//! at only one of the poses. Places that are occluded at either pose are left out. Both kinds are expressed as a
+//! length; a square of surface counts as its side.
 
 use super::fit::FitInputs;
 use super::grid::Motion;
@@ -15,12 +15,12 @@ use rayon::prelude::*;
 
 /// An edge within this distance is at the outline's place, px.
 const EDGE_NEAR_PX: f64 = 1.2;
-/// A surface within this is the taught one, mm.
+/// A surface within this distance counts as the taught surface, mm.
 pub(super) const SURFACE_NEAR_MM: f64 = 0.35;
 /// Side of the square that a point of the surface represents, mm.
 const SQUARE_MM: f64 = 8.0;
 
-/// What the scan shows of each place of the panel at a pose: consistent, contradicted, or unknown.
+/// The result of the scan for each place of the panel at a pose: consistent, contradicted, or unknown.
 pub(super) struct ConsistencyScore {
     said: Vec<Option<bool>>,
     lengths_mm: Vec<f64>,
@@ -56,7 +56,7 @@ impl ConsistencyScore {
         ConsistencyScore { said, lengths_mm }
     }
 
-    /// The lengths that support this pose alone and the other alone, mm.
+    /// Returns the lengths that support only this pose and only the other pose, mm.
     pub fn against(&self, other: &ConsistencyScore) -> [f64; 2] {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.said.iter().zip(&other.said).zip(&self.lengths_mm) {
@@ -78,7 +78,8 @@ fn squares(model: &Model) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// By hand: 3 mm speak for the first alone, 5 mm for the second; what either does not see is left out.
+    /// By hand: 3 mm support only the first pose, 5 mm only the second; places that either pose does not see are
+    /// left out.
     #[test]
     fn only_differences_count() {
         let votes = |said: [Option<bool>; 4]| ConsistencyScore {

@@ -21,21 +21,21 @@ use crate::recipe::{self, CornerName};
 
 /// A contour that encloses less than this share of the picture is not the panel.
 const MIN_PICTURE_SHARE: f64 = 0.02;
-/// Contour points this near to the picture's border are made by the border, px.
+/// Contour points within this distance of the picture's border are caused by the border, px.
 const BORDER_PX: f64 = 3.0;
 /// Edges that meet at a smaller angle do not determine the corner, degrees.
 const MIN_ANGLE_DEG: f64 = 20.0;
 
-/// A corner, with what was seen on the way to it.
+/// A corner, with the intermediate results of its detection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CornerFound {
     /// The intersection of the two edges.
     pub corner_px: Pixel,
-    /// The contour's point nearest to the box's corner, the thesis's mark.
+    /// The contour point nearest to the box's corner, which the thesis uses as the corner.
     pub nearest_px: Pixel,
     /// The panel's contour, pixel by pixel.
     pub contour: Vec<Pixel>,
-    /// The corners of the smallest box around it.
+    /// The corners of the smallest box around the contour.
     pub box_px: [Pixel; 4],
     /// The two edges.
     pub edges: [EdgeLine; 2],
@@ -112,7 +112,7 @@ fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Ve
     Ok(contour)
 }
 
-/// The corner of the box that lies farthest in the taught direction: right for boxes turned by up to 45°.
+/// Returns the corner of the box that lies farthest in the taught direction; correct for boxes turned by up to 45°.
 fn meant_corner(box_px: &[Pixel; 4], which: CornerName) -> Pixel {
     let (right, down) = match which {
         CornerName::TopLeft => (-1.0, -1.0),
@@ -129,7 +129,8 @@ fn nearest_to(contour: &[Pixel], corner: Pixel) -> usize {
     (0..contour.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
 }
 
-/// The contour from one of its points onwards (`step` 1) or backwards (−1), once round, each with the way to it, px.
+/// Walks once around the contour from one of its points, forwards (`step` 1) or backwards (−1). Returns each point
+/// with the distance travelled, px.
 fn walk(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<Item = (Pixel, f64)> + '_ {
     let count = contour.len() as isize;
     let at = move |i: isize| contour[(start as isize + i * step).rem_euclid(count) as usize];

@@ -7,16 +7,17 @@ use crate::geometry::{Base, Panel, Point, Rigid, median};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// Points looked up by one task; fixed, so that partial sums are the same for any number of threads.
+/// The number of points that one task looks up. It is fixed, so that partial sums are the same for any number of
+/// threads.
 pub(super) const CHUNK: usize = 512;
-/// Pairs at more than this many medians are dropped.
+/// Pairs with a distance above this multiple of the median are dropped.
 const MEDIANS: f64 = 3.0;
 
-/// Nearest neighbours among points of the base frame.
+/// A search tree for nearest neighbours among points of the base frame.
 pub(super) struct Tree(ImmutableKdTree<f64, 3>);
 
 impl Tree {
-    /// A tree over these points; `None` for no points.
+    /// Creates a tree of these points; `None` for no points.
     pub fn over(points: impl Iterator<Item = Point<Base>>) -> Option<Self> {
         let rows: Vec<[f64; 3]> = points.map(|point| point.mm.into()).collect();
         if rows.is_empty() {
@@ -25,25 +26,25 @@ impl Tree {
         ImmutableKdTree::new_from_slice(&rows).ok().map(Tree)
     }
 
-    /// The closest point's index, and its distance in mm.
+    /// Returns the index of the closest point, and its distance in mm.
     pub fn closest(&self, point: Point<Base>) -> (usize, f64) {
         let found = self.0.query(&point.mm.into()).nearest_one::<SquaredEuclidean<f64>>().execute();
         (found.item as usize, found.distance.sqrt())
     }
 }
 
-/// A taught point and its closest point.
+/// A taught point and the scanned point closest to it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
     /// The taught point, q of Eq. 3.20.
     pub taught: Point<Panel>,
-    /// Index of its closest point, p of Eq. 3.20.
+    /// Index of the scanned point that is closest, p of Eq. 3.20.
     pub closest: usize,
-    /// Distance between the two, mm.
+    /// Distance between the two points, mm.
     pub distance_mm: f64,
 }
 
-/// Every taught point with its closest point, in the order of the taught points.
+/// Returns every taught point with its closest point, in the order of the taught points.
 pub(super) fn pairs(tree: &Tree, taught: &[Point<Panel>], base_from_panel: Rigid<Base, Panel>) -> Vec<Pair> {
     let pair = |&taught: &Point<Panel>| {
         let moved = base_from_panel * taught;
@@ -53,7 +54,7 @@ pub(super) fn pairs(tree: &Tree, taught: &[Point<Panel>], base_from_panel: Rigid
     taught.par_iter().with_min_len(CHUNK).map(pair).collect()
 }
 
-/// The distance beyond which a pair is dropped: three medians, but at least the floor.
+/// Returns the distance beyond which a pair is dropped: three medians, but at least the floor.
 pub(super) fn distance_limit_mm(pairs: &[Pair], floor_mm: f64) -> f64 {
     let mut distances: Vec<f64> = pairs.iter().map(|pair| pair.distance_mm).collect();
     median(&mut distances).map_or(floor_mm, |median_mm| (MEDIANS * median_mm).max(floor_mm))
@@ -63,7 +64,7 @@ pub(super) fn distance_limit_mm(pairs: &[Pair], floor_mm: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// An organised grid has thousands of equal coordinates in a row: every point must still find itself.
+    /// An organized grid has thousands of equal coordinates in a row: every point must still find itself.
     #[test]
     fn organised_rows_are_found() {
         let points: Vec<Point<Base>> =
@@ -72,7 +73,8 @@ mod tests {
         for (index, point) in points.iter().enumerate() {
             assert_eq!(tree.closest(*point), (index, 0.0));
         }
-        // By hand: 3 mm before the grid and 0.1 mm aside of a point is √(9 + 0.01) from it.
+        // By hand: a place 3 mm in front of the grid and 0.1 mm beside a point has the distance √(9 + 0.01) from
+        // this point.
         let (index, distance_mm) = tree.closest(Point::at(597.0, 1.6, 0.0));
         assert_eq!(index, 3);
         assert!((distance_mm - 9.01f64.sqrt()).abs() < 1e-12);

@@ -37,22 +37,24 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// ℓ of (1), mm: from a little below the lattices that scans were found to have to beyond the largest of trial panels.
+/// Values of ℓ of (1), mm. They range from slightly below the lattices that were found in scans to beyond the
+/// largest trial panel.
 const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
-/// Places of the surface over which (1) is summed, about: 15 mm apart on a panel of 330 × 220 mm.
+/// The approximate number of surface places over which (1) is summed: 15 mm apart on a panel of 330 × 220 mm.
 const MAX_PLACES: usize = 300;
 /// At least this share of a field's variance remains when a shift and two tilts are removed, so that no division by
 /// zero occurs.
 const MIN_VARIANCE_SHARE: f64 = 1e-3;
 /// ν of (2).
 const TRUST_CELLS: f64 = 12.0;
-/// The surface among the kinds of residuals.
+/// Index of the surface among the kinds of residuals.
 const SURFACE: usize = 0;
-/// A cell needs this share of the points of a full one.
+/// A cell is used if it has at least this share of the points of a full cell.
 const CELL_FILLED: f64 = 0.3;
 
-/// What (3) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all
-/// scans share, and for one that differs from scan to scan.
+/// Returns the terms that (3) adds to the shifts, from the panel's centres as taught and now and the rotation
+/// between them. The first term is for a scale that all scans share, the second for a scale that differs from scan
+/// to scan.
 fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
     [
@@ -61,7 +63,7 @@ fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: Range
     ]
 }
 
-/// A twist's covariance with a further error of the shift.
+/// Adds a further error of the shift to a twist's covariance.
 fn with_shift(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
     let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
     shifts += further;
@@ -90,15 +92,15 @@ impl Weakest {
     }
 }
 
-/// How well a pose is known.
+/// The uncertainty of a pose.
 pub(super) struct PoseCovariance {
-    /// (1) and (3), of a twist (ω, v) about the panel's centre, rad and mm.
+    /// (1) and (3) as the covariance of a twist (ω, v) about the panel's centre, rad and mm.
     pub covariance: Matrix6<f64>,
-    /// The direction in which it is largest.
+    /// The direction in which the covariance is largest.
     pub weakest: Weakest,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// The same without what (3) adds for a scale that all scans share, as at the taught place.
+    /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught place.
     pub at_taught_place: Matrix6<f64>,
     /// (1) alone.
     pub without_scale: Matrix6<f64>,
@@ -176,20 +178,20 @@ pub(super) fn covariance(
     })
 }
 
-/// A place of the surface, as the fit's information has it.
+/// A place of the surface, as it enters the fit's information.
 struct SurfacePlace {
-    /// In the panel's plane, mm.
+    /// Position in the panel's plane, mm.
     at_mm: [f64; 2],
     /// w Jᵀ of (1).
     pull: Vector6<f64>,
-    /// Its row of F of `deviation`.
+    /// The place's row of F of `deviation`.
     rigid: Vector3<f64>,
 }
 
-/// How errors of the surface's residuals move the panel.
+/// The effect of the surface residuals' errors on the panel's pose.
 struct SurfaceMoves {
     places: Vec<SurfacePlace>,
-    /// B of (1) at each.
+    /// B of (1) at each place.
     moves: Vec<Vector6<f64>>,
     /// B⊥.
     bent: Vec<Vector6<f64>>,
@@ -229,7 +231,8 @@ impl SurfaceMoves {
         SurfaceMoves { places, moves, bent, of_rigid }
     }
 
-    /// The last two terms of (1), for this length and these variances of the scan's error and of the deviation, mm².
+    /// Returns the last two terms of (1), for this length and these variances of the scan's error and of the
+    /// deviation, mm².
     fn covariance(&self, alike_mm: f64, [of_scan, of_panel]: [f64; 2]) -> Matrix6<f64> {
         let count = self.places.len();
         let (mut noise, mut bend, mut rigid) = (Matrix6::zeros(), Matrix6::zeros(), Matrix3::zeros());
@@ -248,22 +251,23 @@ impl SurfaceMoves {
             bend += self.bent[i] * bend_with.transpose();
             rigid += self.places[i].rigid * rigid_with.transpose();
         }
-        // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one
-        // that was found.
+        // If a shift and two tilts are removed from a field of variance 1, its variance becomes smaller. The
+        // variance that was found is this smaller one.
         let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
         noise * of_scan + bend * (of_panel / left.max(MIN_VARIANCE_SHARE))
     }
 }
 
-/// One standard deviation along the direction in which a pose is held least.
+/// One standard deviation along the direction in which a pose is constrained least.
 pub(super) struct WeakestDirection {
-    /// As a twist (ω, v) about the panel's centre, rad and mm.
+    /// The deviation as a twist (ω, v) about the panel's centre, rad and mm.
     pub twist: Vector6<f64>,
     /// The same in mm; a turn counts by the distance that it moves points on average.
     pub moves_mm: Vector6<f64>,
 }
 
-/// The largest standard deviation, turns and shifts compared by what they move on average over the panel.
+/// Returns the largest standard deviation. Rotations and shifts are compared by the mean displacement of the panel
+/// that they cause.
 pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirection {
     let count = model.points.len().max(1) as f64;
     let squares = model.points.iter().map(|point| (point - model.centre).norm_squared()).sum::<f64>();
@@ -293,7 +297,7 @@ fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: imp
     ((TRUST_CELLS + squares) / (TRUST_CELLS + count)).max(1.0)
 }
 
-/// One standard deviation at the worst point of the panel, along its worst direction, mm.
+/// Returns one standard deviation at the worst point of the panel, along its worst direction, mm.
 pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion) -> f64 {
     let centre = motion.point(&model.centre);
     let at = |point: &Vector3<f64>| {
@@ -334,8 +338,8 @@ mod tests {
         SurfaceMoves::new(places, &(of_surface + outline).try_inverse().expect("held"))
     }
 
-    /// By hand: an error that is the same all over the panel shifts it by just that and tilts it by nothing; one
-    /// that is alike over much less than the panel is averaged away, as n cells of ℓ² would: 0.1 mm over 60000 /
+    /// By hand: an error that is the same over the whole panel shifts the panel by this error and does not tilt it.
+    /// An error that is alike over a much shorter length averages out, as over n cells of ℓ²: 0.1 mm over 60000 /
     /// 30² = 67 cells is 0.012 mm.
     #[test]
     fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
@@ -347,9 +351,9 @@ mod tests {
         assert!((0.011..0.0135).contains(&short), "{short}");
     }
 
-    /// A bend of 0.5 mm rms shifts and tilts nothing along the normal, since that is how a pose is defined, and
-    /// slides a flat panel nowhere. A curved one that its outline holds hardly is slid by it, the more the less the
-    /// outline holds.
+    /// A bend of 0.5 mm rms causes no shift or tilt along the normal, by the definition of a pose, and does not
+    /// slide a flat panel. It slides a curved panel that is hardly constrained by its outline. The slide is larger
+    /// if the outline constrains the panel less.
     #[test]
     fn a_bend_slides_a_curved_panel_that_its_outline_does_not_hold() {
         let bent = |slope: f64, of_outline: f64| moves(slope, of_outline).covariance(200.0, [0.0, 0.25]);
@@ -361,8 +365,8 @@ mod tests {
         assert!(bent(0.3, 1e6)[(5, 5)].sqrt() < 0.02);
     }
 
-    /// By hand: 700 mm away and moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm; 0.01 % from
-    /// scan to scan is 0.07 mm in each of the two, along the view.
+    /// By hand: at a distance of 700 mm, moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm. 0.01 %
+    /// from scan to scan is 0.07 mm in each of the two scans, along the view.
     #[test]
     fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
@@ -374,7 +378,7 @@ mod tests {
         let [shared, own] = of_scale([&taught, &taught], &none, range);
         assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
-        // Tilted by a right angle, what the taught scan had wrong along the view lies sideways now.
+        // After a tilt by a right angle, the taught scan's error along the view lies sideways.
         let tilt = Matrix3::new(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0);
         let [_, own] = of_scale([&taught, &taught], &tilt, range);
         assert!((own[(0, 0)].sqrt() - 0.07).abs() < 1e-12 && (own[(2, 2)].sqrt() - 0.07).abs() < 1e-12, "{own}");

@@ -1,13 +1,14 @@
-//! How today's panel is bent beside the taught one: a smooth field along the normals.
+//! Calculates the bend of today's panel relative to the taught one: a smooth field along the normals.
 //!
-//! A pose is rigid, and a panel is not: it bows by its own weight, by moisture, by how it is clamped. So a pose is
-//! the best one in this sense: along the normal it is the rigid place nearest to the surface, in the panel's plane
-//! the one that puts the outline, of the panel so bent, on its edges. What is left is the deviation
+//! A pose is rigid, but a panel is not: it bends under its own weight, by moisture, or by its clamping. Therefore
+//! the pose is defined as the best one in the following sense. Along the normal it is the rigid pose nearest to the
+//! surface; in the panel's plane it is the pose that puts the outline of the bent panel on its edges. The remainder
+//! is the deviation
 //!     d = c − F (FᵀF)⁻¹Fᵀ c,                                                                             (1)
-//! c the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along
-//! the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, nor the
-//! other way round. A slide of a curved panel in its plane looks like a deviation: only outline and marks hold a
-//! bent panel there (`covariance`).
+//! c is the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions
+//! along the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, nor
+//! the other way round. A slide of a curved panel in its plane looks like a deviation: only outline and marks
+//! constrain a bent panel there (`covariance`).
 
 use super::fit::{FitInputs, Fitted, Residuals, Samples, fit};
 use super::model::Model;
@@ -15,24 +16,25 @@ use super::sampling::spread_over;
 use crate::geometry::{Height, RobustField, SmoothField};
 use nalgebra::{Matrix3, Vector3};
 
-/// Samples to which the field is fitted, about: forty for each coefficient of a panel of 330 × 220 mm, which is
-/// then known to a sixth of a sample's noise.
+/// The approximate number of samples to which the field is fitted. It is forty for each coefficient of a panel of
+/// 330 × 220 mm, so that a coefficient is determined to a sixth of a sample's noise.
 const MAX_FITTED: usize = 2_500;
-/// A sample farther from the taught surface is not the panel's, mm: as for today's surface.
+/// A sample farther from the taught surface does not belong to the panel, mm; the limit is the same as for today's
+/// surface.
 const MAX_DISTANCE_MM: f64 = 20.0;
-/// Fewer samples determine no field: then none is assumed.
+/// Fewer samples do not determine a field; no deviation is assumed then.
 const MIN_FITTED: usize = 200;
 
-/// Times the deviation is looked at and the pose fitted to the panel so bent: the second one moves it by less than
-/// the noise.
+/// The number of times that the deviation is calculated and the pose fitted to the bent panel. The second time
+/// moves the pose by less than the noise.
 const ROUNDS: usize = 2;
 
-/// The end of a fit, with the panel as it is bent there.
+/// The result of a fit, with the panel as bent at this pose.
 pub(super) struct BentFit {
     pub fitted: Fitted,
     /// `None` if too little of the surface is seen: then the panel is used as it was taught.
     pub deviation: Option<Deviation>,
-    /// The taught panel, so bent.
+    /// The taught panel, bent by the deviation.
     pub model: Option<Model>,
 }
 
@@ -56,16 +58,17 @@ pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>, samples: &Samples) -
     bent
 }
 
-/// The plane of a panel, in which a place has two coordinates.
+/// The plane of a panel, in which a position has two coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelPlane {
     centre: Vector3<f64>,
-    /// Two directions in it, and its normal.
+    /// Two directions in the plane, and its normal.
     axes: [Vector3<f64>; 3],
 }
 
 impl PanelPlane {
-    /// Through the middle of the panel, across its mean normal; `None` of a panel without outline.
+    /// Returns the plane through the middle of the panel, across its mean normal; `None` for a panel without
+    /// outline.
     pub fn from_model(model: &Model) -> Option<Self> {
         let first = model.outline.first()?.point - model.centre;
         let across = (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?;
@@ -78,8 +81,8 @@ impl PanelPlane {
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
     }
 
-    /// How far along its own normal a point with that normal moves by a shift along the panel's mean normal, and by
-    /// a turn of one radian about either axis: a row of F.
+    /// Returns a row of F: how far a point with this normal moves along it. The motions are a shift along the
+    /// panel's mean normal, and a rotation of one radian about each axis.
     pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let about = (point - self.centre).cross(normal);
         Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
@@ -91,14 +94,14 @@ impl PanelPlane {
 pub(super) struct Deviation {
     plane: PanelPlane,
     field: SmoothField,
-    /// The corner and the sides of the rectangle in the plane on which the field is.
+    /// The lower corner and the sides of the rectangle in the plane on which the field is defined.
     low_mm: [f64; 2],
     sides_mm: [f64; 2],
     /// The shift and the turns of c that (1) removes.
     rigid: Vector3<f64>,
-    /// The largest over the samples that were seen, mm.
+    /// The largest deviation over the samples that were seen, mm.
     pub largest_mm: f64,
-    /// Root mean square over them, mm.
+    /// Root mean square of the deviation over these samples, mm.
     pub rms_mm: f64,
 }
 
@@ -112,7 +115,7 @@ impl Deviation {
             places.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]).unwrap_or_default()
         });
         let sides_mm = [0, 1].map(|axis| (high_mm[axis] - low_mm[axis]).max(1.0));
-        // The residual is the distance of the model before the scan.
+        // The residual is the distance of the model in front of the scan.
         let seen = |index: usize| {
             let constraint = &residuals.surface[index];
             let sample = constraint.sample;
@@ -128,7 +131,7 @@ impl Deviation {
         }
         let heights: Vec<Height> = seen.iter().map(|(_, height)| *height).collect();
         let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &heights)?;
-        // What has no weight, such as a clamp, does not belong to the panel.
+        // Samples without weight, such as those on a clamp, do not belong to the panel.
         let of_panel: Vec<(Vector3<f64>, f64)> = seen
             .iter()
             .map(|(sample, height)| (sample, height, field.at(height.at)))
@@ -148,14 +151,15 @@ impl Deviation {
         Some(deviation)
     }
 
-    /// How far today's panel lies in front of the taught one at a point of the taught one with that normal, mm.
+    /// Returns how far today's panel lies in front of the taught one, at a point of the taught panel with this
+    /// normal, mm.
     pub fn mm(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
         let place = self.plane.place(point);
         let at = [0, 1].map(|axis| (place[axis] - self.low_mm[axis]) / self.sides_mm[axis]);
         self.field.at(at) - self.rigid.dot(&self.plane.motions(point, normal))
     }
 
-    /// The taught panel bent so.
+    /// Returns the taught panel, bent by this deviation.
     pub fn bent(&self, model: &Model) -> Model {
         let moved = |point: &Vector3<f64>, normal: &Vector3<f64>| point + normal * self.mm(point, normal);
         let mut bent = model.clone();
@@ -188,9 +192,9 @@ mod tests {
         judgement.reasons.iter().map(|reason| &*reason.code).collect()
     }
 
-    /// By hand: a parabola of 2 mm over ±165 mm lies 2/3 mm behind its mean in the middle of its ends, or 4/3 mm
-    /// before it; what is left beside it is the scans' noise, less than 0.12 mm. The panel has parts farther out
-    /// than its straight ends, so that the deviation may be a little more.
+    /// By hand: a parabola of 2 mm over ±165 mm differs from its mean by 2/3 mm in the middle, and by 4/3 mm to the
+    /// other side at its ends. The remaining residual is the scans' noise, less than 0.12 mm. The panel has parts
+    /// farther out than its straight ends, so that the deviation may be slightly larger.
     #[test]
     fn a_panel_that_bows_by_2_mm_is_the_panel() {
         for bow_mm in [2.0, -2.0] {
@@ -214,8 +218,8 @@ mod tests {
         }
     }
 
-    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm that are 0.5 mm high: no smooth bend
-    /// explains either.
+    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm length and 0.5 mm height: no smooth bend
+    /// explains either of them.
     #[test]
     fn what_no_smooth_bend_explains_is_a_poor_fit() {
         let cell = Cell::new(4, Scene::Good, 4);

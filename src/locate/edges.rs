@@ -14,31 +14,32 @@ use super::profile::{self, REACH};
 use crate::geometry::{PinholeCamera, Pixel};
 use nalgebra::{Vector2, Vector3};
 
-/// A point this far from the surface's plane is another thing, mm, and this much more for each px from the edge.
+/// A point farther than this from the surface's plane belongs to another object, mm. The second constant is the
+/// additional distance for each px from the edge.
 const ON_MM: f64 = 1.5;
 const ON_MM_PER_PX: f64 = 0.15;
-/// A surface more slanted than this is judged as if it were not: cosine of the angle.
+/// A surface that is more slanted than this is judged as if it had this slant: cosine of the angle.
 const MIN_COSINE: f64 = 0.3;
 /// The number of last pixels inside of an edge that are examined, and how many of them must be on the surface.
 const INSIDE_PX: i32 = 6;
 const MIN_INSIDE: usize = 3;
-/// Colour and depth may put the edge this far apart, px.
+/// Maximum distance between the edges by colour and by depth, px.
 const COLOUR_NEAR_PX: f64 = 2.6;
-/// Points beyond a surface that are missing over more than this are missing for want of light, px.
+/// If points beyond a surface are missing over more than this distance, px, the cause is missing light.
 const RIM_PX: i32 = 3;
 /// Depths that leave the edge open over more than this do not locate it without colour, px.
 const MAX_OPEN_PX: i32 = 8;
 
-/// What was found beside a point of the outline.
+/// The result of the search beside a point of the outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Edge {
-    /// The edge by colour: its distance outside of the point and the width of its step, px.
+    /// The edge was found by colour: its distance outside of the point and the width of its step, px.
     Colour { offset_px: f64, width_px: f64 },
-    /// The edge by depth alone.
+    /// The edge was found only by depth.
     Depth { offset_px: f64 },
-    /// Something nearer hides it, or the surface looks away.
+    /// A nearer object hides the edge, or the surface faces away.
     Hidden,
-    /// It lies outside of the picture.
+    /// The edge lies outside of the picture.
     OutOfView,
     /// The surface continues beyond the outline, or is missing.
     Absent,
@@ -67,9 +68,9 @@ enum Depth {
 pub(super) struct Tangent {
     at: Pixel,
     inverse: f64,
-    /// Growth of the inverse depth, per mm and px.
+    /// The gradient of the inverse depth, per mm and px.
     slope: Vector2<f64>,
-    /// How squarely it is seen, 0…1.
+    /// Cosine of the angle between the view and the surface's normal, 0…1.
     cos: f64,
 }
 
@@ -84,7 +85,7 @@ impl Tangent {
         }
     }
 
-    /// How far a depth at a pixel lies behind the plane, along its normal, mm.
+    /// Returns how far a depth at a pixel lies behind the plane, along the plane's normal, mm.
     pub fn behind_mm(&self, column: usize, row: usize, depth_mm: f64) -> f64 {
         let way = Vector2::new(column as f64 - self.at.u, row as f64 - self.at.v);
         let plane_mm = 1.0 / (self.inverse + self.slope.dot(&way));
@@ -170,14 +171,14 @@ enum Rough {
     At(f64),
     /// An edge, if there is one at all, which colour must show.
     Near(f64),
-    /// There is none to be looked for.
+    /// There is no edge to be looked for; the value is the result.
     Not(Edge),
 }
 
 fn by_depth(depths: &[Depth]) -> Rough {
     let count = depths.len() as i32;
     let at = |i: i32| depths.get(i as usize).copied().unwrap_or(Depth::Missing);
-    // A single flying point is no end: two of three beyond it must be off as well.
+    // A single flying point is not an end of the surface: two of three points beyond it must be of the same kind.
     let ends = |i: i32, what: Depth| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
     let farther = (0..count).find(|&i| ends(i, Depth::Farther));
     let nearer = (0..count).find(|&i| ends(i, Depth::Nearer));
@@ -218,8 +219,8 @@ mod tests {
             .collect()
     }
 
-    /// By hand, with the middle at place 8: the surface ends at place 9, the plate begins at 12, so the edge is at
-    /// 10.5, which is 2.5 outside; one flying point on the way is nothing.
+    /// By hand, with the middle at index 8: the surface ends at 9 and the plate begins at 12, so that the edge is
+    /// at 10.5, which is 2.5 outside. A single flying point between them has no effect.
     #[test]
     fn depths_say_where_the_surface_ends() {
         let rough = |text: &str| by_depth(&depths(text));

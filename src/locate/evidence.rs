@@ -1,6 +1,6 @@
 //! The evidence for a located pose, in numbers.
 //!
-//! It consists of what was matched (`shares`), how well the pose is known (`covariance`), the results of further
+//! It consists of the matched shares (`shares`), the uncertainty of the pose (`covariance`), the results of further
 //! checks (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate`
 //! judges these numbers. An error that both scans share, that of the camera's calibration, is not visible here.
 
@@ -23,22 +23,22 @@ use nalgebra::Matrix6;
 pub struct Fit {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: what no bow
-    /// or wave explains.
+    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: the part
+    /// that no bow or wave explains.
     pub rms_mm: f64,
     /// The largest distance of the panel from the taught one by that deviation, mm; `None` if too little of the
     /// panel is seen for it.
     pub deviation_mm: Option<f64>,
     /// Root mean square of the distances across the outline, mm.
     pub outline_rms_mm: f64,
-    /// The same in pixels of the 3D camera.
+    /// Root mean square of the distances across the outline, in pixels of the 3D camera.
     pub outline_rms_px: f64,
-    /// Share of the taught points that the scan has, 0…1; this and the next share, and `measured`, of what a scan
-    /// with as many points missing as the taught one would have.
+    /// Share of the taught points that are found in the scan, 0…1. This share, `scan_found` and `measured` are
+    /// relative to a scan with the same number of missing points as the taught one.
     pub taught_found: f64,
-    /// Share of the scan's piece that the taught panel has, 0…1.
+    /// Share of the scan's piece that is found in the taught panel, 0…1.
     pub scan_found: f64,
-    /// Share of the taught outline that the scan's outline has, 0…1.
+    /// Share of the taught outline that is found in the scan's outline, 0…1.
     pub outline_found: f64,
     /// Share of the taught points that the scan sees through: something farther is at their place.
     pub seen_through: f64,
@@ -52,15 +52,15 @@ pub struct Fit {
     pub measured: f64,
     /// Width of a step of brightness at the outline, px, median; `None` if colour shows no edge.
     pub edge_width_px: Option<f64>,
-    /// The same at teaching.
+    /// Width of a step of brightness at the outline at teaching, px, median.
     pub taught_edge_width_px: f64,
     /// Share of the panel's pixels that are overexposed.
     pub saturated: f64,
-    /// Steps of the fit.
+    /// The number of steps of the fit.
     pub iterations: usize,
-    /// How far the last of them moved the panel, at most, mm.
+    /// The largest displacement of the panel in the last step of the fit, mm.
     pub last_step_mm: f64,
-    /// How far apart fits from independent starts end, at most, mm.
+    /// The largest distance between the results of fits from independent starts, mm.
     pub agreement_mm: f64,
     /// The pose that explains the scan second best.
     pub rival: Option<CompetingPose>,
@@ -72,12 +72,12 @@ pub struct Fit {
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
-    /// With 95 % the largest error over the whole panel is smaller, mm.
+    /// The largest error over the whole panel is smaller than this with a probability of 95 %, mm.
     pub uncertainty_mm: f64,
     /// The same if the panel were at its taught place, where a scale of the 3D camera that all scans share has no
     /// effect, mm.
     pub uncertainty_at_taught_place_mm: f64,
-    /// The same if the 3D camera's distances had no error of scale at all, mm.
+    /// The uncertainty if the 3D camera's distances had no error of scale at all, mm.
     pub uncertainty_without_scale_mm: f64,
     /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
@@ -87,37 +87,38 @@ pub struct Fit {
     pub shift_mm: f64,
     /// The rotation in the panel's plane, about its mean normal, −180…180°.
     pub turn: Degrees,
-    /// The tilt of its mean normal.
+    /// The tilt of the panel's mean normal.
     pub tilt: Degrees,
-    /// Taught points that were used.
+    /// The number of taught points that were used.
     pub points: usize,
 }
 
-/// A competing pose, and what distinguishes the two.
+/// A competing pose (rival), and the evidence that distinguishes it from the first pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompetingPose {
-    /// The panel's pose by it.
+    /// The panel's pose according to the rival.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The rotation between the two.
+    /// The rotation between the two poses.
     pub turned: Degrees,
-    /// Outline and surface that support the first alone, as a length, mm.
+    /// Outline and surface that support only the first pose, as a length, mm.
     pub for_first_mm: f64,
-    /// The same for the rival alone, mm.
+    /// Outline and surface that support only the rival, as a length, mm.
     pub for_rival_mm: f64,
 }
 
-/// A length of outline that turns up by chance, mm.
+/// A length of outline that may match by chance, mm.
 const CHANCE_MM: f64 = 8.0;
 
 impl CompetingPose {
-    /// How many times more speaks for the first than for the rival.
+    /// Returns the ratio of the evidence for the first pose to the evidence for the rival.
     pub fn margin(&self) -> f64 {
         (self.for_first_mm + CHANCE_MM) / (self.for_rival_mm + CHANCE_MM)
     }
 }
 
 impl Fit {
-    /// The smaller share of taught points found in the scan and of the scan's found among the taught.
+    /// Returns the smaller of two shares: of the taught points found in the scan, and of the scan's points found
+    /// among the taught points.
     pub fn overlap(&self) -> f64 {
         self.taught_found.min(self.scan_found)
     }
@@ -145,17 +146,17 @@ impl Fit {
     }
 }
 
-/// What is known beside the fit itself.
+/// The evidence in addition to the fit itself.
 pub(super) struct FurtherEvidence {
     pub agreement_mm: f64,
     pub rival: Option<CompetingPose>,
     pub camera: Option<CameraCheck>,
     pub camera_at_teaching_mm: Option<f64>,
-    /// How the panel is bent; the model of the fit's inputs is the panel so bent.
+    /// The bend of the panel; the model of the fit's inputs is the panel with this bend.
     pub deviation: Option<Deviation>,
 }
 
-/// Weighs the end of a fit.
+/// Calculates the evidence for the result of a fit.
 pub(super) fn weigh(
     fitted: &Fitted,
     inputs: FitInputs<'_>,
@@ -221,10 +222,11 @@ pub(super) fn weigh(
 
 /// Shift of the centre, turn about the mean normal and tilt of that normal, from the nominal place.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
-    // Nominally the panel's frame is the base: only there do a panel's and a base's numbers compare.
+    // Nominally the panel's frame is equal to the base frame: only then are coordinates in the two frames
+    // comparable.
     let moved = panel_from_base_at_teaching() * base_from_panel;
     let (centre, normal) = (model.centre_point(), model.normal_direction());
-    // Swing and twist: the part of the quaternion along the normal turns in the plane.
+    // Swing and twist: the part of the quaternion along the normal is the rotation in the plane.
     let rotation = moved.isometry().rotation;
     let turn_rad = 2.0 * rotation.imag().dot(&normal.mm).atan2(rotation.scalar());
     let wrapped_rad = turn_rad.sin().atan2(turn_rad.cos());

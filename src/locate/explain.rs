@@ -22,7 +22,7 @@ pub const ENLARGED: f64 = 50.0;
 /// What the scan shows at the place of a taught point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
-    /// Distance of the scanned surface before the taught one, along its normal, mm; negative behind it.
+    /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
     On(f64),
     /// The taught surface, beside an edge or missing points; the depth is not good enough for a number.
     Near,
@@ -39,9 +39,9 @@ pub enum SurfaceMark {
 pub enum OutlineMark {
     /// The edge.
     Found,
-    /// The edge elsewhere, or none.
+    /// The edge is elsewhere, or there is none.
     Elsewhere,
-    /// Something before it, or it is out of view.
+    /// An object is in front of the outline, or the outline is out of view.
     Hidden,
 }
 
@@ -50,13 +50,13 @@ pub enum OutlineMark {
 pub enum FixtureMark {
     /// The edge at its taught place.
     Stands,
-    /// The edge elsewhere, or none.
+    /// The edge is elsewhere, or there is none.
     Moved,
-    /// No fixture: something is before it, or there is no point.
+    /// The fixture is not visible: an object is in front of it, or there is no point.
     Unseen,
 }
 
-/// The evidence, pixel by pixel.
+/// The evidence for each pixel.
 #[derive(Debug, Clone, Default)]
 pub struct Explained {
     /// Side of the square that a place of the surface or of an object represents, px.
@@ -65,23 +65,24 @@ pub struct Explained {
     pub surface: Vec<(Pixel, SurfaceMark)>,
     /// The taught outline, in order.
     pub outline: Vec<(Pixel, OutlineMark)>,
-    /// The borders of taught marks, each by a short stretch.
+    /// The borders of taught marks, each represented by a short stretch.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
-    /// The outline's places with the stated error along the weakest direction added, [`ENLARGED`].
+    /// The places of the outline, and the same places with the stated error along the weakest direction added,
+    /// enlarged by [`ENLARGED`].
     pub weakest: Vec<(Pixel, Pixel)>,
     /// The place at which the step of brightness at the outline is widest.
     pub widest: Option<Pixel>,
     /// Taught edges of the fixture.
     pub fixture: Vec<(Pixel, FixtureMark)>,
-    /// Things in the search box: area, mm², and places; largest first.
+    /// Objects in the search box, largest first: area, mm², and pixels.
     pub things: Vec<(f64, Vec<Pixel>)>,
 }
 
-/// An edge of the fixture farther from its taught place has moved, px.
+/// An edge of the fixture that is farther than this from its taught position has moved, px.
 pub const MOVED_PX: f64 = 0.5;
 
 impl Prepared<'_> {
-    /// Looks at everything again; `fit` is what was found, if anything was.
+    /// Evaluates all evidence again; `fit` is the result of the localization, if there is one.
     pub fn explain(&self, fit: Option<&Fit>) -> Explained {
         let (grid, inputs) = (&self.grid, self.inputs());
         let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
@@ -119,8 +120,8 @@ impl Prepared<'_> {
     }
 }
 
-/// What the scan shows of the panel as it is bent, beside the panel as it was taught: `bend_mm` is how far a point
-/// lies before its taught place.
+/// Returns the comparison of the panel as it is bent with the panel as it was taught. `bend_mm` is the distance of
+/// a point in front of its taught position.
 fn surface(
     placed: &Rigid<Camera, Panel>,
     inputs: FitInputs<'_>,
@@ -130,7 +131,7 @@ fn surface(
     let mark = |i: usize| {
         let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
         let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
-            // The residual is the distance of the taught point before the scan.
+            // The residual is the distance of the taught point in front of the scan.
             PointObservation::On(residual_mm) => SurfaceMark::On(bend_mm(i) - residual_mm),
             PointObservation::Near => SurfaceMark::Near,
             PointObservation::Through => SurfaceMark::Through,

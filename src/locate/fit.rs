@@ -19,15 +19,18 @@ use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Steps that move no point of the panel farther end the iteration, mm.
+/// The iteration ends if a step moves no point of the panel by more than this, mm.
 pub(super) const CONVERGED_MM: f64 = 0.002;
 const MAX_STEPS: usize = 20;
-/// Errors of an edge in the picture, its own, the taught depth's and what a lens model leaves, are alike over this length.
+/// Errors of an edge in the picture are alike over this length: its own error, that of the taught depth, and that
+/// remaining from the lens model.
 pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
-/// One standard deviation of the mean over such a length, px: of the edge alone, by colour and by depth.
+/// One standard deviation of the mean over a length of `EDGE_CORRELATION_MM`, px: of the edge alone, by colour and
+/// by depth.
 const EDGE_NOISE_PX: f64 = 0.05;
 const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
-/// Residuals of this many standard deviations have no weight, but none below the floors.
+/// Residuals of more than this number of standard deviations have no weight, but the limits are never below the
+/// floors.
 const REACH_SIGMAS: f64 = 4.7;
 const SURFACE_FLOOR_MM: f64 = 0.4;
 const EDGE_FLOOR_PX: f64 = 0.5;
@@ -42,13 +45,13 @@ pub(super) struct Residuals {
     pub colour: Vec<Constraint>,
     pub depth: Vec<Constraint>,
     pub marks: Vec<Constraint>,
-    /// What was found beside each point of the outline that was looked at.
+    /// The results beside each point of the outline that was looked at.
     pub edges: Vec<(usize, Edge)>,
-    /// The same of each mark.
+    /// The results beside each mark.
     pub mark_edges: Vec<(usize, Edge)>,
     /// The middle of the panel.
     pub centre: Vector3<f64>,
-    /// What the taught depth's noise makes of an edge in this view, px.
+    /// The noise of an edge in this view that is caused by the taught depth's noise, px.
     taught_noise_px: f64,
 }
 
@@ -60,7 +63,7 @@ pub(super) struct FitInputs<'a> {
     pub scan: &'a Scan,
 }
 
-/// The samples of a fit: all of them, or a part.
+/// The samples of a fit: all of them, or a selection.
 pub(super) struct Samples {
     surface: Vec<usize>,
     outline: Vec<usize>,
@@ -76,12 +79,13 @@ impl Samples {
         }
     }
 
-    /// Those of the surface alone.
+    /// Returns only the samples of the surface.
     pub fn of_surface(&self) -> Samples {
         Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
     }
 
-    /// About this number of the surface, and an eighth as many of the outline and of the marks.
+    /// Selects about this number of samples of the surface, and an eighth of this number of the outline and of the
+    /// marks.
     pub fn some(model: &Model, wanted: usize) -> Samples {
         Samples {
             surface: spread_over(model.points.len(), wanted),
@@ -130,7 +134,7 @@ impl Residuals {
         Residuals { surface, colour, depth, marks, edges, mark_edges, centre, taught_noise_px }
     }
 
-    /// How each kind is weighed: surface, edges by colour, edges by depth, marks.
+    /// Returns the weighting of each kind of residual: surface, edges by colour, edges by depth, marks.
     pub fn weighing(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; KINDS] {
         let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
@@ -162,12 +166,12 @@ impl Residuals {
         ]
     }
 
-    /// Every kind of constraint, in the order of [`Residuals::weighing`].
+    /// Returns every kind of constraint, in the order of [`Residuals::weighing`].
     pub fn kinds(&self) -> [&[Constraint]; KINDS] {
         [&self.surface, &self.colour, &self.depth, &self.marks]
     }
 
-    /// The sums of all kinds.
+    /// Calculates the sums of all kinds.
     pub fn sums(&self, weighing: &[ResidualWeighting; KINDS]) -> Sums {
         self.kinds()
             .iter()
@@ -177,7 +181,7 @@ impl Residuals {
     }
 }
 
-/// The marks that the scan shows, and what was found beside each.
+/// Returns the marks that the scan shows, and the result beside each mark.
 fn marks_at(
     motion: &Motion,
     FitInputs { model, grid, scan }: FitInputs<'_>,

@@ -22,33 +22,36 @@ use crate::record::name;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
 use crate::words::{apart, percent_apart};
 
-/// An overlap this much below the limit is a person's matter: perhaps something covers the panel. Below it is no panel.
+/// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. A lower
+/// overlap means that the object is not the panel.
 const REVIEW_OVERLAP: f64 = 0.1;
 /// The found share of the outline may be this much lower than that of the surface: an object that hides a patch in
 /// the middle of a side hides its edge.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
-/// Taught points that the scan sees through: the panel is not there. Single ones are flying points.
+/// Maximum share of taught points through which the scan sees; above this the panel is not there. Single points of
+/// this kind are flying points.
 pub const MAX_SEEN_THROUGH: f64 = 0.01;
 /// Outline in view that is not at its taught place.
 pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
 /// Marks of the panel in view that are at their taught place.
 pub const MIN_MARKS_FOUND: f64 = 0.5;
-/// Outline residual of a panel of the taught shape, px.
+/// Maximum outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
-/// Points that a dry panel gives.
+/// Minimum share of points that a dry panel gives.
 pub const MIN_MEASURED: f64 = 0.9;
 /// A step of brightness may be this many pixels wider than at teaching: the limit for a picture that is sharp and
 /// still.
 pub const MAX_BLUR_PX: f64 = 1.0;
-/// Share of the panel that may be overexposed.
+/// Maximum share of the panel that may be overexposed.
 pub const MAX_SATURATED: f64 = 0.2;
-/// The last step of a fit that came to its end, in steps that end it: the last bits may flicker.
+/// The maximum last step of a converged fit, as a multiple of the step that ends the iteration: the last bits may
+/// flicker.
 const MAX_LAST_STEPS: f64 = 5.0;
 
-/// The last step of a fit that is at its end moves no point of the panel farther, mm.
+/// The maximum movement of any point of the panel by the last step of a converged fit, mm.
 pub const MAX_LAST_STEP_MM: f64 = MAX_LAST_STEPS * CONVERGED_MM;
 
-/// The smallest share of the outline that must be found, 0…1.
+/// Returns the smallest share of the outline that must be found, 0…1.
 pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
@@ -58,7 +61,7 @@ pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
     Judgement::of_checks(&checks(fit, recipe))
 }
 
-/// Every number of a fit with its limit, in the order in which they are judged.
+/// Returns every number of a fit with its limit, in the order in which they are judged.
 pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let limits = recipe.locate();
     let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
@@ -118,7 +121,8 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     checks
 }
 
-/// Is it bent so little that it may be the taught panel, and that its path may follow it without a person's word?
+/// Checks the bend. It must be small enough that this may be the taught panel, and that its path may follow the
+/// bend without a person's confirmation.
 fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     let limit_mm = limits.max_deviation_mm();
     let check =
@@ -137,7 +141,7 @@ fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     })
 }
 
-/// Does it have the taught marks?
+/// Checks whether the panel has the taught marks.
 fn marks(found: f64) -> Check {
     Check::new("marks in view that are where the taught ones are", "", found)
         .at_least(MIN_MARKS_FOUND, SetBy::Program)
@@ -150,7 +154,7 @@ fn marks(found: f64) -> Check {
         })
 }
 
-/// Is the scan good: dry, sharp, not overexposed?
+/// Checks whether the scan is good: dry, sharp, not overexposed.
 fn picture(fit: &Fit) -> Vec<Check> {
     let blur_px = fit.blur_px();
     vec![
@@ -185,7 +189,8 @@ fn picture(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Is enough of the taught panel found in the scan, and of the scan's panel among the taught points?
+/// Checks the overlap: whether enough of the taught panel is found in the scan, and enough of the scan's panel
+/// among the taught points.
 fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     let allowed = limits.min_overlap();
     let outline_allowed = min_outline_found(limits);
@@ -217,11 +222,11 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     ]
 }
 
-/// Less of the outline that is seen holds a panel badly sideways, above all a flat one.
+/// If a smaller share of the outline is seen, a panel is poorly constrained sideways, in particular a flat panel.
 const MIN_OUTLINE_SEEN: f64 = 0.6;
 
-/// What a person is warned of when a panel is taught: too little of its outline is seen in its own scan. `fit` is the panel
-/// located in that scan, with the warning that its fixture shows too little to notice a camera that moved.
+/// Returns the warnings when a panel is taught: too little of its outline is seen in its own scan. `fit` is the
+/// panel located in that scan; it adds the warning that its fixture shows too little to detect a moved camera.
 pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
@@ -242,7 +247,7 @@ pub fn refusal(error: &LocateError) -> Judgement {
     Judgement::new(vec![Reason::new("no_panel", error.to_string())], Vec::new())
 }
 
-/// NaN exceeds every limit.
+/// Returns whether the measurement exceeds the limit; NaN exceeds every limit.
 pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
     measured.is_nan() || measured > allowed
 }
@@ -339,8 +344,8 @@ mod tests {
         review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
     }
 
-    /// By hand: 0.35 mm with an uncertainty of 0.05 is at least 0.3 mm; 0.35 ± 0.15 may be 0.2 mm. A rival that 20 mm speak
-    /// for against 40 mm has a margin of 48/28 = 1.7.
+    /// By hand: 0.35 mm with an uncertainty of 0.05 mm is at least 0.3 mm; 0.35 ± 0.15 mm may be 0.2 mm. A rival
+    /// that is supported by 20 mm, against 40 mm for the first pose, has a margin of 48/28 = 1.7.
     #[test]
     fn a_moved_camera_and_a_rival() {
         let camera = |moved_mm, uncertainty_mm, same| {
@@ -360,8 +365,8 @@ mod tests {
         assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
     }
 
-    /// By hand: known to 0.2 mm, a camera is noticed from 0.45 mm on; known to 0.31 mm, from 0.56 mm on, which is
-    /// more than 0.55. 2 ± 2 mm is a camera that has moved.
+    /// By hand: with an uncertainty of 0.2 mm, a moved camera is detected from 0.45 mm on. With 0.31 mm it is
+    /// detected from 0.56 mm on, which is more than 0.55. With 2 mm, 2 ± 2 mm shows no move either.
     #[test]
     fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
         let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, same: 0.9 });
@@ -374,7 +379,7 @@ mod tests {
         assert_eq!(judged(told(0.2), Some(0.1)).0, Verdict::Accept);
     }
 
-    /// A wrong panel that ended up far away is a wrong panel, not a shifted one.
+    /// A wrong panel that ends up far away is reported as a wrong panel, not as a shifted one.
     #[test]
     fn a_poor_fit_says_nothing_of_motion() {
         assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);

@@ -11,9 +11,9 @@ use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point,
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-/// Blocks across the picture, about.
+/// The approximate number of blocks across the picture.
 const COLUMNS: usize = 486;
-/// Depths within a block that differ by less belong to one surface without another look, mm at a block of 1 mm.
+/// Depths within a block that differ by less belong to one surface without a further check, mm at a block of 1 mm.
 const USUAL_SPREAD: f64 = 1.2;
 /// Depths farther from the block's median are left out, in the same measure; the limit for the distance from its
 /// slanted plane is smaller.
@@ -21,7 +21,8 @@ const TRIM: f64 = 0.8;
 const TRIM_SLANTED: f64 = 0.35;
 /// The share of a block's pixels that must agree: if one side is missing, the mean would not be that of the middle.
 const MIN_SHARE: f64 = 0.9;
-/// Neighbouring blocks at depths that differ by more than this many sides of a block are not one surface: 73° of slope.
+/// Neighbouring blocks do not belong to one surface if their depths differ by more than this number of block sides:
+/// a slope of 73°.
 const STEP_SIDES: f64 = 3.3;
 
 /// The scan at full size, with its colours.
@@ -42,7 +43,7 @@ pub(super) enum DepthReading {
 
 /// Inverse depths of blocks of pixels.
 pub(super) struct Grid {
-    /// Pixels along the side of a block.
+    /// The number of pixels along the side of a block.
     pub factor: usize,
     /// Blocks across.
     pub columns: usize,
@@ -51,15 +52,15 @@ pub(super) struct Grid {
     pub camera: PinholeCamera,
     /// 1/mm; NaN if the block has no depth.
     inverse: Vec<f32>,
-    /// Neighbours may differ by this share of their depth.
+    /// Neighbouring blocks may differ by this share of their depth.
     step_share: f64,
 }
 
 impl Grid {
-    /// Makes a scan small.
+    /// Reduces a scan to a grid of blocks.
     pub fn from_scan(scan: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Grid {
         let points = scan.raw_points_mm();
-        // NaN is not above 0.
+        // NaN is not greater than 0.
         Self::of_depths((scan.width(), scan.height()), camera, |index| Some(points[index][2]).filter(|&z| z > 0.0))
     }
 
@@ -92,42 +93,42 @@ impl Grid {
         Grid { factor, columns, rows, camera: *camera, inverse, step_share: STEP_SIDES * block_rad }
     }
 
-    /// The pixel in the middle of a block.
+    /// Returns the pixel in the middle of a block.
     pub fn pixel(&self, column: usize, row: usize) -> Pixel {
         let centre = |index: usize| (index * self.factor) as f64 + (self.factor as f64 - 1.0) / 2.0;
         Pixel::at(centre(column), centre(row))
     }
 
-    /// A pixel in units of blocks.
+    /// Converts a pixel to units of blocks.
     pub fn place(&self, pixel: Pixel) -> [f64; 2] {
         let block = |px: f64| (px - (self.factor as f64 - 1.0) / 2.0) / self.factor as f64;
         [block(pixel.u), block(pixel.v)]
     }
 
-    /// The depth of a block, mm.
+    /// Returns the depth of a block, mm.
     pub fn depth_mm(&self, index: usize) -> Option<f64> {
         let inverse = f64::from(self.inverse[index]);
         (!inverse.is_nan()).then(|| 1.0 / inverse)
     }
 
-    /// The scan's point of a block; the ray is exact.
+    /// Returns the scan's point of a block; the ray is exact.
     pub fn point(&self, column: usize, row: usize) -> Option<Vector3<f64>> {
         let depth_mm = self.depth_mm(row * self.columns + column)?;
         let ray = self.camera.unproject::<Camera>(self.pixel(column, row))?;
         Some(ray.mm * depth_mm)
     }
 
-    /// Are two blocks with these depths, side by side, one surface?
+    /// Returns whether two neighbouring blocks with these depths belong to one surface.
     pub fn joined(&self, a_mm: f64, b_mm: f64) -> bool {
         (a_mm - b_mm).abs() < self.step_share * a_mm
     }
 
-    /// What the scan shows at a pixel.
+    /// Returns the scan's depth reading at a pixel.
     pub fn look(&self, pixel: Pixel) -> DepthReading {
         self.look_at(self.place(pixel))
     }
 
-    /// The same at a place in units of blocks.
+    /// Returns the scan's depth reading at a position in units of blocks.
     pub fn look_at(&self, [x, y]: [f64; 2]) -> DepthReading {
         let (across, down) = ((self.columns - 1) as f64, (self.rows - 1) as f64);
         if !(x >= -0.5 && y >= -0.5 && x <= across + 0.5 && y <= down + 0.5) {
@@ -175,8 +176,8 @@ fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
     mean_inverse(depths.iter().filter(near).copied())
 }
 
-/// The inverse depth in the middle of a block that lies on a steep plane: its slopes are the medians of what neighbouring
-/// pixels differ by, so that neither a flying point nor an edge is one.
+/// Returns the inverse depth in the middle of a block on a steep plane. The slopes are the medians of the
+/// differences between neighbouring pixels, so that neither a flying point nor an edge counts as a plane.
 fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -> Option<f32>) -> f32 {
     let place = |k: usize| (k % factor, k / factor);
     let inverse: Vec<Option<f64>> =
@@ -202,7 +203,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
     let Some(middle) = median_between(&mut levels.clone()) else { return f32::NAN };
-    // As shares of the depth: dz / z = −z d(1/z).
+    // Compared as shares of the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
     let near = |level: &&f64| (*level / middle - 1.0).abs() <= TRIM_SLANTED * block_rad;
     let count = levels.iter().filter(near).count();
@@ -217,7 +218,7 @@ fn mean_inverse(depths: impl Iterator<Item = f32>) -> f32 {
     (sum / count as f64) as f32
 }
 
-/// A rigid transform as a kernel uses it.
+/// A rigid transform in the form that a kernel uses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     pub turn: Matrix3<f64>,
@@ -239,7 +240,7 @@ impl Motion {
     }
 }
 
-/// Which blocks lie in the search box.
+/// Returns for each block whether it lies in the search box.
 pub(super) fn in_box(
     grid: &Grid,
     base_from_camera: &Rigid<Base, Camera>,
@@ -259,7 +260,7 @@ pub(super) fn in_box(
     inside
 }
 
-/// A point of the kernel as a point of the camera's frame.
+/// Converts a point of the kernel to a point of the camera's frame.
 pub(super) fn camera_point(point: &Vector3<f64>) -> Point<Camera> {
     Point::at(point.x, point.y, point.z)
 }
@@ -282,7 +283,7 @@ mod tests {
         k3: 0.0,
     };
 
-    /// The plane z = 700 + x/2, and before its left part a block at 400 mm.
+    /// The plane z = 700 + x/2, with a block at 400 mm in front of its left part.
     fn scan() -> OrganizedCloud<Camera> {
         let point = |i: usize| {
             let (x, y) = ((i % 40) as f64 - 19.5, (i / 40) as f64 - 14.5);
@@ -292,7 +293,7 @@ mod tests {
         OrganizedCloud::new(40, 30, (0..1_200).map(point).collect(), vec![[0; 3]; 1_200]).expect("counts agree")
     }
 
-    /// By hand: pixel (25, 10) has x = 0.055; the plane is at z = 700/(1 − 0.0275) there, also between blocks.
+    /// By hand: pixel (25, 10) has x = 0.055; there the plane is at z = 700/(1 − 0.0275), also between blocks.
     #[test]
     fn a_plane_is_met_between_blocks_and_an_edge_is_rough() {
         let grid = Grid::from_scan(&scan(), &CAMERA);
@@ -303,7 +304,8 @@ mod tests {
         assert_eq!(grid.look(Pixel::at(-0.6, 10.0)), DepthReading::OutOfView);
     }
 
-    /// By hand: of 16 pixels 15 must agree. One flying point is left out, five of another depth leave no block.
+    /// By hand: 15 of 16 pixels must agree. A single flying point is left out; with five points of another depth,
+    /// the block has no depth.
     #[test]
     fn a_block_on_an_edge_has_no_depth() {
         let block = |far: usize| {
@@ -314,9 +316,9 @@ mod tests {
         assert!(block_inverse(&mut [700.0; 14], 16, 4.0 / 1785.0).is_nan());
     }
 
-    /// By hand: a side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises 1.08 mm from pixel to pixel, so that no
-    /// two columns agree with one median; its plane has 700 mm in the middle, with a flying point too. One of 75° rises
-    /// 1.46 mm and is too steep; a step of 3 mm between two columns is an edge.
+    /// By hand: a side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises 1.08 mm from pixel to pixel, so
+    /// that no two columns agree with one median. Its plane has 700 mm in the middle, also with a flying point. A
+    /// slope of 75° rises 1.46 mm and is too steep; a step of 3 mm between two columns is an edge.
     #[test]
     fn a_steep_plane_is_whole_and_a_step_is_not() {
         let rise = |per_pixel_mm: f64| {

@@ -15,9 +15,9 @@ use crate::geometry::{PinholeCamera, Pixel};
 /// Places at which a step is looked for, px from the expected one, in this order; each search finds steps within 3
 /// px.
 const EXPECTED_PX: [f64; 5] = [0.0, -3.0, 3.0, -6.0, 6.0];
-/// A surface that is seen under a flatter angle than this shows no marks: cosine of the incidence.
+/// A surface that is seen at a flatter angle than this shows no marks: cosine of the incidence.
 const MIN_COS: f64 = 0.1;
-/// Another thing is at least this much nearer than the panel, mm.
+/// Another object is nearer than the panel by at least this distance, mm.
 const NEARER_MM: f64 = 3.0;
 
 /// Looks for one mark.
@@ -42,7 +42,7 @@ pub(super) fn observe(
     Some(EdgeObservation { point, gradient, edge })
 }
 
-/// Whether the scan has something nearer there. What gave no point is no obstacle.
+/// Returns whether the scan has a nearer object there. A missing point does not count as an obstacle.
 fn is_covered(scan: &Scan, pixel: Pixel, tangent: &Tangent) -> bool {
     let Some((column, row)) = pixel.whole(scan.width(), scan.height()) else { return false };
     let [_, _, z] = scan.raw_points_mm()[row * scan.width() + column];

@@ -16,18 +16,19 @@ use super::solve::Constraint;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
-/// Marks that are looked for at a shift, and for a score.
+/// The numbers of marks that are looked for at each shift and for each score.
 const COARSE_MARKS: usize = 100;
 const SCORE_MARKS: usize = 300;
-/// How far the panel is shifted to each side, as a share of its reach, and from one shift to the next, blocks.
+/// The largest shift of the panel to each side, as a share of its reach. The second constant is the distance from
+/// one shift to the next, blocks.
 const SHIFT_REACH: f64 = 0.35;
 const SHIFT_BLOCKS: f64 = 3.0;
-/// A mark is found at a shift within this of a step, blocks.
+/// A mark counts as found at a shift if it lies within this distance of a step, blocks.
 const NEAR_BLOCKS: f64 = 2.5;
-/// Starts that are kept: those of the turns at which the most marks are found.
+/// The number of starts that are kept: those of the rotations at which the most marks are found.
 const MAX_STARTS: usize = 8;
 
-/// How far a mark lies from the nearest step of brightness, towards its brighter side, blocks.
+/// Returns the distance of a mark from the nearest step of brightness, towards its brighter side, blocks.
 pub(super) fn mark_at(
     motion: &Motion,
     model: &Model,
@@ -86,7 +87,7 @@ struct ShiftedMark {
     brighter: Vector2<f64>,
 }
 
-/// How many marks are found at the best shift in the piece's plane, and that shift, mm.
+/// Returns the number of marks found at the best shift in the piece's plane, and this shift, mm.
 fn best_shift(
     model: &Model,
     (grid, steps): (&Grid, &MarkSteps),

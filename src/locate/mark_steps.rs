@@ -1,5 +1,5 @@
-//! The steps of brightness in a picture that may be borders of marks: the steepest of a cell, and from any place of
-//! a scan the way to the nearest.
+//! The steps of brightness in a picture that may be borders of marks. They give the steepest step of a cell, and
+//! the distance from any position of a scan to the nearest step.
 
 use super::grid::{Grid, Scan};
 use super::pieces::{Border, Piece};
@@ -7,20 +7,21 @@ use super::profile::gray;
 use crate::geometry::{Frame, OrganizedCloud};
 use nalgebra::Vector2;
 
-/// Brightness is compared over this distance to find the steepest change, px, and only that pixels apart.
+/// Brightness is compared over this distance to find the steepest change, px. Only pixels spaced by the second
+/// constant are examined.
 const APART_PX: usize = 2;
 const STEP_PX: usize = 2;
-/// Directions that differ by more than this are two borders: cosine.
+/// Directions that differ by more than this belong to two borders: cosine.
 const SAME_DIRECTION: f64 = 0.7;
 
 /// The steepest change of brightness of a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Steepest {
-    /// Column and row, px.
+    /// Column and row of the steepest change, px.
     pub at: [usize; 2],
-    /// By how much brightness changes there over twice [`APART_PX`], grey levels.
+    /// The change of brightness there over twice [`APART_PX`], grey levels.
     pub levels: f64,
-    /// The direction towards what is brighter, of length 1.
+    /// The direction towards the brighter side, of length 1.
     pub brighter: Vector2<f64>,
 }
 
@@ -50,7 +51,7 @@ pub(super) fn steepest<F: Frame>(
     steepest
 }
 
-/// From each block of a scan the nearest step of brightness.
+/// The nearest step of brightness for each block of a scan.
 pub(super) struct MarkSteps {
     nearest: Border,
     brighter: Vec<Option<Vector2<f64>>>,
@@ -93,9 +94,9 @@ mod tests {
 
     const SIDE: usize = 64;
 
-    /// By hand: dark to column 31, bright from there on. Brightness is compared over two pixels to each side, so
-    /// that columns 30 to 33 have the step, and a place in column 20 is ten blocks from it, towards what is
-    /// brighter and not the other way.
+    /// By hand: dark up to and including column 31, bright beyond it. Brightness is compared over two pixels to
+    /// each side, so that columns 30 to 33 have the step. A position in column 20 is ten blocks from it, only in
+    /// the direction towards the brighter side.
     #[test]
     fn the_nearest_step_is_found_where_it_becomes_brighter() {
         let [fx_px, fy_px, cx_px, cy_px] = [60.0, 60.0, 31.5, 31.5];

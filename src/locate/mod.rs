@@ -77,17 +77,18 @@ pub struct View<'a> {
     pub camera: &'a PinholeCamera,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
-    /// How far off its scans are.
+    /// The errors of the camera's scans.
     pub range: RangeErrors,
 }
 
-/// Samples of a fit that only compares hypotheses, and of the independent starts.
+/// The number of samples of a fit that only compares hypotheses, and of the independent starts.
 const WEIGHING_SAMPLES: usize = 3_000;
-/// How far the independent starts are from the end: a shift as a share of the panel's reach, and a turn, rad.
+/// The offset of the independent starts from the result: a shift as a share of the panel's reach, and a rotation,
+/// rad.
 const START_SHIFT: f64 = 0.02;
 const START_TURN_RAD: f64 = 0.015;
 
-/// Taught and scanned points that the thesis's method pairs.
+/// The numbers of taught and scanned points that the thesis's method pairs.
 const THESIS_TAUGHT: usize = 6_000;
 const THESIS_SCANNED: usize = 120_000;
 
@@ -124,12 +125,13 @@ impl<'a> Prepared<'a> {
         Prepared { taught, view: *view, settings, taught_model, grid, inside, pieces }
     }
 
-    /// What the taught scan shows of the panel's outline.
+    /// Returns how much of the panel's outline the taught scan shows.
     pub fn outline_seen(&self) -> OutlineSeen {
         self.taught_model.model.outline_seen
     }
 
-    /// How much border of marks the taught picture shows inside of the outline, mm: it holds the panel sideways, too.
+    /// Returns the length of mark borders inside of the outline in the taught picture, mm: they also constrain the
+    /// panel sideways.
     pub fn marks_mm(&self) -> f64 {
         self.taught_model.model.marks.points.iter().map(|mark| mark.length_mm).sum()
     }
@@ -181,7 +183,7 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// The pose by the thesis's method, from a start.
+    /// Returns the pose by the thesis's method, from a start.
     fn by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
         let Prepared { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
@@ -199,10 +201,10 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// As what the panel is compared with the scan at the poses of two hypotheses.
+/// The form of the panel that is compared with the scan at the poses of two hypotheses.
 #[derive(Clone, Copy, PartialEq)]
 enum Panels {
-    /// As it was taught.
+    /// The panel as it was taught.
     AsTaught,
     /// As it would have to be bent at each of the two poses, and where it then lies. The surface of a bent panel as
     /// it was taught gives little information on any pose and pulls it aside. The evidence for one pose is the part
@@ -210,14 +212,14 @@ enum Panels {
     AsBent,
 }
 
-/// Is the panel bent there by more than what lies on the taught surface?
+/// Returns whether the panel at this pose is bent by more than the tolerance of the taught surface.
 fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
     let residuals = Residuals::at(placed, inputs, &Samples::some(inputs.model, WEIGHING_SAMPLES).of_surface());
     let deviation = Deviation::from_residuals(&residuals, inputs.model, None);
     deviation.is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
 }
 
-/// Fits the hypotheses and finds the one that no other beats, with its closest competitor.
+/// Fits the hypotheses and returns the pose that no other pose beats, with its closest competitor.
 fn choose(
     (hypotheses, base_from_camera): (&[PoseHypothesis], Rigid<Base, Camera>),
     inputs: FitInputs<'_>,
@@ -261,11 +263,12 @@ fn choose(
     Some((first, rival.min_by(|a, b| a.margin().total_cmp(&b.margin()))))
 }
 
-/// The largest distance between the results of independent starts, mm; infinite if one does not converge.
+/// Returns the largest distance between the results of independent starts, mm; infinite if a start does not
+/// converge.
 fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
     let shift_mm = START_SHIFT * search::reach_mm(inputs.model);
     let centre = Motion::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
-    // Three starts around the end, each aside and rotated about another axis.
+    // Three starts around the result, each shifted sideways and rotated about another axis.
     let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
         let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
         let shift = around * Vector3::new(shift_mm, 0.0, 0.5 * shift_mm);
@@ -313,7 +316,7 @@ mod tests {
         )
     }
 
-    /// The panel of a simulated cell, with its recipe.
+    /// Returns the panel of a simulated cell, with its recipe.
     pub fn taught(cell: &Cell) -> (TaughtPanel, Recipe) {
         let text = recipe_text(cell);
         let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -322,8 +325,9 @@ mod tests {
         (panel.unwrap_or_else(|error| panic!("{error}")), recipe)
     }
 
-    /// A smooth panel slides along itself under point-to-point costs: the thesis's pose is off by tenths of a
-    /// millimetre, which count as its error. It is never stated to be better known than the other one.
+    /// With point-to-point costs a smooth panel slides along itself: the pose of the thesis's method is wrong by
+    /// tenths of a millimetre, which count as its error. Its stated uncertainty is never smaller than that of the
+    /// other method.
     #[test]
     fn the_thesis_method_is_judged_by_its_distance_from_the_other() {
         let cell = Cell::new(4, Scene::Good, 4);

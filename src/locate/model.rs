@@ -1,4 +1,5 @@
-//! The taught panel as the search and the fit use it: points with normals, an outline in space, and its own grid.
+//! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its
+//! own grid.
 //!
 //! The outline is found in the taught scan's colours and depths (`taught_outline`).
 
@@ -16,7 +17,7 @@ use std::sync::Arc;
 
 /// A panel is complete if at least this share of its surface gave points.
 const WHOLE: f64 = 0.9;
-/// Fewer points hold no panel.
+/// A panel with fewer surface points is not sufficiently constrained.
 const MIN_SURFACE: usize = 200;
 
 /// The taught panel.
@@ -44,15 +45,15 @@ pub(super) struct Model {
     pub edge_width_px: f64,
     /// Share of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
     pub given: f64,
-    /// What shows the outline, and what does not.
+    /// The shares of the outline that are seen, and the shares that are not.
     pub outline_seen: OutlineSeen,
     /// The places at which something holds the panel, in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
-    /// How far off scans are.
+    /// The errors of the scans.
     pub range: RangeErrors,
 }
 
-/// The depths of the taught scan: of its panel, or of all else.
+/// Returns the depths of the taught scan: those of its panel, or all others.
 pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
     let motion = Motion::from_rigid(&panel.panel_from_camera.inverse());
     let depth_row = motion.turn.row(2).into_owned();
@@ -106,29 +107,30 @@ impl Model {
         })
     }
 
-    /// Did large parts of the panel give no points at teaching, so that they may be missing now as well, others perhaps?
+    /// Returns whether large parts of the panel gave no points at teaching. Such parts may be missing now as well,
+    /// possibly at other places.
     pub fn is_patchy(&self) -> bool {
         self.given < WHOLE
     }
 
-    /// The middle as a point of the panel.
+    /// Returns the middle of the surface as a point of the panel.
     pub fn centre_point(&self) -> Point<Panel> {
         Point::new(self.centre.into())
     }
 
-    /// The mean normal as a direction of the panel.
+    /// Returns the mean normal as a direction of the panel.
     pub fn normal_direction(&self) -> Vector<Panel> {
         Vector::new(self.normal)
     }
 
-    /// The sine of the angle between the taught view of the panel and the one at a pose.
+    /// Returns the sine of the angle between the taught view of the panel and its view at a pose.
     pub fn view_change(&self, placed: &Motion) -> f64 {
         let taught = Motion::from_rigid(&self.camera_from_panel);
         let view = |motion: &Motion| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
         view(&taught).cross(&view(placed)).norm()
     }
 
-    /// How far two guesses put the same point of the outline apart, at most, mm.
+    /// Returns the largest distance between the positions of the same outline point at two poses, mm.
     pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
         let (a, b) = (Motion::from_rigid(a), Motion::from_rigid(b));
         let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();

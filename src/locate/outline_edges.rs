@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EdgeObservation {
     pub point: Vector3<f64>,
-    /// The residual's growth across the outline in the picture, px per mm.
+    /// The gradient of the residual across the outline in the picture, px per mm.
     pub gradient: Vector3<f64>,
     pub edge: Edge,
 }
@@ -40,7 +40,7 @@ pub(super) fn observe(
     Some(EdgeObservation { point, gradient, edge })
 }
 
-/// The unit vector of the picture across an outline's direction, outwards.
+/// Returns the unit vector of the picture perpendicular to an outline's direction, outwards.
 pub(super) fn outward_px(
     along: &nalgebra::Vector2<f64>,
     outward: &nalgebra::Vector2<f64>,

@@ -11,32 +11,32 @@ use super::scatter::centroid_and_normal;
 use crate::geometry::{BESIDE, Raster};
 use nalgebra::Vector3;
 
-/// A piece smaller than this is a speck, blocks.
+/// A piece with fewer blocks is a speck.
 pub(super) const MIN_BLOCKS: usize = 40;
-/// Depth is compared this far beyond the border, blocks: between, pixels have no depth or a flying one.
+/// Depth is compared at this distance beyond the border, blocks: nearer pixels have no depth or are flying pixels.
 const BEYOND: isize = 3;
-/// A line lies on a border, or on a step of brightness, within this, blocks.
+/// A line lies on a border, or on a step of brightness, if the distance is at most this, blocks.
 pub(super) const ON_BLOCKS: f64 = 1.8;
-/// Patches of missing points are no wider than this, blocks.
+/// The maximum width of a patch of missing points, blocks.
 const MAX_HOLE_BLOCKS: isize = 80;
 const NONE: u32 = u32::MAX;
 
-/// A connected smooth piece.
+/// A connected smooth piece of the scan.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     /// Its blocks.
     pub blocks: Vec<u32>,
-    /// Its middle, in the camera's frame, mm.
+    /// The middle of the piece, in the camera's frame, mm.
     pub centre: Vector3<f64>,
-    /// The direction in which it scatters least, towards the camera.
+    /// The direction in which the piece scatters least, towards the camera.
     pub normal: Vector3<f64>,
     /// Its area, mm².
     pub area_mm2: f64,
-    /// Half the diagonal of what it spans, mm.
+    /// Half the diagonal of the piece's extent, mm.
     pub reach_mm: f64,
 }
 
-/// The pieces among these blocks, largest area first.
+/// Returns the pieces among these blocks, largest area first.
 pub(super) fn pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
     let raster = Raster { width: grid.columns, height: grid.rows };
     let joined = |here: usize, there: usize| {
@@ -68,7 +68,7 @@ impl Piece {
         Some(Piece { blocks, centre, normal, area_mm2, reach_mm })
     }
 
-    /// Several pieces as one.
+    /// Joins several pieces to one.
     pub fn joined(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
         Piece::from_blocks(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
     }
@@ -93,7 +93,7 @@ impl Border {
         Border::to_blocks(grid, blocks.filter(|&block| is_true_border(grid, &inside, block, may_have_holes)))
     }
 
-    /// The nearest of these blocks in place of a piece's border.
+    /// Creates a map of the nearest of these blocks, instead of a piece's border.
     pub fn to_blocks(grid: &Grid, blocks: impl Iterator<Item = usize>) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut nearest = vec![NONE; columns * rows];
@@ -147,12 +147,13 @@ impl Border {
         }
     }
 
-    /// From a place of the grid to the nearest true border, blocks; `None` outside of the picture, or without a border.
+    /// Returns the vector from a position of the grid to the nearest true border, blocks; `None` outside of the
+    /// picture, or without a border.
     pub fn way(&self, place: [f64; 2]) -> Option<[f64; 2]> {
         Some(self.nearest(place)?.1)
     }
 
-    /// The same, and which block that is.
+    /// Returns the block of the nearest true border, and the vector to this block.
     pub fn nearest(&self, [x, y]: [f64; 2]) -> Option<(usize, [f64; 2])> {
         let (column, row) = (x.round(), y.round());
         let inside = column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
@@ -164,7 +165,7 @@ impl Border {
     }
 }
 
-/// Are there missing points in this direction, with the same piece beyond them?
+/// Returns whether points are missing in this direction, with the same piece beyond them.
 fn ends_in_a_hole(
     grid: &Grid,
     inside: &[bool],
@@ -175,7 +176,7 @@ fn ends_in_a_hole(
     places.into_iter().find(|&place| grid.depth_mm(place).is_some()).is_some_and(|met| inside[met])
 }
 
-/// Is a block on the piece's border, with something farther or nothing beyond it?
+/// Returns whether a block is on the piece's border, with a farther object or nothing beyond the border.
 fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bool) -> bool {
     let (column, row) = ((block % grid.columns) as isize, (block / grid.columns) as isize);
     let Some(here_mm) = grid.depth_mm(block) else { return false };
@@ -203,7 +204,7 @@ fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bo
     border
 }
 
-/// Some of a piece's points.
+/// Returns a selection of a piece's points.
 pub(super) fn points<'a>(
     grid: &'a Grid,
     piece: &'a Piece,
@@ -216,7 +217,7 @@ pub(super) fn points<'a>(
         .filter_map(|&block| grid.point(block as usize % grid.columns, block as usize / grid.columns))
 }
 
-/// A point's place in the grid of another view; `None` behind that camera.
+/// Returns a point's position in the grid of another view; `None` if the point is behind that camera.
 pub(super) fn seen_from(grid: &Grid, motion: &Motion, point: &Vector3<f64>) -> Option<(Vector3<f64>, [f64; 2])> {
     let there = motion.point(point);
     let pixel = grid.camera.project(super::grid::camera_point(&there))?;

@@ -7,7 +7,7 @@
 use super::correspond::{Tree, distance_limit_mm, pairs};
 use crate::geometry::{Base, Panel, Point, Rigid, nearest_motion};
 
-/// Pairs at this distance or less are kept however good the fit is, mm.
+/// Pairs at this distance or less are never dropped, however good the fit is, mm.
 const FLOOR_MM: f64 = 5.0;
 /// Smaller steps end the iteration, mm.
 const SMALL_STEP_MM: f64 = 0.002;

@@ -11,22 +11,23 @@
 use crate::geometry::OrganizedCloud;
 use crate::geometry::{Frame, Pixel};
 
-/// Places read to each side of the line's middle, px.
+/// The number of positions that are read to each side of the line's middle, px.
 pub(super) const REACH: usize = 12;
-/// Places of a line.
+/// The number of positions on a line.
 pub(super) const PLACES: usize = 2 * REACH + 1;
-/// The levels are read from here to there beside the edge, px.
+/// The levels are read between these two distances from the edge, px.
 const LEVEL_FROM: f64 = 2.5;
 const LEVEL_TO: f64 = 6.0;
 /// The edge is looked for this far from its expected place, px.
 const SEARCH: f64 = 3.0;
-/// The sum of (1) runs this far to each side of the crossing, px.
+/// The sum of (1) extends over this distance to each side of the crossing, px.
 const SUM_REACH: f64 = 1.6;
-/// Sum and crossing may differ by this, px.
+/// Maximum difference between the sum and the crossing, px.
 const MAX_UNLIKE: f64 = 0.5;
-/// Levels must differ by this much, grey levels.
+/// Minimum difference between the levels, grey levels.
 const MIN_CONTRAST: f64 = 14.0;
-/// Places that give a level may differ by this much, grey levels, or by this share of the contrast.
+/// Maximum variation of the positions that determine a level, in grey levels; the second constant is the limit as a
+/// share of the contrast.
 const MAX_UNEVEN: f64 = 10.0;
 const MAX_UNEVEN_SHARE: f64 = 0.1;
 
@@ -36,21 +37,21 @@ pub(super) type Line = [f64; PLACES];
 /// A step of brightness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Step {
-    /// From the line's middle outwards, px.
+    /// Distance of the step from the line's middle outwards, px.
     pub offset_px: f64,
-    /// Level outside less level inside, grey levels.
+    /// Level outside minus level inside, grey levels.
     pub contrast: f64,
     /// The width of the step at its slope, px.
     pub width_px: f64,
 }
 
-/// Brightness of a pixel of a scan, grey levels.
+/// Returns the brightness of a pixel of a scan, grey levels.
 pub(super) fn gray<F: Frame>(scan: &OrganizedCloud<F>, column: usize, row: usize) -> f64 {
     let [r, g, b] = scan.color_at(row * scan.width() + column);
     0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
 }
 
-/// Brightness of a scan's colours between pixels; `None` outside of the picture.
+/// Interpolates the brightness of a scan's colours between pixels; `None` outside of the picture.
 pub(super) fn brightness<F: Frame>(scan: &OrganizedCloud<F>, pixel: Pixel) -> Option<f64> {
     let (u, v) = (pixel.u, pixel.v);
     if !(u >= 0.0 && v >= 0.0 && u < (scan.width() - 1) as f64 && v < (scan.height() - 1) as f64) {
@@ -64,7 +65,7 @@ pub(super) fn brightness<F: Frame>(scan: &OrganizedCloud<F>, pixel: Pixel) -> Op
     Some(above + down * (below - above))
 }
 
-/// Brightness along the line through a pixel, `outward` being a unit vector of the picture.
+/// Returns the brightness along the line through a pixel; `outward` is a unit vector of the picture.
 pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [f64; 2]) -> Option<Line> {
     let mut line = [0.0; PLACES];
     for (index, value) in line.iter_mut().enumerate() {
@@ -112,7 +113,7 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let last = ((crossed + SUM_REACH).ceil() as i64 + REACH as i64).clamp(0, PLACES as i64 - 1) as usize;
     let inside_places: f64 = line[first..=last].iter().map(|gray| (outside - gray) / contrast).sum(); // (1)
     let offset_px = first as f64 - 0.5 + inside_places - REACH as f64;
-    // A spot beside the edge, rather than the edge, has this sum.
+    // Otherwise this sum comes from a spot beside the edge, not from the edge.
     ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| Step {
         offset_px,
         contrast,
@@ -124,8 +125,8 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
 mod tests {
     use super::*;
 
-    /// By hand: 70 inside, 180 outside; the pixel at +2 is a quarter panel, so that the edge is at 1.5 + 0.25. The
-    /// crossing would be at 1 + 55/82.5.
+    /// By hand: 70 inside, 180 outside; a quarter of the pixel at +2 is panel, so that the edge is at 1.5 + 0.25.
+    /// The crossing would be at 1 + 55/82.5.
     #[test]
     fn a_mixed_pixel_says_where_the_edge_is() {
         let line: Line = std::array::from_fn(|i| match i as i64 - REACH as i64 {

@@ -26,17 +26,18 @@ use crate::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Ri
 use crate::panel::TaughtCorner;
 use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3, Vector4};
 
-/// A direction that the cameras see with less than this weight (1 for each camera that looks across it) is not corrected:
-/// two cameras that look almost the same way would turn a pixel's error into millimetres of depth.
+/// A direction that the cameras see with a smaller weight is not corrected (weight 1 for each camera that looks
+/// across it). Two cameras with almost the same view would turn a pixel's error into millimetres of depth.
 const MIN_WEIGHT: f64 = 0.2;
 
-/// Corners nearer to their middle than this turn nothing, mm, root mean square: a pixel would become degrees.
+/// If the corners are nearer to their middle than this (root mean square, mm), the rotation is not corrected: an
+/// error of a pixel would cause degrees.
 const MIN_APART_MM: f64 = 25.0;
 
 /// One corner picture.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerView<'a> {
-    /// Its number among the taught ones, from 0.
+    /// The number of the corner among the taught ones, from 0.
     pub corner: usize,
     /// The corner as taught.
     pub taught: &'a TaughtCorner,
@@ -46,19 +47,19 @@ pub struct CornerView<'a> {
     pub found_px: Pixel,
 }
 
-/// Why a correction cannot be computed.
+/// The reason why a correction cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefineError {
     /// No picture.
     #[error("no corner picture was given; at least one is needed")]
     NoView,
-    /// The corner is not before the camera.
+    /// The corner is not in front of the camera.
     #[error(
         "from the flange pose of its picture corner {corner} would be {depth_mm:.0} mm before the camera; is that pose \
          the picture's?"
     )]
     NotInView {
-        /// Which of the taught corners, from 1.
+        /// Number of the taught corner, from 1.
         corner: usize,
         /// Depth of the expected corner, mm.
         depth_mm: f64,
@@ -139,8 +140,8 @@ fn look(
     })
 }
 
-/// The motion that fits all corners best; for one corner, the shift by Δ along its camera's axes (Eq. 3.24, seen from the
-/// base).
+/// Returns the motion that fits all corners best. For one corner, this is the shift by Δ along its camera's axes
+/// (Eq. 3.24, seen from the base).
 fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let count = seen.len().max(1) as f64;
     let middle = seen.iter().map(|view| view.point.mm.coords).sum::<Vector3<f64>>() / count;

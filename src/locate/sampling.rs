@@ -1,6 +1,6 @@
-//! Which of many points are looked at.
+//! Selects the points to be looked at from a large number.
 
-/// Evenly spread places of a list: multiples of the golden section, which leave no rows out.
+/// Returns evenly spread indices of a list: multiples of the golden section, which omit no rows.
 pub(super) fn spread_over(count: usize, wanted: usize) -> Vec<usize> {
     if wanted >= count {
         return (0..count).collect();

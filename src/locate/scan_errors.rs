@@ -1,4 +1,4 @@
-//! What is known of the 3D camera's own errors: measured by `panelprep calibrate scanner`, or assumed.
+//! The known errors of the 3D camera: measured by `panelprep calibrate scanner`, or assumed.
 
 use crate::cell::MeasuredScanner;
 use crate::geometry::{Camera, DepthField, OrganizedCloud, Point};
@@ -8,16 +8,18 @@ use std::f64::consts::SQRT_2;
 /// The smooth errors of scans, which many points share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeErrors {
-    /// Over squares of this side they are alike, mm.
+    /// Side of the squares over which the errors are alike, mm.
     pub correlation_mm: f64,
-    /// Of a surface residual between two scans, one standard deviation of such a square's mean, mm.
+    /// One standard deviation of the mean of a surface residual between two scans, over a square with the side
+    /// `correlation_mm`, mm.
     pub between_scans_mm: f64,
-    /// Of the taught scan alone at a point of the outline: it lies so far off along the taught rays, which another
-    /// view shows aside, mm.
+    /// One standard deviation of the taught scan's error at a point of the outline, mm. The error lies along the
+    /// taught rays, so that it appears sideways from another view.
     pub of_taught_mm: f64,
-    /// The camera's distances are too long or too short by this share in each scan alike, one standard deviation.
+    /// One standard deviation of the scale error that all scans share: the camera's distances are too long or too
+    /// short by this share.
     pub scale: f64,
-    /// The same, from scan to scan.
+    /// One standard deviation of the scale error that differs from scan to scan, as a share.
     pub scale_between_scans: f64,
     /// Were they measured?
     pub is_measured: bool,
@@ -27,10 +29,10 @@ pub struct RangeErrors {
 const POINT: f64 = 1.5;
 
 impl Default for RangeErrors {
-    /// Without a measurement: what a Zivid Two's scans of a smooth panel show, 0.06 mm of local planarity by its
-    /// maker; who also states 0.2 % of dimension trueness, which is taken as two standard deviations that all scans
-    /// share. No maker states over which length errors are alike: with 85 mm what is stated holds up to 120 mm
-    /// (`make bench-locate`, `correlated`).
+    /// The errors without a measurement. A Zivid Two's scans of a smooth panel show them: 0.06 mm of local
+    /// planarity according to its maker. The maker also states 0.2 % of dimension trueness, which is used as two
+    /// standard deviations that all scans share. No maker states the length over which errors are alike: with 85 mm
+    /// the stated uncertainty is correct for lengths up to 120 mm (`make bench-locate`, `correlated`).
     fn default() -> Self {
         RangeErrors {
             correlation_mm: 85.0,
@@ -67,7 +69,7 @@ impl RangeErrors {
 /// All of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ScanErrors {
-    /// What differs from scan to scan.
+    /// The errors that differ from scan to scan.
     pub range: RangeErrors,
     /// The part that is the same in each scan and is removed; `None` if it is not known.
     pub field: Option<DepthField>,
@@ -75,8 +77,8 @@ pub struct ScanErrors {
     pub scale_off: f64,
 }
 
-/// The printed board that the scale was measured by is itself known to this share, one standard deviation: 0.1 mm
-/// of 200 mm by a caliper is two of them.
+/// The length of the printed board by which the scale was measured is itself known to this share, one standard
+/// deviation. By a caliper, 0.1 mm of 200 mm is two standard deviations.
 const BOARD_SHARE: f64 = 0.000_25;
 
 impl ScanErrors {
@@ -87,8 +89,8 @@ impl ScanErrors {
             correlation_mm: measured.correlation_mm,
             between_scans_mm: SQRT_2 * measured.smooth_mm,
             of_taught_mm: POINT * measured.smooth_mm,
-            // The scale that is taken off is that of the board's stated squares, which nothing here proves: it is
-            // counted whole, beside the board's own length and the measurement.
+            // The removed scale relates to the stated squares of the board, which nothing here verifies. Therefore
+            // it counts completely, in addition to the errors of the board's length and of the measurement.
             scale: (measured.scale_percent / 100.0)
                 .hypot(BOARD_SHARE)
                 .hypot(measured.scale_deviation_percent / 100.0 / (measured.places.max(1) as f64).sqrt()),
@@ -98,7 +100,7 @@ impl ScanErrors {
         ScanErrors { range, field: measured.field, scale_off: measured.scale_percent / 100.0 }
     }
 
-    /// The scan without what is the same in each: the smooth field, and the scale.
+    /// Removes the errors that are the same in each scan: the smooth field, and the scale.
     pub fn corrected(&self, scan: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         if self.field.is_none() && self.scale_off == 0.0 {
             return scan;
@@ -107,7 +109,7 @@ impl ScanErrors {
         scan.along_rays(|mm| scale * self.field.as_ref().map_or(1.0, |field| field.factor(mm)))
     }
 
-    /// A point of a scan likewise.
+    /// Removes the same errors from a single point of a scan.
     pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
         let along = self.field.as_ref().map_or(point, |field| field.corrected_point(point));
         Point::new(along.mm / (1.0 + self.scale_off))
@@ -119,7 +121,7 @@ mod tests {
     use super::*;
     use crate::cell::Provenance;
 
-    /// By hand: a camera that measures 0.2 % too long has a point at 701.4 mm that is 700 mm away.
+    /// By hand: a camera that measures 0.2 % too long shows a point at 701.4 mm that is 700 mm away.
     #[test]
     fn a_measured_scale_is_taken_off() {
         let measured = MeasuredScanner {
@@ -138,7 +140,8 @@ mod tests {
         let point = errors.corrected(cloud).point_at(0).expect("there").mm;
         assert!((point.z - 700.0).abs() < 1e-3 && (point.x - 10.0).abs() < 1e-3, "{point}");
         assert!((errors.corrected_point(Point::at(0.0, 0.0, 701.4)).mm.z - 700.0).abs() < 1e-9);
-        // 0.04 % over sixteen places is 0.01 %, beside the board's own 0.025 % and the 0.2 % that were taken off.
+        // 0.04 % over sixteen places is 0.01 %, in addition to the board's own 0.025 % and the 0.2 % that were
+        // removed.
         assert!((errors.range.scale - 0.002_f64.hypot(0.000_25).hypot(0.000_1)).abs() < 1e-12);
         assert_eq!(ScanErrors::default().scale_off, 0.0);
     }

@@ -1,8 +1,8 @@
-//! The centroid of points and the direction in which they scatter least.
+//! Calculates the centroid of points and the direction in which they scatter least.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Centroid, and the direction in which the points scatter least; `None` for no points.
+/// Returns the centroid, and the direction in which the points scatter least; `None` for no points.
 pub(super) fn centroid_and_normal(points: &[Vector3<f64>]) -> Option<(Vector3<f64>, Vector3<f64>)> {
     if points.is_empty() {
         return None;

@@ -20,32 +20,35 @@ use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-/// Rotations about the normal.
+/// The number of rotations about the normal.
 const TURNS: usize = 36;
 /// The same if marks are looked for.
 const MARK_TURNS: usize = 72;
-/// Shifts to each side along both axes, and their step as a share of the panel's reach.
+/// The number of shifts to each side along both axes, and their step as a share of the panel's reach.
 const SHIFTS: i32 = 2;
 const SHIFT_STEP: f64 = 0.13;
-/// Points of the surface for a first look, for moving a start, and for its score.
+/// The numbers of surface points for a first evaluation, for moving a start, and for its score.
 const COARSE_POINTS: usize = 110;
 const MOVE_POINTS: usize = 360;
 const SCORE_POINTS: usize = 900;
-/// Points of the outline, or of the marks, for moving a start, and of the outline for its score.
+/// The number of points of the outline, or of the marks, for moving a start. The second constant is the number of
+/// outline points for its score.
 const MOVE_LINES: usize = 160;
 const SCORE_OUTLINE: usize = 300;
-/// A first look lets the surfaces be this far apart, as a share of the panel's reach: the piece's normal is rough.
+/// Permitted distance of the surfaces in the first evaluation, as a share of the panel's reach: the piece's normal
+/// is not precise.
 const COARSE_DISTANCE: f64 = 0.09;
-/// Rounds of moving, each letting residuals be smaller.
+/// The number of rounds in which a start is moved; the limit of the residuals shrinks by the second constant in
+/// each round.
 const ROUNDS: usize = 14;
 const SHRINK: f64 = 0.82;
-/// Starts by marks are near from the beginning: they leave the first rounds out.
+/// Starts by marks are near from the beginning, and omit the rounds before this one.
 const FIRST_ROUND_BY_MARKS: usize = 6;
 const FIRST_REACH_MM: f64 = 20.0;
 const LAST_REACH_MM: f64 = 2.0;
 const FIRST_REACH_BLOCKS: f64 = 30.0;
 const LAST_REACH_BLOCKS: f64 = 3.0;
-/// A taught point lies on the scan within this, mm.
+/// A taught point lies on the scan if its distance is at most this, mm.
 const ON_MM: f64 = 1.5;
 /// Distance from the outline at which missing points are looked for, mm.
 const BESIDE_MM: f64 = 3.0;
@@ -57,20 +60,21 @@ const WORSE: f64 = 1.2;
 /// borders carry less information.
 const MAX_HYPOTHESES: usize = 5;
 const MAX_PATCH_HYPOTHESES: usize = 20;
-/// A piece with a smaller share of the panel's area is no start by itself, and with a still smaller one no part of one.
+/// A piece with a smaller share of the panel's area is not a start by itself. Below the second constant it is not
+/// even a part of a start.
 const ALONE: f64 = 0.3;
 const PART: f64 = 0.05;
-/// A piece this many times as large as the panel is something else.
+/// A piece larger than the panel by this factor is another object.
 const TOO_LARGE: f64 = 3.5;
 
-/// A pose hypothesis, and how well it explains the scan, −2…4.
+/// A pose hypothesis, with a score from −2 to 4 for its agreement with the scan.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PoseHypothesis {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub score: f64,
 }
 
-/// What holds a start in the panel's plane.
+/// The lines that constrain a start in the panel's plane.
 #[derive(Clone, Copy)]
 enum By<'a> {
     /// The piece's true border.
@@ -85,7 +89,7 @@ struct Lines<'a> {
     steps: Option<&'a MarkSteps>,
 }
 
-/// How many hypotheses are fitted.
+/// Returns the number of hypotheses that are fitted.
 pub(super) fn kept(model: &Model) -> usize {
     if model.is_patchy() { MAX_PATCH_HYPOTHESES } else { MAX_HYPOTHESES }
 }
@@ -107,12 +111,12 @@ pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Pi
     found
 }
 
-/// From the panel's middle to its farthest point, mm.
+/// Returns the distance from the panel's middle to its farthest point, mm.
 pub(super) fn reach_mm(model: &Model) -> f64 {
     model.outline.iter().map(|sample| (sample.point - model.centre).norm()).fold(0.0, f64::max)
 }
 
-/// The pose hypotheses that these pieces allow, best first, no two alike.
+/// Returns the pose hypotheses that these pieces allow, best first, with no two alike.
 pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
@@ -177,20 +181,21 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
     Some(centred(model, piece.centre + shift, &rotation))
 }
 
-/// The taught panel's normal along the piece's, and then this part of a turn about it.
+/// Returns the rotation that aligns the taught panel's normal with the piece's normal, followed by this part of a
+/// full turn about it.
 fn turned(model: &Model, piece: &Piece, turn: f64) -> Rotation3<f64> {
     let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     Rotation3::from_axis_angle(&Unit::new_normalize(piece.normal), turn * std::f64::consts::TAU) * upright
 }
 
-/// The pose that puts the panel's middle there, turned so.
+/// Returns the pose with this rotation that puts the panel's middle at `centre`.
 fn centred(model: &Model, centre: Vector3<f64>, rotation: &Rotation3<f64>) -> Rigid<Camera, Panel> {
     let turn = UnitQuaternion::from_rotation_matrix(rotation);
     Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * model.centre), turn))
 }
 
-/// Some direction across another.
+/// Returns a direction perpendicular to the given one.
 fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
     let least = direction.iamin();
     let mut axis = Vector3::zeros();
@@ -198,7 +203,7 @@ fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// Moves a start by surface and lines until residuals are small or not.
+/// Moves a start by surface and lines, in a fixed number of rounds, whether the residuals become small or not.
 fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>) -> Option<Rigid<Camera, Panel>> {
     let on_surface = spread_over(model.points.len(), MOVE_POINTS);
     let (count, first_round) = match by {
@@ -227,7 +232,7 @@ fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>
     Some(placed)
 }
 
-/// Residuals of taught surface points at a pose.
+/// Returns the residuals of taught surface points at a pose.
 pub(super) fn surface_at(motion: &Motion, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
@@ -245,7 +250,7 @@ pub(super) fn surface_residual(motion: &Motion, model: &Model, grid: &Grid, samp
     Some(Constraint { point, gradient: normal, residual, sample })
 }
 
-/// How far an outline's point lies outside of the nearest true border, blocks.
+/// Returns how far an outline's point lies outside of the nearest true border, blocks.
 fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: usize) -> Option<Constraint> {
     let sample = &model.outline[k];
     let point = motion.point(&sample.point);
@@ -267,7 +272,7 @@ fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> b
     grid.camera.project(camera_point(&inside)).is_some_and(|pixel| grid.look(pixel) == DepthReading::Nothing)
 }
 
-/// How well a pose explains the scan, in both directions.
+/// Rates how well a pose explains the scan, in both directions.
 fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, lines: &Lines<'_>) -> f64 {
     let motion = Motion::from_rigid(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
@@ -296,22 +301,23 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     surface + outline + covered + marks_found(&motion, model, grid, lines.steps)
 }
 
-/// What a scan shows of a taught point at a pose.
+/// The observation of a taught point in a scan at a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum PointObservation {
-    /// The scan has the point; its distance before the scan along the normal, (1) of `grid`, mm.
+    /// The scan has the point. The value is the point's distance in front of the scan along the normal, (1) of
+    /// `grid`, mm.
     On(f64),
     /// The scan has the point beside an edge or missing points, with a depth that is not precise.
     Near,
     /// The scan shows something behind the point: the panel is not there.
     Through,
-    /// Something nearer is seen, the point looks away, or it lies outside of the picture.
+    /// A nearer object is seen, the point faces away, or it lies outside of the picture.
     Hidden,
     /// Nothing was measured there.
     Unknown,
 }
 
-/// What the scan shows of one taught point.
+/// Returns the observation of one taught point in the scan.
 pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
@@ -329,7 +335,7 @@ pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample:
     }
 }
 
-/// The share of a piece's points that the taught panel covers at a pose.
+/// Returns the share of a piece's points that the taught panel covers at a pose.
 pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
     let back = motion.inverse();
     let taught = Motion::from_rigid(&model.camera_from_panel);

@@ -13,7 +13,7 @@ use crate::geometry::Pixel;
 /// No projector is farther from its lens, mm: that of a Zivid Two is 112 away.
 const MAX_BASELINE_MM: f64 = 120.0;
 
-/// May something nearer keep the light from a place at this depth?
+/// Returns whether a nearer object may keep the light from a place at this depth.
 pub(super) fn may_hide(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
     let [x, y] = grid.place(pixel).map(f64::round);
     if !(x >= 0.0 && y >= 0.0 && x < grid.columns as f64 && y < grid.rows as f64) {
@@ -47,7 +47,8 @@ mod tests {
         k3: 0.0,
     };
 
-    /// By hand: f = 446 px, a thing at 680 mm before a panel at 780: 446 · 120 · (1/680 − 1/780) = 10.1 px beside it.
+    /// By hand: f = 446 px, an object at 680 mm in front of a panel at 780 mm: 446 · 120 · (1/680 − 1/780) = 10.1
+    /// px beside it.
     #[test]
     fn the_shadow_of_a_thing_is_as_wide_as_by_hand() {
         let thing = |column: usize, row: usize| (200..=240).contains(&column) && (100..=140).contains(&row);
@@ -60,7 +61,7 @@ mod tests {
         assert!(!may_hide(&grid, Pixel::at(190.0, 120.0), 690.0), "10 mm behind it: 4 px");
     }
 
-    /// A plane that falls away at 70° has no thing before it.
+    /// A plane that slopes away at 70° has no object in front of it.
     #[test]
     fn a_steep_panel_is_no_thing_before_itself() {
         let slope = 70.0_f64.to_radians().tan();

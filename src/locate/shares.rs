@@ -162,7 +162,7 @@ fn cut_where_held(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> V
     pieces::pieces(grid, &free)
 }
 
-/// Share of the panel's pixels that are overexposed.
+/// Returns the share of the panel's pixels that are overexposed.
 pub(super) fn saturated(motion: &Motion, inputs: FitInputs<'_>) -> f64 {
     let FitInputs { model, grid, scan } = inputs;
     let (mut asked, mut over) = (0usize, 0usize);

@@ -1,32 +1,33 @@
-//! One Gauss–Newton step for everything that holds the panel: its surface and its outline.
+//! One Gauss–Newton step for all constraints of the panel: its surface and its outline.
 //!
-//! A constraint is a small signed residual r of a point p of the panel along a gradient g: along the surface's normal, in
-//! mm, or across the outline in the picture, in px. A twist ξ = (ω, v) about the centre c moves p by ω × (p − c) + v, so
+//! A constraint is a small signed residual r of a point p of the panel along a gradient g: along the surface's
+//! normal, in mm, or across the outline in the picture, in px. A twist ξ = (ω, v) about the centre c moves p by ω ×
+//! (p − c) + v, so that
 //!     J = [ ((p − c) × g)ᵀ  gᵀ ],   (Σ w JᵀJ) ξ = −Σ w Jᵀ r.                                              (1)
-//! Weights are Tukey's (Beaton & Tukey, Technometrics 16, 1974) over the variance of a constraint and the number of its
-//! neighbours that share one error. Sums are taken over fixed chunks in their order: the same bits for any number of
-//! threads.
+//! Weights are Tukey's (Beaton & Tukey, Technometrics 16, 1974), divided by the variance of a constraint and the
+//! number of its neighbours that share one error. Sums are calculated over fixed chunks in their order, so that
+//! they are bit-identical for any number of threads.
 
 use crate::geometry::statistics::SIGMA_OF_MEDIAN;
 use crate::geometry::{Camera, Panel, Rigid, median};
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
-/// Constraints summed by one task.
+/// The number of constraints that one task sums.
 const CHUNK: usize = 1_024;
-/// A twist may not be held by less than this share of what holds it best.
+/// The minimum ratio of the weakest constraint of a twist to the strongest.
 const MIN_CONDITION: f64 = 1e-9;
 
-/// One residual and how it changes.
+/// One residual and its gradient.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Constraint {
     /// The point in the camera's frame, mm.
     pub point: Vector3<f64>,
-    /// How the residual grows with the point, per mm.
+    /// The gradient of the residual with the point's position, per mm.
     pub gradient: Vector3<f64>,
     /// The residual.
     pub residual: f64,
-    /// Which taught sample it belongs to.
+    /// The taught sample to which the constraint belongs.
     pub sample: usize,
 }
 
@@ -51,7 +52,7 @@ pub(super) struct ResidualWeighting {
 }
 
 impl ResidualWeighting {
-    /// Tukey's weight of a residual, 0…1.
+    /// Returns Tukey's weight of a residual, 0…1.
     pub fn robust(&self, residual: f64) -> f64 {
         let share = residual / self.cutoff;
         if share.abs() < 1.0 { (1.0 - share * share).powi(2) } else { 0.0 }
@@ -72,7 +73,7 @@ pub(super) struct Sums {
 impl Sums {
     pub const ZERO: Sums = Sums { information: Matrix6::from_array_storage(ZERO_6), gradient: ZERO_1 };
 
-    /// Over constraints of one kind.
+    /// Calculates the sums over constraints of one kind.
     pub fn over(constraints: &[Constraint], weighing: &ResidualWeighting, centre: &Vector3<f64>) -> Sums {
         let chunk = |chunk: &[Constraint]| {
             let mut sums = Sums::ZERO;
@@ -110,13 +111,13 @@ impl Sums {
 const ZERO_6: nalgebra::ArrayStorage<f64, 6, 6> = nalgebra::ArrayStorage([[0.0; 6]; 6]);
 const ZERO_1: Vector6<f64> = Vector6::from_array_storage(nalgebra::ArrayStorage([[0.0; 6]]));
 
-/// The median size of residuals, scaled to the standard deviation of a normal distribution.
+/// Returns the median absolute residual, scaled to the standard deviation of a normal distribution.
 pub(super) fn spread(constraints: &[Constraint]) -> f64 {
     let mut sizes: Vec<f64> = constraints.iter().map(|constraint| constraint.residual.abs()).collect();
     SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)
 }
 
-/// The transform followed by a small rotation about a point and a small shift, both in the camera's frame.
+/// Applies a small rotation about a point and a small shift to the transform, both in the camera's frame.
 pub(super) fn twisted(
     camera_from_panel: &Rigid<Camera, Panel>,
     centre: &Vector3<f64>,
@@ -135,7 +136,8 @@ mod tests {
 
     const WEIGHING: ResidualWeighting = ResidualWeighting { sigma: 0.1, correlated_count: 1.0, cutoff: 1e9 };
 
-    /// By hand: turned by 0.001 rad about z at (560, 0, 700), a point 100 mm beside it in y moves by −0.1 mm in x.
+    /// By hand: rotated by 0.001 rad about z at (560, 0, 700), a point with an offset of 100 mm in y moves by −0.1
+    /// mm in x.
     #[test]
     fn a_twist_turns_about_the_centre() {
         let twist = Vector6::new(0.0, 0.0, 0.001, 0.0, 0.0, 0.5);
@@ -169,7 +171,7 @@ mod tests {
         assert_eq!(of_surface.twist(), None);
     }
 
-    /// By hand: at half its reach a residual has (1 − ¼)² = 0.5625 of its weight, at its reach none.
+    /// By hand: at half of its cutoff a residual has (1 − ¼)² = 0.5625 of its weight; at the cutoff it has none.
     #[test]
     fn far_residuals_have_no_weight() {
         let weighing = ResidualWeighting { sigma: 0.5, correlated_count: 4.0, cutoff: 2.0 };

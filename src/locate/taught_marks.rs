@@ -16,19 +16,19 @@ use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Side of a cell that has one mark at most, px.
+/// Side of a search cell, px; a cell has at most one mark.
 const CELL_PX: usize = 8;
-/// A mark's two sides differ by this much, grey levels: three times what an edge of the outline needs, and far
-/// beyond a weave.
+/// Smallest difference between the two sides of a mark, grey levels: three times the value for an edge of the
+/// outline, and far above a weave.
 const MIN_CONTRAST: f64 = 40.0;
-/// Of a step's contrast this much lies between the two pixels that [`steepest`] compares.
+/// Share of a step's contrast that lies between the two pixels that [`steepest`] compares.
 const STEEP: f64 = 0.35;
-/// The change of brightness at the border of a mark, grey levels.
+/// The smallest change of brightness at the border of a mark, grey levels.
 pub(super) const MIN_STEP: f64 = STEEP * MIN_CONTRAST;
 /// A mark within this distance of a held place gives no information about the panel, px.
 const HELD_NEAR_PX: f64 = PLACES as f64;
 
-/// A place at the border of a mark.
+/// A point on the border of a mark.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MarkPoint {
     /// Its position in the panel's frame, mm.
@@ -47,7 +47,7 @@ pub(super) struct MarkPoint {
 #[derive(Debug, Clone, Default)]
 pub(super) struct TaughtMarks {
     pub points: Vec<MarkPoint>,
-    /// How many of them share one error, on average.
+    /// Average number of marks that share one error.
     pub correlated_count: f64,
 }
 
@@ -78,7 +78,7 @@ struct MarkSearch<'a> {
 }
 
 impl MarkSearch<'_> {
-    /// The mark of a cell, which begins at this pixel.
+    /// Finds the mark of the cell that begins at this pixel.
     fn mark_in(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
         let margin = REACH + 1;
@@ -94,7 +94,7 @@ impl MarkSearch<'_> {
         self.mark_at(Pixel::at(column as f64, row as f64), step.brighter)
     }
 
-    /// The step beside a pixel towards what is brighter.
+    /// Finds the brightness step beside a pixel, in the direction of the brighter side.
     fn mark_at(&self, pixel: Pixel, brighter: Vector2<f64>) -> Option<MarkPoint> {
         if !self.is_on_panel(pixel, brighter) || self.panel.is_held_near(pixel, HELD_NEAR_PX) {
             return None;
@@ -105,7 +105,7 @@ impl MarkSearch<'_> {
         let ray = |pixel: Pixel| Some(self.panel.camera.unproject::<Camera>(pixel)?.mm);
         let (depth_mm, normal) = self.surface.beside(self.grid, pixel)?;
         let here = ray(pixel)? * depth_mm;
-        // The neighbour in the picture on the surface's plane.
+        // Direction from this point to a neighbouring pixel, on the surface's plane.
         let beside = |du: f64, dv: f64| {
             let ray = ray(Pixel::at(pixel.u + du, pixel.v + dv))?;
             (ray * (normal.dot(&here) / normal.dot(&ray)) - here).try_normalize(1e-12)
@@ -124,7 +124,8 @@ impl MarkSearch<'_> {
         })
     }
 
-    /// Whether both ends of the line lie on the panel, so that its own edge is no mark.
+    /// Returns whether both ends of the line lie on the panel; otherwise the panel's own edge could count as a
+    /// mark.
     fn is_on_panel(&self, pixel: Pixel, across: Vector2<f64>) -> bool {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
         (-(REACH as i32)..=REACH as i32).step_by(4).all(|way| {

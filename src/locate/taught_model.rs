@@ -7,11 +7,11 @@ use super::model::{Model, taught_grid};
 use super::scan_errors::RangeErrors;
 use crate::panel::TaughtPanel;
 
-/// A taught panel as the localization uses it, for scans that are so far off.
+/// A taught panel as the localization uses it.
 pub struct TaughtModel {
     /// The panel.
     pub(super) model: Model,
-    /// What else the taught scan shows: the fixture.
+    /// The other surfaces in the taught scan: the fixture.
     pub(super) fixture: Grid,
 }
 

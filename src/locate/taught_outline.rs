@@ -19,13 +19,13 @@ use rayon::prelude::*;
 const CONTOUR_REACH: usize = 5;
 /// Distance of the outline's points along the contour, px.
 const CONTOUR_STEP: usize = 2;
-/// The mask's border lies this far inside of the edge, px: pixels that are half panel have no point.
+/// Distance of the mask's border inside the edge, px: pixels that are only half on the panel have no point.
 const MASK_INSET_PX: f64 = 1.0;
 /// A contour place this near to a held place is not used, because its mean includes held pixels, px.
 const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
-/// The number of points to each side from which the direction of the outline is taken.
+/// Number of points to each side that determine the direction of the outline.
 const ALONG_REACH: usize = 3;
-/// Fewer points of the outline hold no panel.
+/// Smallest number of outline points that determine the panel's pose.
 pub(super) const MIN_OUTLINE: usize = 60;
 
 /// A point of the outline.
@@ -35,30 +35,30 @@ pub(super) struct OutlinePoint {
     pub point: Vector3<f64>,
     /// The direction along the outline.
     pub along: Vector3<f64>,
-    /// The surface's normal beside it.
+    /// The surface's normal beside the outline.
     pub normal: Vector3<f64>,
     /// The direction in the surface that leads off the panel.
     pub outward: Vector3<f64>,
     /// Length of outline that this point represents, mm.
     pub length_mm: f64,
-    /// Was its edge found by colour?
+    /// Whether the edge at this point was found by colour.
     pub by_colour: bool,
 }
 
-/// What shows the taught outline: shares of its places, 0…1.
+/// The means by which the taught outline is seen: shares of its points, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlineSeen {
-    /// Its edge is seen by colour.
+    /// Share whose edge is seen by colour.
     pub by_colour: f64,
     /// By depth alone.
     pub by_depth: f64,
-    /// Something holds the panel there.
+    /// Share at which something holds the panel.
     pub held: f64,
-    /// Neither colour nor depth shows the edge, or no surface was measured beside it.
+    /// Share at which neither colour nor depth shows the edge, or no surface was measured beside it.
     pub unseen: f64,
 }
 
-/// The outline as it was taught.
+/// The taught outline.
 pub(super) struct TaughtOutline {
     pub points: Vec<OutlinePoint>,
     /// Width of a brightness step at its edges, px, median.
@@ -66,13 +66,13 @@ pub(super) struct TaughtOutline {
     pub seen: OutlineSeen,
 }
 
-/// An edge beside a place of the contour.
+/// An edge beside a point of the contour.
 #[derive(Clone, Copy)]
 struct EdgePoint {
-    /// In the camera's frame.
+    /// The point in the camera's frame.
     point: Vector3<f64>,
     normal: Vector3<f64>,
-    /// By colour: how wide it is.
+    /// Width of the edge, px, if colour shows it.
     width_px: Option<f64>,
 }
 
@@ -134,7 +134,8 @@ impl TaughtOutline {
 }
 
 impl OutlineContext<'_> {
-    /// The middle of the contour about a place, and the unit vector of the picture that leads off the panel there.
+    /// Returns the mean position of the contour around a point, and the unit vector in the picture that leads off
+    /// the panel there.
     fn place(&self, k: usize) -> Option<(Pixel, Vector2<f64>)> {
         let contour = &self.panel.outline_px;
         let count = contour.len();
@@ -148,7 +149,8 @@ impl OutlineContext<'_> {
         let (before, after) = (mean(from, CONTOUR_REACH), mean(k + 1, CONTOUR_REACH));
         let (du, dv) = (after[0] - before[0], after[1] - before[1]);
         let length = du.hypot(dv);
-        // On a screen, v down, a clockwise contour has its inside to the right: outward is (t_v, −t_u).
+        // On a screen, v points down, and the inside of a clockwise contour is to the right: outward is (t_v,
+        // −t_u).
         let outward = || Vector2::new(self.side * dv / length, -self.side * du / length);
         (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
     }
@@ -184,7 +186,8 @@ impl OutlineContext<'_> {
         (step.map_or(MASK_INSET_PX, |step| step.offset_px), step.map(|step| step.width_px))
     }
 
-    /// From a person's line outwards to the edge that the scan shows beside it.
+    /// Returns the distance from a person's line outwards to the edge that the scan shows beside it, px, and the
+    /// edge's width if colour shows it.
     fn at_the_line(&self, scan: &Scan, middle: Pixel, outward: Vector2<f64>) -> Option<(f64, Option<f64>)> {
         let (point, normal) = self.on_surface(middle)?;
         match edges::beside(&self.panel.camera, scan, (middle, outward), (&point, &normal)) {
@@ -207,7 +210,7 @@ impl OutlineContext<'_> {
         let (next, last) = (edges[(k + 1) % count].point, edges[(k + count - 1) % count].point);
         let apart_mm = ((next - here).norm() + (last - here).norm()) / 2.0;
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
-        // In the camera's frame v is down as well: the same side.
+        // In the camera's frame, v also points down, so the side is the same.
         let outward = along.cross(&normal) * -self.side;
         let panel_from_camera = Motion::from_rigid(&self.panel.panel_from_camera);
         let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;

@@ -5,17 +5,17 @@ use crate::geometry::Pixel;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
-/// Half the width of the neighbourhood that gives a normal, blocks.
+/// Half the width of the neighbourhood that determines a normal, blocks.
 const NORMAL_REACH: usize = 2;
-/// The surface at an edge is fitted to blocks within this distance; the number of them that is needed, and the
-/// distance of the nearest, blocks.
+/// Greatest distance of the blocks to which the surface at an edge is fitted, blocks. Then the number of blocks
+/// needed, and the greatest distance of the nearest block.
 const EDGE_REACH: isize = 7;
 const MIN_BESIDE: usize = 25;
 const MAX_BESIDE: f64 = 4.0;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// In the camera's frame.
+    /// The point in the camera's frame.
     pub point: Vector3<f64>,
     pub normal: Vector3<f64>,
     pub area_mm2: f64,
@@ -24,7 +24,7 @@ pub(super) struct Sample {
 /// The surface block by block.
 pub(super) struct Surface {
     pub samples: Vec<Sample>,
-    /// The sample of each block.
+    /// Index of each block's sample.
     of_block: Vec<Option<u32>>,
 }
 
@@ -84,7 +84,7 @@ impl Surface {
     }
 }
 
-/// The plane through a block's neighbours: least squares of the points over columns and rows.
+/// Fits the plane through a block's neighbours: least squares of the points over columns and rows.
 fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: Vector3<f64>) -> Option<Sample> {
     let (column, row) = (index % grid.columns, index / grid.columns);
     let mut squares = Matrix3::zeros();

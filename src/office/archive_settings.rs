@@ -14,7 +14,7 @@ pub struct ArchiveSettings {
     pub waiting_gb: usize,
     /// The database.
     pub database: Database,
-    /// The folder of files: pictures, recipes, calibrations.
+    /// The folder of the files: pictures, recipes, calibrations.
     pub files: PathBuf,
     /// The office's page; `None` if there is no page.
     pub fleet: Option<FleetPage>,
@@ -23,7 +23,7 @@ pub struct ArchiveSettings {
 /// The address of the office's page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetPage {
-    /// The address and port.
+    /// The address and port on which the page listens.
     pub listen: SocketAddr,
     /// The certificate file and its key file, PEM. Without them the program makes its own certificate if other
     /// computers can reach the page.
@@ -43,7 +43,8 @@ pub struct Database {
     pub user: String,
     /// The file that contains only the password; `None` if the database needs no password.
     pub password_file: Option<PathBuf>,
-    /// The certificate authority's file, PEM: with it the connection is encrypted, and another certificate is refused.
+    /// The certificate authority's file, PEM. With this file the connection is encrypted, and any other certificate
+    /// is refused.
     pub ca: Option<PathBuf>,
 }
 
@@ -53,7 +54,7 @@ const PORT: std::ops::RangeInclusive<usize> = 1..=65_535;
 const GB: i64 = 1_000_000_000;
 
 impl ArchiveSettings {
-    /// What may wait in the broker, bytes.
+    /// Returns the largest amount of data that may wait in the broker, bytes.
     pub fn most_bytes(&self) -> i64 {
         i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB)
     }
@@ -93,7 +94,7 @@ fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usi
     Some((broker, waiting_gb?))
 }
 
-/// The outer `None` is a problem, the inner one no page.
+/// Reads the address of the office's page. The outer `None` means a problem, the inner `None` means no page.
 fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
     let [listen, certificate, key] = ["listen", "certificate", "certificate_key"]
         .map(|key| section.parse::<Option<String>>(key, (), Some(None)));

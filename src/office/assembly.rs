@@ -12,29 +12,29 @@ use std::collections::BTreeMap;
 /// Limit of the bytes that are joined at one time. If more is begun, the oldest item is dropped: it is sent again.
 const MAX_BYTES: usize = 512 << 20;
 
-/// Something that is whole.
+/// A message or a file of which all parts have arrived.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Assembled<R> {
-    /// Which cell sent it.
+    /// The cell that sent the data.
     pub cell: CellName,
     /// What.
     pub what: What,
     /// The bytes of the item. If it is a file, the hash of the bytes is the name of the file.
     pub bytes: Vec<u8>,
-    /// The receipts of its parts.
+    /// The receipts of all parts.
     pub receipts: Vec<R>,
 }
 
-/// What can never become whole.
+/// A message or a file that can never become complete.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unfit<R> {
     /// Why.
     pub error: OfficeError,
-    /// The receipts of all of its parts so far.
+    /// The receipts of all parts received so far.
     pub receipts: Vec<R>,
 }
 
-/// What is not whole yet.
+/// The messages and files that are not complete yet.
 #[derive(Debug)]
 pub struct Assembly<R> {
     begun: BTreeMap<(CellName, What), Begun<R>>,

@@ -1,4 +1,4 @@
-//! The content of what is sent.
+//! The content of a message to the office.
 
 use super::position::{Kind, Listed, Position};
 use crate::files::content_hash;
@@ -6,12 +6,12 @@ use crate::record::{CycleId, PartNames};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// Something that the office is to have, with its name.
+/// A named item that the office must receive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Envelope {
     /// Its name.
     pub position: Position,
-    /// When the cell wrote it, ms since 1970.
+    /// The time at which the cell wrote the item, ms since 1970.
     pub unix_ms: i64,
     /// Its content.
     pub body: Body,
@@ -47,7 +47,7 @@ impl Body {
         }
     }
 
-    /// The bytes that its hash is of.
+    /// Returns the bytes from which the hash is calculated.
     pub fn content(&self) -> &[u8] {
         match self {
             Body::Cycle(content) | Body::Verification(content) => content,
@@ -57,7 +57,7 @@ impl Body {
 }
 
 impl Envelope {
-    /// Its line in a list.
+    /// Returns the item's line in a list.
     pub fn listed(&self) -> Listed {
         Listed { position: self.position.clone(), kind: self.body.kind(), hash: content_hash(self.body.content()) }
     }
@@ -67,7 +67,7 @@ impl Envelope {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NamedFile {
-    /// What it is in the record, "picture overlay" or "recipe".
+    /// Use of the file in the record, "picture overlay" or "recipe".
     pub name: String,
     /// Its SHA-256.
     pub hash: String,
@@ -79,15 +79,15 @@ pub struct NamedFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CycleEnd {
-    /// Its number in the cell's store.
+    /// Number of the cycle in the cell's store.
     pub cycle: CycleId,
-    /// When it began, s since 1970.
+    /// Start of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// When it ended, s since 1970.
+    /// End of the cycle, s since 1970.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
-    /// The version of what was taught.
+    /// The version of the taught data.
     pub taught_version: String,
     /// SHA-256 of the recipe.
     pub recipe_hash: String,
@@ -95,7 +95,7 @@ pub struct CycleEnd {
     pub program_version: String,
     /// Its verdict's word.
     pub verdict: String,
-    /// Its reasons as the store has them: a list of objects with code and message.
+    /// The verdict's reasons as the store has them: a list of objects with code and message.
     pub reasons: Value,
     /// The part; `None` if no part was named.
     pub part: Option<PartNames>,
@@ -105,14 +105,14 @@ pub struct CycleEnd {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VerificationSeen {
-    /// What was verified: `scanner`, `flange_camera`, `tool` or `tool_force`.
+    /// The verified item: `scanner`, `flange_camera`, `tool` or `tool_force`.
     pub subject: String,
-    /// What it was off, mm; of a force N.
+    /// The measured error, mm; for a force, N.
     pub error: f64,
-    /// What was allowed, in the same unit.
+    /// The allowed error, in the same unit.
     pub limit: f64,
     /// Hash of the calibration files.
     pub calibration_hash: String,
-    /// When, s since 1970.
+    /// Time of the verification, s since 1970.
     pub at_unix_s: i64,
 }

@@ -21,19 +21,19 @@ pub struct CellState {
     pub version: String,
     /// The state's word; `None` if the loop does not answer.
     pub state: Option<String>,
-    /// The phase of the cycle that runs.
+    /// The current phase of the running cycle.
     pub phase: Option<String>,
     /// The panel.
     pub panel: Option<String>,
     /// The cycle.
     pub cycle: Option<i64>,
-    /// How far the path has come: waypoint and how many there are.
+    /// Progress along the path: the current waypoint and the number of waypoints.
     pub waypoint: Option<[u32; 2]>,
     /// The reasons for its state: codes and messages.
     pub reasons: Vec<ReasonText>,
-    /// What is wrong with the cell between cycles: a disk, a calibration that ends.
+    /// Problems of the cell between cycles: a disk, a calibration that expires.
     pub standing: Vec<ReasonText>,
-    /// The last number of each epoch that the cell has for the office.
+    /// For each epoch, the last number that the cell has for the office.
     pub last: Vec<Position>,
 }
 

@@ -9,30 +9,30 @@ use crate::files::is_hex;
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-part-1";
-/// Bytes of one part: with its line it is below the 1 MB that a broker allows by itself.
+/// Size of one part, bytes: together with its line it is below the 1 MB that a broker allows by default.
 const PART_BYTES: usize = 512 * 1024;
-/// Parts of one thing: 2 GB.
+/// Largest number of parts of one message or file: 2 GB.
 const MAX_PARTS: u32 = 4_096;
 /// The longest line.
 const HEAD_BYTES: usize = 1_024;
 
-/// Of what a part is.
+/// The message or the file to which a part belongs.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum What {
     /// Of a [`Message`](super::Message).
     Message(Position),
-    /// Of the file with this SHA-256.
+    /// The file with this SHA-256.
     File(String),
 }
 
 /// A part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Chunk {
-    /// Which cell sends it.
+    /// The cell that sends the part.
     pub cell: CellName,
     /// Of what.
     pub what: What,
-    /// Which part, from 1.
+    /// Number of the part, from 1.
     pub part: u32,
     /// Of how many.
     pub parts: u32,
@@ -134,7 +134,7 @@ impl Chunk {
     }
 }
 
-/// A file's name becomes a path: nothing else may.
+/// Checks that a file's name is a SHA-256. The name becomes a path, so nothing else is accepted.
 fn is_hash(hash: &str) -> Result<(), String> {
     match is_hex(hash, 64) {
         true => Ok(()),

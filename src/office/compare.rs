@@ -1,21 +1,21 @@
-//! Whether a cell and the office hold the same.
+//! Compares the data of a cell with the data of the office.
 
 use super::position::{Listed, Position};
 use std::collections::BTreeMap;
 
-/// Messages of one kind; the rest is counted.
+/// Largest number of listed messages of one kind; further messages are only counted.
 const MAX_MESSAGES: usize = 50;
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Compared {
-    /// What both have, with one hash.
+    /// Number of items that both have with the same hash.
     pub same: u64,
-    /// What differs, in words.
+    /// The differences, in words.
     pub found: Vec<String>,
 }
 
-/// Holds the office's list of a cell against the cell's own.
+/// Compares the office's list of a cell with the cell's own list.
 pub fn compare(cell: &[Listed], office: &[Listed]) -> Compared {
     let by_position = |list: &[Listed]| -> BTreeMap<Position, Listed> {
         list.iter().map(|line| (line.position.clone(), line.clone())).collect()

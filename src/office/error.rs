@@ -1,17 +1,17 @@
-//! Why a message is not one of ours.
+//! Errors for a message that is not a valid message of a cell.
 
 /// What is wrong with a message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OfficeError {
-    /// It is no message of a cell.
+    /// The message cannot be read as a message of a cell.
     #[error("the {what} cannot be read: {problem}")]
     Form {
-        /// "head of a message" and the like.
+        /// The part that cannot be read, such as "head of a message".
         what: &'static str,
-        /// What does not fit.
+        /// The problem that was found.
         problem: String,
     },
-    /// Its content does not have the hash that its head states.
+    /// The content does not have the hash that the head states.
     #[error("the content of number {number} has the SHA-256 {found}, its head states {stated}")]
     Hash {
         /// Its number.
@@ -21,12 +21,12 @@ pub enum OfficeError {
         /// The hash in the head.
         stated: String,
     },
-    /// It is larger than any that a cell sends.
+    /// The message is larger than any that a cell sends.
     #[error("it has {found} (limit {allowed})")]
     Large {
-        /// "5000 parts" and the like.
+        /// The size found, such as "5000 parts".
         found: String,
-        /// In the same unit.
+        /// The largest size allowed, in the same unit.
         allowed: String,
     },
     /// The parts of one item state different numbers of parts.
@@ -39,12 +39,12 @@ pub enum OfficeError {
         /// The number that an earlier part stated.
         before: u32,
     },
-    /// A signature that its key does not verify, or a statement that is none.
+    /// The key does not verify the signature, or the statement is not valid.
     #[error("number {number} is not what its cell signed: {problem}")]
     Signature {
         /// Its number.
         number: u64,
-        /// What does not fit.
+        /// The problem that was found.
         problem: String,
     },
 }

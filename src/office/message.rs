@@ -9,10 +9,10 @@ use crate::signing::{PublicKey, Statement};
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-office-1";
-/// The longest head, bytes: a record names some hundred files.
+/// The longest head, bytes: a record names about a hundred files.
 const HEAD_BYTES: usize = 1 << 20;
 
-/// What a cell sends.
+/// A message of a cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
     /// Which cell.
@@ -120,7 +120,7 @@ fn position(head: &Head) -> Result<Position, String> {
     Ok(Position { epoch: head.epoch.clone(), number: head.number })
 }
 
-/// Whether this is an epoch's name.
+/// Checks that a text is the name of an epoch.
 pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
     match is_hex(epoch, 32) {
         true => Ok(()),

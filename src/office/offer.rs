@@ -11,12 +11,12 @@ const MAX_BYTES: usize = 256 * 1_024;
 /// The longest name and reason, in characters.
 const MAX_CHARACTERS: usize = 200;
 
-/// A recipe that is offered.
+/// A recipe that the office offers.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecipeOffer {
     form: String,
-    /// The panel that it is of.
+    /// The panel to which the recipe belongs.
     pub panel: String,
     /// Its text.
     pub text: String,
@@ -24,7 +24,7 @@ pub struct RecipeOffer {
     pub by: String,
     /// Why.
     pub why: String,
-    /// When, ms since 1970.
+    /// Time of the approval, ms since 1970.
     pub unix_ms: i64,
 }
 
@@ -53,7 +53,7 @@ impl RecipeOffer {
         }
     }
 
-    /// SHA-256 of the recipe's text, as records name it.
+    /// Returns the SHA-256 of the recipe's text, as records state it.
     pub fn hash(&self) -> String {
         content_hash(self.text.as_bytes())
     }

@@ -1,14 +1,14 @@
-//! The name of what the office is to have, and its place in a list.
+//! The name of an item for the office, and its position in a list.
 
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr, VariantArray};
 
-/// A place among all that one store sends.
+/// A position among all items that one store sends.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Position {
     /// A random name, 32 hexadecimal digits; a new one begins if a store does not have all of its past.
     pub epoch: String,
-    /// From 1, without gaps; 0 before the first.
+    /// The number, from 1, without gaps; 0 before the first item.
     pub number: u64,
 }
 
@@ -39,18 +39,18 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// As it is written.
+    /// Returns the keyword of the kind.
     pub fn word(self) -> &'static str {
         self.into()
     }
 
-    /// The kind that is written so.
+    /// Returns the kind with this keyword.
     pub fn of_word(word: &str) -> Option<Kind> {
         word.parse().ok()
     }
 }
 
-/// One line of a list that two places hold against each other.
+/// One line of a list that is compared between the cell and the office.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Listed {
     /// Its name.
@@ -58,6 +58,6 @@ pub struct Listed {
     pub position: Position,
     /// What it is.
     pub kind: Kind,
-    /// SHA-256 of its content.
+    /// SHA-256 of the item's content.
     pub hash: String,
 }

@@ -8,7 +8,7 @@ use super::position::Position;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// How far it has come, kept beside the store.
+/// The progress of sending, stored beside the store.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Progress {
@@ -16,7 +16,7 @@ pub struct Progress {
     stream: String,
     /// The last number that the broker accepted, by epoch.
     sent: BTreeMap<String, u64>,
-    /// The last number up to which the office has all, by epoch.
+    /// For each epoch, the number up to which the office has all items.
     archived: BTreeMap<String, u64>,
     /// The number of times that sending began again. A broker drops data with a known name, so data that is sent
     /// again needs another name.
@@ -24,44 +24,45 @@ pub struct Progress {
     again: u64,
 }
 
-/// What came of a word of the office.
+/// The result of a report from the office.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OfficeSays {
     /// It has at least the data that the cell expects there.
     Known,
-    /// It has less than it once had: what it does not have is sent again.
+    /// The office has fewer items than before: the missing items are sent again.
     HasLess,
-    /// It has more than the store ever had: the store does not know its own past, or two cells have one name.
+    /// The office has more items than the store ever had: the store does not know its own history, or two cells
+    /// have the same name.
     HasMore,
 }
 
 impl Progress {
-    /// Up to which number of an epoch nothing needs to be sent.
+    /// Returns the number of an epoch up to which nothing needs to be sent.
     pub fn sent(&self, epoch: &str) -> u64 {
         self.sent.get(epoch).copied().unwrap_or(0)
     }
 
-    /// Up to which number of an epoch the office has all.
+    /// Returns the number of an epoch up to which the office has all items.
     pub fn archived(&self, epoch: &str) -> u64 {
         self.archived.get(epoch).copied().unwrap_or(0)
     }
 
-    /// How often sending began again.
+    /// Returns how often sending began again.
     pub fn again(&self) -> u64 {
         self.again
     }
 
-    /// What is sent again from now on has another name.
+    /// Starts sending again: from now on, data that is sent again has another name.
     pub fn begin_again(&mut self) {
         self.again += 1;
     }
 
-    /// How many numbers the office does not have yet, given the last number of each epoch.
+    /// Returns how many items the office does not have yet, given the last number of each epoch.
     pub fn behind(&self, last: &[Position]) -> u64 {
         last.iter().map(|last| last.number.saturating_sub(self.archived(&last.epoch))).sum()
     }
 
-    /// The broker's stream as it is found. In another one than before is nothing of what was sent.
+    /// Takes note of the broker's stream. A different stream contains nothing of what was sent to the previous one.
     pub fn at_stream(&mut self, stream: &str) {
         if self.stream != stream {
             stream.clone_into(&mut self.stream);

@@ -3,18 +3,18 @@
 use crate::cell::CellName;
 use crate::files::content_hash;
 
-/// The stream of records and files on their way.
+/// The stream of records and files that are on their way to the office.
 pub const STREAM: &str = "PANELPREP";
 /// Every subject of this stream.
 pub const ALL_RECORDS: &str = "panelprep.records.*";
-/// The stream of what the office has: the last word for each cell and epoch.
+/// The stream of the office's reports of what it has: the last report for each cell and epoch.
 pub const ARCHIVED_STREAM: &str = "PANELPREP_ARCHIVED";
 /// Every subject of this stream.
 pub const ALL_ARCHIVED: &str = "panelprep.archived.*.*";
-/// Every cell's state as it is now.
+/// The subjects of the current state of all cells.
 pub const ALL_STATES: &str = "panelprep.state.*";
 
-/// The stream of recipes that the office offers: the last one for each panel.
+/// The stream of recipes that the office offers: the last recipe for each panel.
 pub const OFFER_STREAM: &str = "PANELPREP_OFFERS";
 /// Every subject of this stream.
 pub const ALL_OFFERS: &str = "panelprep.offers.*";

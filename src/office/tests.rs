@@ -151,17 +151,17 @@ fn the_office_has_the_last_word_on_what_it_has() {
     progress.took(&at(9));
     assert_eq!(progress.on_archived(EPOCH, 5, 9), OfficeSays::Known);
     assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH), progress.behind(&[at(12)])), (9, 5, 7));
-    // Another stream has nothing of what was sent; what is in the office need not be sent again.
+    // Another stream contains nothing of what was sent. Items that the office has need not be sent again.
     progress.at_stream("two");
     assert_eq!(progress.sent(EPOCH), 5);
     progress.took(&at(12));
-    // A database that was restored.
+    // The office restored its database and has fewer items.
     assert_eq!(progress.on_archived(EPOCH, 2, 12), OfficeSays::HasLess);
     assert_eq!(progress.sent(EPOCH), 2);
-    // More than the store ever had is a contradiction, and changes nothing.
+    // More items than the store ever had are a contradiction, and nothing changes.
     assert_eq!(progress.on_archived(EPOCH, 13, 12), OfficeSays::HasMore);
     assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH)), (2, 2));
-    // Another process sent it.
+    // Another process sent the items.
     assert_eq!(progress.on_archived(EPOCH, 12, 12), OfficeSays::Known);
     assert_eq!((progress.sent(EPOCH), progress.behind(&[at(12)])), (12, 0));
 }
@@ -218,6 +218,6 @@ fn an_offer_reads_back_and_what_cannot_be_printed_is_refused() {
     assert!(refused("An\u{0}na", "why", "").contains("its name"));
     assert!(refused("Anna", "", "").contains("its reason"));
     assert!(refused("Anna", "why", &"x".repeat(300_000)).contains("262144"));
-    // A panel's name may hold what a subject may not.
+    // A panel's name may contain characters that a subject may not.
     assert!(subject::offer("left *.> door").strip_prefix("panelprep.offers.").is_some_and(|rest| rest.len() == 16));
 }

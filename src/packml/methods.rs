@@ -19,7 +19,7 @@ pub enum Command {
     AcknowledgeAlarm,
 }
 
-/// What an argument is.
+/// The type of an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ArgumentKind {
     /// A text.
@@ -31,7 +31,7 @@ pub enum ArgumentKind {
 }
 
 impl ArgumentKind {
-    /// The name of the data type in OPC UA.
+    /// Returns the name of the data type in OPC UA.
     pub fn name(self) -> &'static str {
         match self {
             ArgumentKind::String => "String",
@@ -61,7 +61,7 @@ pub struct Method {
     pub command: Command,
     /// Its arguments.
     pub arguments: &'static [Argument],
-    /// Who may call it; `None` is every session that the server lets in.
+    /// The permission that the caller needs; `None` allows every session that the server accepts.
     pub needs: Option<Permission>,
     /// What it does.
     pub meaning: &'static str,
@@ -166,7 +166,7 @@ pub const METHODS: &[Method] = &[
     },
 ];
 
-/// The method of this name.
+/// Finds the method with this name.
 pub fn method(name: &str) -> Option<&'static Method> {
     METHODS.iter().find(|method| method.name == name)
 }

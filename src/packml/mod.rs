@@ -1,9 +1,9 @@
-//! The cell as a line of machines sees it: PackML (ISA-TR88.00.02) states and modes, the values of all nodes of an
+//! The cell as a production line sees it: PackML (ISA-TR88.00.02) states and modes, the values of all nodes of an
 //! OPC UA server, and the methods with the roles that may call them.
 //!
-//! `unit` (the cycle's state as a PackML number) · `snapshot` (what is known of the cell at one moment) · `value` ·
-//! `nodes` (the one table of nodes) · `methods` (the one table of methods). Pure: `daemon::opcua` serves it and
-//! decides nothing either.
+//! `unit` (the cycle's state as a PackML number) · `snapshot` (the known data of the cell at one moment) · `value`
+//! · `nodes` (the one table of nodes) · `methods` (the one table of methods). Pure: `daemon::opcua` serves this
+//! data and makes no decision either.
 
 mod methods;
 mod nodes;

@@ -10,9 +10,9 @@ use crate::verdict::{Reason, Verdict};
 /// A node.
 #[derive(Debug, Clone, Copy)]
 pub struct Node {
-    /// Its names from the cell's object on, such as `PackML/Status/StateCurrent`.
+    /// The node's path from the cell's object on, such as `PackML/Status/StateCurrent`.
     pub path: &'static str,
-    /// What its values are.
+    /// The type of the node's values.
     pub kind: Kind,
     /// Their unit; empty if they have none.
     pub unit: &'static str,

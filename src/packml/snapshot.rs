@@ -1,44 +1,44 @@
-//! What is known of the cell at one moment, as plain data.
+//! The known data of the cell at one moment, as plain data.
 
 use crate::cycle::State;
 use crate::history::Alarm;
 use crate::record::PartNames;
 use crate::verdict::{Reason, Verdict};
 
-/// What is known of the cell at one moment. What is not known is absent, never a default.
+/// The known data of the cell at one moment. Unknown data is absent, never a default.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Snapshot {
     /// Whether the service's loop answers now; if it does not, all other fields are its last report.
     pub answers: bool,
-    /// The state of the cycle's table.
+    /// The state in the cycle's state table.
     pub state: Option<State>,
-    /// For how many whole seconds the unit has been in its state, and in its mode, as far as this service saw.
+    /// Whole seconds for which the unit has been in its state, as far as this service saw.
     pub in_state_s: u32,
-    /// As `in_state_s`, of the mode.
+    /// Whole seconds for which the unit has been in its mode, as far as this service saw.
     pub in_mode_s: u32,
     /// The phase inside Execute; if the cycle is held, the phase in which it continues.
     pub phase: Option<String>,
-    /// The cycle that runs, or ran last since the service started.
+    /// The running cycle, or the last cycle since the service started.
     pub cycle: Option<i64>,
     /// Its panel.
     pub panel: Option<String>,
-    /// Its abrasions so far.
+    /// Number of abrasions of the cycle so far.
     pub pass: Option<u8>,
-    /// Seconds of the film that is under way, and of a whole one.
+    /// Elapsed seconds of the current film.
     pub film_s: Option<f64>,
-    /// As `film_s`, of a whole film.
+    /// Seconds of a whole film.
     pub film_total_s: Option<f64>,
-    /// Waypoints executed of the path that is under way.
+    /// Executed waypoints of the current path.
     pub waypoint: Option<u32>,
-    /// All waypoints of that path.
+    /// Number of all waypoints of the current path.
     pub waypoints: Option<u32>,
     /// The cycle's verdict, once it has one.
     pub verdict: Option<Verdict>,
-    /// Why the cell is in its state, and what was found wrong last.
+    /// The reasons for the cell's state, and the last problems found.
     pub reasons: Vec<Reason>,
     /// Words of the requests that the table would accept now.
     pub possible: Vec<&'static str>,
-    /// Whether the cycle waits for a person's word on a result.
+    /// Whether the cycle waits for a person's decision on a result.
     pub is_review: bool,
     /// The part in the cell.
     pub part: PartNames,
@@ -50,21 +50,21 @@ pub struct Snapshot {
     pub flange_camera: Option<Verified>,
     /// As `scanner`.
     pub tool: Option<Verified>,
-    /// Whether a cycle may start with these calibrations, once it was looked at.
+    /// Whether a cycle may start with these calibrations; `None` before the first check.
     pub may_start: Option<bool>,
-    /// Why not, or what is doubtful.
+    /// The reasons why a cycle may not start, or doubts about the calibrations.
     pub calibration_reasons: Vec<String>,
     /// Each calibration's file with its age, in words.
     pub calibrations: Vec<String>,
     /// The recipes of the folder.
     pub recipes: Vec<RecipeHash>,
-    /// The alarms that last: the most urgent first.
+    /// The lasting alarms, the most urgent first.
     pub alarms: Vec<Alarm>,
     /// Cycles that ended.
     pub counts: CycleCounts,
-    /// The last call of a method that was not done.
+    /// The last refused call of a method.
     pub refusal: Option<LastRefusal>,
-    /// The time of all this, ms since 1970.
+    /// The time of this snapshot, ms since 1970.
     pub now_unix_ms: i64,
 }
 
@@ -73,14 +73,14 @@ pub struct Snapshot {
 pub struct RecipeHash {
     /// Its file's name.
     pub name: String,
-    /// SHA-256 of its text.
+    /// SHA-256 of the recipe's text.
     pub sha256: String,
 }
 
 /// A grid of the panel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GridState {
-    /// Its name, such as `r1c1`.
+    /// The grid's name, such as `r1c1`.
     pub id: String,
     /// `broke`, `whole`, `abraded`, or `untested`.
     pub state: &'static str,
@@ -89,28 +89,28 @@ pub struct GridState {
 /// The last verification of a camera or the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verified {
-    /// When, s since 1970.
+    /// Time of the verification, s since 1970.
     pub at_unix_s: i64,
-    /// What was found, mm.
+    /// The error found, mm.
     pub error_mm: f64,
-    /// What was allowed, mm.
+    /// The allowed error, mm.
     pub limit_mm: f64,
 }
 
-/// Cycles in the store that ended, without runs in the air.
+/// Counts of the finished cycles in the store, without runs in the air.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleCounts {
-    /// With the verdict pass.
+    /// Cycles with the verdict pass.
     pub passed: u32,
-    /// With the verdict fail.
+    /// Cycles with the verdict fail.
     pub failed: u32,
-    /// With the verdict reject: the panel was not treated.
+    /// Cycles with the verdict reject: the panel was not treated.
     pub rejected: u32,
     /// With the verdict invalid: the test gives no result.
     pub invalid: u32,
-    /// Ended by an abort or a stop.
+    /// Cycles that ended by an abort or a stop.
     pub aborted: u32,
-    /// With any other verdict.
+    /// Cycles with any other verdict.
     pub other: u32,
 }
 
@@ -127,20 +127,20 @@ impl CycleCounts {
     }
 }
 
-/// A call of a method that was not done.
+/// A call of a method that was refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LastRefusal {
     /// The method.
     pub method: &'static str,
     /// Who called it.
     pub user: String,
-    /// When, ms since 1970.
+    /// Time of the call, ms since 1970.
     pub at_unix_ms: i64,
     /// Why.
     pub reason: Reason,
 }
 
-/// The name of an alarm: its cycle (`0` between cycles), code and time, which no two alarms have in common.
+/// Returns the name of an alarm: its cycle (`0` between cycles), code and time. No two alarms have the same name.
 pub fn alarm_id(alarm: &Alarm) -> String {
     format!("{}/{}/{}", alarm.cycle.map_or(0, |cycle| cycle.0), alarm.code, alarm.raised_unix_ms)
 }

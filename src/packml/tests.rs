@@ -1,4 +1,4 @@
-//! Tables over all states, nodes and methods.
+//! Tests with tables over all states, nodes and methods.
 
 use super::*;
 use crate::accounts::{Permission, Role};
@@ -9,7 +9,7 @@ use strum::VariantArray;
 
 const HOLD: Hold = Hold { why: Why::Asked, resume: Phase::Abrade };
 
-/// Every state of the cycle with the number and the name of ISA-TR88.00.02, and whether it ends by itself.
+/// Every state of the cycle with its number and name in ISA-TR88.00.02, and whether the state ends by itself.
 const STATES: [(At, i32, &str, bool); 14] = [
     (At::Clearing { cause: Cause::Asked }, 1, "Clearing", true),
     (At::Stopped, 2, "Stopped", false),
@@ -121,7 +121,7 @@ fn full() -> Snapshot {
             at_unix_ms: 5,
             reason: Reason::new("not_now", "hold is not possible"),
         }),
-        // By hand: 1.5 hours after the verification.
+        // Calculated by hand: 1.5 hours after the verification.
         now_unix_ms: 1_000_000 + 5_400_000,
         ..Snapshot::default()
     }
@@ -159,7 +159,7 @@ fn no_two_nodes_have_one_path_and_none_stands_below_another() {
     }
 }
 
-/// The roles of every method, as the operator's page has them for the same requests.
+/// The roles of every method are those of the same requests on the operator's page.
 #[test]
 fn every_method_stands_in_the_table_with_its_roles() {
     let roles = |name: &str| -> Vec<&str> {

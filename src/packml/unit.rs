@@ -1,7 +1,8 @@
-//! The cycle's state as PackML numbers it, and the unit's mode.
+//! The cycle's state as a PackML number, and the unit's mode.
 //!
-//! The cycle has PackML's names already ([`At`]); the numbers are those of ISA-TR88.00.02-2015, table of states.
-//! Suspending, Suspended and Unsuspending (13, 5, 14) do not occur: nothing beside this cell makes it wait.
+//! The cycle already has PackML's names ([`At`]); the numbers are those of ISA-TR88.00.02-2015, table of states.
+//! Suspending, Suspended and Unsuspending (13, 5, 14) do not occur, because no neighbouring machine makes this cell
+//! wait.
 
 use crate::cycle::{At, Robot, State};
 
@@ -51,12 +52,13 @@ impl UnitState {
         self as i32
     }
 
-    /// Its name, as PackML writes it.
+    /// Returns the state's name, as PackML writes it.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// Whether it ends by itself, as PackML's acting states do; in the others the unit waits for a command.
+    /// Returns whether the state ends by itself, as PackML's acting states do; in the other states the unit waits
+    /// for a command.
     pub fn is_acting(self) -> bool {
         use UnitState::{Aborted, Complete, Held, Idle, Stopped};
         !matches!(self, Stopped | Idle | Held | Complete | Aborted)
@@ -89,7 +91,7 @@ impl UnitMode {
         self as i32
     }
 
-    /// Its name, as PackML writes it.
+    /// Returns the mode's name, as PackML writes it.
     pub fn name(self) -> &'static str {
         self.into()
     }

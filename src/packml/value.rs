@@ -1,15 +1,15 @@
-//! Values of nodes, and what they are.
+//! Values of nodes, and their types.
 
 /// A value of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// Not known, or there is none now.
+    /// The value is not known, or there is none now.
     Absent,
     /// True or false.
     Boolean(bool),
     /// A whole number.
     Int32(i32),
-    /// A whole number from zero on.
+    /// A whole number, 0 or greater.
     UInt32(u32),
     /// A number.
     Double(f64),
@@ -23,7 +23,7 @@ pub enum Value {
     DateTimes(Vec<i64>),
 }
 
-/// What a node's values are.
+/// The type of a node's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[expect(missing_docs, reason = "the names are those of OPC UA")]
 pub enum Kind {
@@ -40,7 +40,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Its name, as the manual has it.
+    /// Returns the type's name, as the manual states it.
     pub fn name(self) -> &'static str {
         self.into()
     }

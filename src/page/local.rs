@@ -13,10 +13,10 @@ use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 
-/// Why a page is not served.
+/// The reason why a page is not served.
 #[derive(Debug, thiserror::Error)]
 pub enum LocalError {
-    /// Others could open it.
+    /// Other computers could open the page.
     #[error(
         "{address}: this page is for the browser on this computer alone: name an address such as 127.0.0.1:8090"
     )]
@@ -64,12 +64,12 @@ impl Local {
         Ok(Local { runtime, listener, address, key })
     }
 
-    /// What a person opens in the browser.
+    /// Returns the address that a person opens in the browser.
     pub fn url(&self) -> String {
         format!("http://{}/{}/", self.address, self.key)
     }
 
-    /// The path of one of its pages: below the key.
+    /// Returns the path of one of the server's pages, below the key.
     pub fn path(&self, page: &str) -> String {
         format!("/{}/{page}", self.key)
     }

@@ -1,4 +1,4 @@
-//! A person's session with a page: how often they saved, and that they are done.
+//! A person's session with a page: the number of times that the person saved, and whether the person is done.
 
 use axum::Json;
 use axum::response::{IntoResponse, Response};
@@ -10,7 +10,7 @@ use tokio::sync::oneshot;
 pub(super) struct Session(Mutex<(u32, Option<oneshot::Sender<()>>)>);
 
 impl Session {
-    /// One in which nothing was saved yet, and what hears of its end.
+    /// Creates a session in which nothing was saved yet, and the receiver that is notified when the session ends.
     pub fn new() -> (Self, oneshot::Receiver<()>) {
         let (tell, done) = oneshot::channel();
         (Session(Mutex::new((0, Some(tell)))), done)
@@ -21,7 +21,7 @@ impl Session {
         self.lock().0 += 1;
     }
 
-    /// How often something was saved.
+    /// Returns how often the person saved.
     pub fn saves(&self) -> u32 {
         self.lock().0
     }

@@ -10,7 +10,8 @@ use crate::geometry::{BESIDE, Pixel, Raster};
 use crate::recipe;
 use crate::verdict::Reason;
 
-/// Fewer pixels of the border that continue beyond one face are a holder or flying points.
+/// Smallest number of border pixels that continue beyond one face and count as panel; fewer are a holder or flying
+/// points.
 const MIN_BORDER_PX: usize = 12;
 
 /// A face of the search box that cuts the panel.
@@ -22,14 +23,14 @@ pub struct BoxCut {
     pub axis: usize,
     /// The position of the face, mm.
     pub face_mm: f64,
-    /// How many pixels of the panel's border continue beyond it.
+    /// Number of pixels of the panel's border that continue beyond this face.
     pub border_px: usize,
     /// One of them.
     pub at: Pixel,
 }
 
 impl BoxCut {
-    /// The reason for a person who teaches.
+    /// Returns the reason for a person who teaches.
     pub fn reason(&self) -> Reason {
         let BoxCut { key, axis, face_mm, border_px, at: Pixel { u, v } } = self;
         let message = format!(
@@ -41,8 +42,8 @@ impl BoxCut {
 }
 
 impl TaughtPanel {
-    /// The face of the search box that cuts most of the panel's border; `None` if none does. What holds the panel
-    /// may leave the box.
+    /// Returns the face of the search box that cuts most of the panel's border; `None` if none does. A holder of
+    /// the panel may extend beyond the box.
     pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
         let raster = Raster { width: self.scan.width(), height: self.scan.height() };
         let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
@@ -75,8 +76,8 @@ impl TaughtPanel {
     }
 }
 
-/// The face beyond which a point lies, 0 to 2 for the lower ones and 3 to 5 for the upper ones; `None` of a point
-/// in the box.
+/// Returns the face beyond which a point lies: 0 to 2 for the lower faces, 3 to 5 for the upper faces. `None` if
+/// the point lies in the box.
 fn face_beyond(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     (0..3)
@@ -90,11 +91,12 @@ mod tests {
     use crate::recipe::Recipe;
     use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
 
-    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the
-    /// panel that was taught. A holder may cover all that is above the region.
+    /// Returns the face that cuts the panel of a cell, and the height of the taught panel. The search box ends at
+    /// this height, mm. A holder may cover everything above the region.
     fn cut(cell: &Cell, top_mm: f64, has_holder: bool) -> (Option<BoxCut>, f64) {
         let (region, [low, [x, y, _]]) = (cell.region(), SEARCH_BOX_MM);
-        // The line of the region's upper corners, longer by half of its length on each side, and 2 px above it.
+        // The line through the region's upper corners, extended by half its length on each side, and 2 px above the
+        // corners.
         let [left, right] = [region.corners_px[0], region.corners_px[1]];
         let (across, down) = ((right.u - left.u) / 2.0, (right.v - left.v) / 2.0);
         let [left, right] = [[left.u - across, left.v - down - 2.0], [right.u + across, right.v + down - 2.0]];
@@ -127,7 +129,7 @@ mod tests {
         let found = cut(&cell, top_mm, false).0.expect("a cut");
         assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
         assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
-        // The same place is held: it is the holder that continues beyond the box.
+        // The same place is now held, so the part that continues beyond the box is the holder.
         assert_eq!(cut(&cell, top_mm, true).0, None);
     }
 }

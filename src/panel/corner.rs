@@ -9,12 +9,13 @@ use super::error::LearnError;
 use super::taught::TaughtPanel;
 use crate::geometry::{FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 
-/// Half the width of the neighbourhood that gives the surface beside a corner, px.
+/// Half the width of the neighbourhood that determines the surface beside a corner, px.
 const BESIDE_HALF_WIDTH_PX: usize = 12;
-/// How far the ray may pass from the outline, mm; a rounded corner's apex lies a few mm off it.
+/// Largest distance between the ray and the outline, mm; the apex of a rounded corner lies a few mm outside the
+/// outline.
 const MAX_DISTANCE_MM: f64 = 15.0;
 
-/// What a corner picture teaches.
+/// The data that a corner picture teaches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerTeaching {
     /// The corner's pixel in the taught picture.
@@ -23,19 +24,20 @@ pub struct CornerTeaching {
     pub panel_from_camera: Rigid<Panel, FlangeCamera>,
 }
 
-/// A corner with its place on the panel.
+/// A corner with its position on the panel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaughtCorner {
     /// What was taught.
     pub teaching: CornerTeaching,
     /// The corner: the intersection of its two edges, on the surface.
     pub point: Point<Panel>,
-    /// The surface's normal beside it, a direction.
+    /// The surface's normal beside the corner, a direction.
     pub normal: Vector<Panel>,
 }
 
 impl TaughtCorner {
-    /// How much of a move along the panel's normal the taught view shows aside, 0…1: the sine of the angle between them.
+    /// Returns the share, 0…1, of a move along the panel's normal that the taught view shows as a sideways move:
+    /// the sine of the angle between the normal and the view.
     pub fn normal_seen(&self) -> f64 {
         let towards = (self.point - self.teaching.panel_from_camera.origin()).mm.normalize();
         towards.cross(&self.normal.mm).norm()

@@ -1,4 +1,4 @@
-//! Why a scan does not teach a panel, in words for the person who teaches.
+//! Errors for a scan that cannot teach a panel, in words for the person who teaches.
 
 use super::region::GridId;
 use crate::geometry::Pixel;
@@ -8,10 +8,10 @@ use crate::imaging::ImagingError;
 /// panel is nearly flat.
 pub(super) const MAX_HALF_WIDTH_PX: usize = 40;
 
-/// Why a scan does not teach a panel.
+/// The reason why a scan cannot teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LearnError {
-    /// Corners of the region that are not on the panel: all of them.
+    /// Some corners of the region are not on the panel; all such corners are listed.
     #[error(
         "{}; choose all four corners of the region inside the panel's outline; if points of the panel are missing, \
          state the outline yourself, `outline_px` in [panel]",
@@ -21,7 +21,7 @@ pub enum LearnError {
         /// The wrong ones.
         corners: Vec<WrongCorner>,
     },
-    /// Nothing of the scan under the region's centre lies in the search box.
+    /// No point of the scan under the region's centre lies in the search box.
     #[error(
         "no panel under the region's centre, ({u:.0}, {v:.0}) px: no point of the scan there lies in the search box, {}; are \
          the region's corners on the panel, is the box right?", elsewhere(*largest)
@@ -31,10 +31,10 @@ pub enum LearnError {
         u: f64,
         /// The region's centre, row, px.
         v: f64,
-        /// Points of the largest piece of scan elsewhere in the box.
+        /// Number of points in the largest piece of the scan elsewhere in the box.
         largest: usize,
     },
-    /// What lies under the region and in the search box is too small for a panel.
+    /// The piece of the scan under the region's centre and in the search box is too small for a panel.
     #[error(
         "no panel under the region's centre, ({u:.0}, {v:.0}) px: the piece of scan there that lies in the search \
          box has {found} points, at least {needed} needed; check the box and the place of the panel"
@@ -77,7 +77,7 @@ pub enum LearnError {
         /// Row, px.
         v: f64,
     },
-    /// The region's corners enclose nothing.
+    /// The region's corners enclose no area.
     #[error("the region's four corners enclose no area")]
     EmptyRegion,
     /// No panel lies in the view of a corner picture.
@@ -91,7 +91,7 @@ pub enum LearnError {
         /// Row, px.
         v: f64,
     },
-    /// OpenCV refused the mask.
+    /// OpenCV rejected the mask.
     #[error(transparent)]
     Imaging(#[from] ImagingError),
 }
@@ -99,7 +99,7 @@ pub enum LearnError {
 /// A corner of the region that is not on the panel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WrongCorner {
-    /// Which one, from 1.
+    /// Number of the corner, from 1.
     pub corner: usize,
     /// Its position in the recipe.
     pub at: Pixel,

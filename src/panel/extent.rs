@@ -12,11 +12,12 @@ use crate::imaging::outer_contours;
 use crate::recipe::Recipe;
 use nalgebra::Point2;
 
-/// Fewer points are no panel.
+/// Smallest number of points of a panel.
 const MIN_PANEL_POINTS: usize = 2_000;
-/// A piece of scan inside of a drawn outline that is smaller than this share of the largest is a flying patch.
+/// A piece of the scan inside a person's outline that is smaller than this share of the largest piece is a flying
+/// patch.
 const MIN_PIECE_SHARE: f64 = 0.002;
-/// Distance between the points of a drawn outline, px: that of a contour of pixels.
+/// Distance between the points of a person's outline, px: the same as in a contour of pixels.
 const OUTLINE_STEP_PX: f64 = 1.0;
 
 /// The source of the outline.
@@ -24,7 +25,7 @@ const OUTLINE_STEP_PX: f64 = 1.0;
 pub enum OutlineFrom {
     /// The border of the scan's points.
     Scan,
-    /// The recipe: a person drew it.
+    /// The recipe: a person drew the outline.
     Recipe,
 }
 
@@ -36,11 +37,11 @@ pub(super) struct Extent {
     pub held_px: Vec<[Pixel; 4]>,
 }
 
-/// The places of a scan's picture among which the panel is looked for.
+/// The part of a scan's picture in which the panel is searched.
 struct SearchArea<'a> {
     scan: &'a OrganizedCloud<Panel>,
     region: &'a Region,
-    /// In the search box and held by nothing, by pixel.
+    /// For each pixel, whether its point lies in the search box and nothing holds the panel there.
     free: Vec<bool>,
     corners: [Pixel; 4],
 }
@@ -75,17 +76,17 @@ impl Extent {
     }
 }
 
-/// Does something hold the panel at this place of the taught picture?
+/// Returns whether something holds the panel at this pixel of the taught picture.
 pub(super) fn is_held(held_px: &[[Pixel; 4]], pixel: Pixel) -> bool {
     held_px.iter().any(|held| polygon::contains(held, pixel))
 }
 
-/// The pixel of an index.
+/// Returns the pixel of an index.
 pub(super) fn at(index: usize, width: usize) -> Pixel {
     Pixel::at((index % width) as f64, (index / width) as f64)
 }
 
-/// A polygon as a contour of points one pixel apart.
+/// Converts a polygon to a contour of points one pixel apart.
 fn walked(corners: &[Pixel]) -> Vec<Pixel> {
     let sides = corners.iter().zip(corners.iter().cycle().skip(1));
     let along = |(a, b): (&Pixel, &Pixel)| {
@@ -114,7 +115,7 @@ impl SearchArea<'_> {
         self.region.pixel(Point2::new(0.5, 0.5))
     }
 
-    /// The piece of scan under the region's centre; all four corners must lie on it.
+    /// Finds the piece of the scan under the region's centre; all four corners must lie on this piece.
     fn piece(&self) -> Result<Mask, LearnError> {
         let outside = self.wrong_corners(&|_| true);
         let pieces = segment::pieces(self.scan, |index| self.free[index]);
@@ -124,20 +125,20 @@ impl SearchArea<'_> {
             |piece: &&Vec<usize>| piece.iter().any(|&i| at(i, self.scan.width()).distance_px(centre) < 3.0);
         let piece = match pieces.iter().find(is_there) {
             Some(piece) if piece.len() >= MIN_PANEL_POINTS => piece,
-            // Corners outside of the picture move the centre: they are what has to be mended first.
+            // Corners outside the picture move the centre, so these corners must be corrected first.
             _ if !outside.is_empty() => return Err(LearnError::WrongCorners { corners: outside }),
             Some(piece) => return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS }),
             None => return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) }),
         };
         let mask = segment::mask_of(self.scan, piece);
-        // A hole is missing points, not the panel's end.
+        // A hole is a place with missing points, not an edge of the panel.
         let filled = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
         let corners = self.wrong_corners(&|pixel| near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
         if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }
     }
 
-    /// What of the scan lies inside of a drawn outline, on one surface; all four corners of the region must lie
-    /// inside, too.
+    /// Finds the part of the scan inside a person's outline, on one surface; all four corners of the region must
+    /// also lie inside.
     fn inside(&self, drawn: &[Pixel]) -> Result<Mask, LearnError> {
         let (width, height) = (self.scan.width(), self.scan.height());
         if let Some(&Pixel { u, v }) = drawn.iter().find(|pixel| pixel.whole(width, height).is_none()) {
@@ -161,7 +162,8 @@ impl SearchArea<'_> {
     }
 }
 
-/// Is a pixel, or one beside it, in the mask? A single missing point must not push a corner off the panel.
+/// Returns whether a pixel or one of its neighbours is in the mask. A single missing point must not push a corner
+/// off the panel.
 fn near_mask(mask: &Mask, pixel: Pixel) -> bool {
     let Some((column, row)) = pixel.whole(mask.width, mask.height) else { return false };
     let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);

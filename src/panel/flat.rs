@@ -1,4 +1,5 @@
-//! For tests: a flat panel 700 mm before a camera to which a pixel is 1 mm there, with a background 160 mm behind.
+//! A flat panel for tests. It is 700 mm in front of a camera with pixels of 1 mm at this distance; the background
+//! is 160 mm behind the panel.
 
 use super::TaughtPanel;
 use crate::geometry::{OrganizedCloud, PinholeCamera, Rigid};
@@ -18,19 +19,19 @@ const CAMERA: PinholeCamera = PinholeCamera {
     p2: 0.0,
     k3: 0.0,
 };
-/// The panel's columns and rows, and the hole's middle.
+/// The columns and rows of the panel, then the middle of the hole.
 const PANEL_PX: [[usize; 2]; 2] = [[50, 250], [40, 160]];
 const HOLE_PX: [usize; 2] = [188, 98];
 
-/// What is special about the panel.
+/// The variations of the test panel.
 pub struct Flat {
-    /// Twenty columns are missing at its upper edge from this one on, down to row 51.
+    /// First of twenty columns that are missing at the panel's upper edge, down to row 51.
     pub notch: Option<usize>,
     /// The side of a square hole, px.
     pub hole_px: usize,
-    /// The scan has no points in the hole; else it shows the background.
+    /// Whether the scan has no points in the hole; otherwise it shows the background.
     pub is_hole_empty: bool,
-    /// Some points are missing here and there.
+    /// Whether some points are missing here and there.
     pub dropouts: bool,
     /// The recipe contains the outline.
     pub is_drawn: bool,
@@ -51,7 +52,8 @@ impl Default for Flat {
     }
 }
 
-/// The panel, taught with a region of 4 rows and 6 columns from (60, 44.5) to (240, 155) px: rows 45 to 154.
+/// Returns the panel, taught with a region of 4 rows and 6 columns from (60, 44.5) to (240, 155) px: rows 45 to
+/// 154.
 pub fn taught(flat: &Flat) -> TaughtPanel {
     let [columns, rows] = PANEL_PX;
     let is_panel = |column: usize, row: usize| {

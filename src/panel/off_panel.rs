@@ -12,18 +12,19 @@ use crate::verdict::Reason;
 use crate::words::fixed;
 use nalgebra::Point2;
 
-/// The outline is known to some pixels: a region that hangs over it by no more than this follows the edge, px.
+/// The outline is known to a few pixels: a region that extends beyond it by at most this distance follows the edge,
+/// px.
 const ON_THE_EDGE_PX: f64 = 2.0;
-/// A corner of the region that is this near is named beside the grid, px.
+/// A corner of the region within this distance is named together with the grid, px.
 const NEAR_A_CORNER_PX: f64 = 12.0;
-/// Places off the panel that are measured, at most; they are taken evenly.
+/// Largest number of places off the panel that are measured; they are selected evenly.
 const MAX_PLACES: usize = 20_000;
-/// Points of the outline that they are measured to: each second one.
+/// Only every second point of the outline is used to measure the distance to it.
 const OUTLINE_STEP: usize = 2;
 /// Half the width of the neighbourhood from which the surface is extrapolated, px: doubled if points are missing.
 const AROUND_PX: [usize; 4] = [5, 10, 20, 40];
 
-/// What the region hangs over.
+/// The kind of gap over which the region extends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Beyond {
     /// The panel's edge.
@@ -32,26 +33,26 @@ pub enum Beyond {
     Hole,
 }
 
-/// A part of the region that is not panel.
+/// A part of the region that is not on the panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OffPanel {
-    /// What it hangs over.
+    /// The kind of gap over which this part extends.
     pub beyond: Beyond,
     /// The overhang, or the size of the hole: the side of its largest inscribed square, mm. `None` if no surface is
     /// near enough to measure it.
     pub size_mm: Option<f64>,
-    /// The place that is farthest out, or the hole's middle, in the taught picture.
+    /// The place farthest out, or the middle of the hole, in the taught picture.
     pub at: Pixel,
     /// The grid there.
     pub grid: GridId,
     /// The region's corner there, from 1, if one is near.
     pub corner: Option<usize>,
-    /// All grids with such places.
+    /// All grids that contain such places.
     pub grids: Vec<GridId>,
 }
 
 impl OffPanel {
-    /// The reason for a person who teaches or checks.
+    /// Returns the reason for a person who teaches or checks.
     pub fn reason(&self) -> Reason {
         let OffPanel { size_mm, at: Pixel { u, v }, grid, .. } = self;
         let size = size_mm.map_or("an unknown number of".to_owned(), |mm| fixed(mm, 1).to_string());
@@ -98,7 +99,8 @@ impl TaughtPanel {
             if !whole.inside[index] {
                 off_edge.push(pixel);
             } else if self.outline_from == OutlineFrom::Scan || self.scan.point_at(index).is_some() {
-                // Inside of an outline that a person drew, points may be missing; what is seen through it is a hole.
+                // Inside a person's outline, points may be missing; a place at which the background is seen is a
+                // hole.
                 missing.inside[index] = true;
             }
         }
@@ -122,13 +124,13 @@ impl TaughtPanel {
         self.off(Beyond::Edge, (at, size_mm), &mut beyond.iter().map(|(_, pixel, _)| *pixel))
     }
 
-    /// The holes among these pixels, each by the largest square in it.
+    /// Finds the holes among these pixels; each hole is measured by the largest square in it.
     fn holes(&self, missing: &Mask) -> Vec<OffPanel> {
         let raster = Raster { width: missing.width, height: missing.height };
         let squares = raster.largest_squares(|index| missing.inside[index]);
         let hole = |piece: Vec<usize>| {
             let last = piece.iter().copied().max_by_key(|index| squares[*index])?;
-            // The square ends at its last pixel, to the right and below.
+            // This pixel is the lower right corner of the square.
             let (side_px, column, row) =
                 (squares[last] as f64, (last % raster.width) as f64, (last / raster.width) as f64);
             let half_px = (side_px - 1.0) / 2.0;
@@ -142,7 +144,7 @@ impl TaughtPanel {
         missing.pieces().into_iter().filter_map(hole).collect()
     }
 
-    /// The panel's pixel that comes first to the left of a place, or to the right.
+    /// Finds the first pixel of the panel to the left of a place, or to the right if there is none.
     fn panel_left_of(&self, at: Pixel) -> Option<Pixel> {
         let (column, row) = (at.u.round() as usize, at.v.round() as usize);
         let is_panel = |column: &usize| self.mask.contains(*column, row);

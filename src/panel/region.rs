@@ -7,7 +7,7 @@ use crate::geometry::Pixel;
 use crate::recipe;
 use nalgebra::{Matrix3, Point2, Vector3};
 
-/// Which grid: row and column from the region's first corner, from 1. Written `r1c1`.
+/// A grid's row and column, counted from the region's first corner, from 1. Written `r1c1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct GridId {
     /// Row, from 1.
@@ -34,7 +34,7 @@ impl std::str::FromStr for GridId {
     }
 }
 
-/// A text that names no grid.
+/// The error for a text that names no grid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("\"{found}\" names no grid; write row and column as in r1c1")]
 pub struct GridIdError {
@@ -54,14 +54,14 @@ pub struct Region {
 }
 
 impl Region {
-    /// The region of a checked recipe; `None` only for corners that the recipe's check refuses.
+    /// Creates the region of a checked recipe; `None` only for corners that the recipe's check refuses.
     pub fn new(recipe: &recipe::Region) -> Option<Self> {
         let px_from_unit = unit_square_to_quad(recipe.corners_px());
         let unit_from_px = px_from_unit.try_inverse()?;
         Some(Region { rows: recipe.rows(), columns: recipe.columns(), px_from_unit, unit_from_px })
     }
 
-    /// The pixel at (s, t) of the unit square.
+    /// Returns the pixel at (s, t) of the unit square.
     pub fn pixel(&self, unit: Point2<f64>) -> Pixel {
         let p = self.px_from_unit * Vector3::new(unit.x, unit.y, 1.0);
         Pixel::at(p.x / p.z, p.y / p.z)
@@ -73,7 +73,7 @@ impl Region {
         Point2::new(p.x / p.z, p.y / p.z)
     }
 
-    /// The grid that holds a pixel; `None` outside of the region.
+    /// Returns the grid that contains a pixel; `None` outside the region.
     pub fn grid_at(&self, pixel: Pixel) -> Option<GridId> {
         let unit = self.unit(pixel);
         let inside = (0.0..1.0).contains(&unit.x) && (0.0..1.0).contains(&unit.y);
@@ -83,13 +83,13 @@ impl Region {
         })
     }
 
-    /// All grids, row by row.
+    /// Lists all grids, row by row.
     pub fn ids(&self) -> impl Iterator<Item = GridId> + use<> {
         let columns = self.columns;
         (1..=self.rows).flat_map(move |row| (1..=columns).map(move |column| GridId { row, column }))
     }
 
-    /// The grid's part of the unit square, `[s, t]` lowest and highest.
+    /// Returns the grid's part of the unit square, `[s, t]` lowest and highest.
     pub fn unit_box(&self, id: GridId) -> [Point2<f64>; 2] {
         let corner = |row: usize, column: usize| {
             Point2::new(column as f64 / self.columns as f64, row as f64 / self.rows as f64)
@@ -97,7 +97,7 @@ impl Region {
         [corner(id.row - 1, id.column - 1), corner(id.row, id.column)]
     }
 
-    /// The grid's edge as a closed row of places in the unit square, `steps` on each of its four sides.
+    /// Returns the grid's edge as a closed series of points in the unit square, `steps` on each of its four sides.
     pub fn edge(&self, id: GridId, steps: usize) -> Vec<Point2<f64>> {
         let [low, high] = self.unit_box(id);
         let corners = [low, Point2::new(high.x, low.y), high, Point2::new(low.x, high.y)];
@@ -133,7 +133,8 @@ mod tests {
         Region::new(recipe.region()).expect("a convex region")
     }
 
-    /// By hand: 400 × 100 px in 4 columns and 2 rows; pixel (250, 60) lies in the third column, second row.
+    /// Calculated by hand: 400 × 100 px in 4 columns and 2 rows; pixel (250, 60) lies in the third column, second
+    /// row.
     #[test]
     fn a_rectangle_divides_evenly() {
         let region = region("[[0, 0], [400, 0], [400, 100], [0, 100]]");

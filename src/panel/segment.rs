@@ -5,11 +5,11 @@
 
 use crate::geometry::{BESIDE, Frame, Mask, OrganizedCloud, Raster, median};
 
-/// Neighbouring points this many times farther apart than usual are two objects: more than a steep panel makes of the
-/// usual step, and far below the gap between a panel and its fixture.
+/// Neighbouring points belong to two objects if their distance exceeds the usual distance by this factor. The
+/// factor is larger than a steep panel causes, and far smaller than the gap between a panel and its fixture.
 const MAX_STEPS: f64 = 6.0;
 
-/// The usual distance between neighbouring points, mm: the median along the rows.
+/// Returns the usual distance between neighbouring points, mm: the median along the rows.
 fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
     let pair = |index: usize| {
         let beside = index + 1;
@@ -20,12 +20,12 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
     median(&mut steps)
 }
 
-/// Neighbouring points that are nearer than this belong to one object, mm.
+/// Returns the distance below which neighbouring points belong to one object, mm.
 pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> f64 {
     MAX_STEPS * usual_step_mm(cloud, free).unwrap_or_default()
 }
 
-/// The pieces of a scan that are connected, each as its pixel indices, largest first.
+/// Finds the connected pieces of a scan, each as its pixel indices, largest first.
 pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let raster = Raster { width: cloud.width(), height: cloud.height() };
     let free: Vec<bool> =
@@ -40,7 +40,7 @@ pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> boo
     found
 }
 
-/// A piece as a mask.
+/// Converts a piece to a mask.
 pub fn mask_of<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
     let mut mask = Mask::empty(cloud.width(), cloud.height());
     for &index in piece {
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
     use crate::geometry::Camera;
 
-    /// A near block of 4 × 4 before a wall 60 mm behind: two pieces, the wall first.
+    /// A near block of 4 × 4 pixels in front of a wall 60 mm behind: two pieces, the wall first.
     #[test]
     fn a_gap_in_depth_parts_two_objects() {
         let point = |i: usize| {

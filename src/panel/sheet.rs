@@ -1,21 +1,22 @@
-//! Which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects before or
-//! behind it do not belong to it.
+//! Which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects in front of
+//! or behind the panel do not belong to it.
 //!
 //! The heights over the plane of least scatter are modelled as a polynomial of second order in the two directions
-//! of that plane, fitted to the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A
-//! piece belongs to the sheet if its median height differs from this model by at most [`MAX_AWAY_MM`].
+//! of that plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are
+//! known to belong to the sheet. A piece belongs to the sheet if its median height differs from this model by at
+//! most [`MAX_AWAY_MM`].
 
 use crate::geometry::{OrganizedCloud, Panel, Point, Vector, median};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
-/// A piece is another thing from this far off the sheet, mm: a clamp or a mark glued on is thicker, and a panel of
-/// second order is met by less at the ends of a gap.
+/// A piece at a greater distance from the sheet is another object, mm. A clamp or a glued mark is thicker; at the
+/// ends of a gap, a panel of second order deviates less.
 const MAX_AWAY_MM: f64 = 4.0;
 /// Largest number of points that a fit, and the height of a piece, use.
 const FIT_POINTS: usize = 4_000;
 const PIECE_POINTS: usize = 200;
 
-/// The pixels of all pieces that lie on the sheet of the largest.
+/// Returns the pixels of all pieces that lie on the same sheet as the largest piece.
 pub(super) fn on_one_surface<'a>(
     scan: &OrganizedCloud<Panel>,
     largest: &[usize],
@@ -23,7 +24,7 @@ pub(super) fn on_one_surface<'a>(
 ) -> Vec<usize> {
     let pieces: Vec<&Vec<usize>> = pieces.collect();
     let mut joined = largest.to_vec();
-    // Pieces near the first widen the sheet, so that far ones are met as well.
+    // Pieces near the first one enlarge the sheet, so that far pieces are found too.
     for _ in 0..2 {
         let Some(sheet) = Sheet::through(scan, &joined) else { return joined };
         joined =
@@ -35,14 +36,14 @@ pub(super) fn on_one_surface<'a>(
 /// The surface of second order through points of a panel.
 pub(super) struct Sheet {
     centre: Point3<f64>,
-    /// Two directions in the plane, and its normal.
+    /// Two directions in the plane, and the plane's normal.
     axes: Matrix3<f64>,
     height: Vector6<f64>,
-    /// The points' reach, mm, by which places are scaled.
+    /// The radius of the points, mm, by which coordinates are scaled.
     scale_mm: f64,
     /// (Σ t tᵀ / n)⁻¹ of the points' terms t.
     spread: Matrix6<f64>,
-    /// What the points are off it, rms, mm.
+    /// Distance of the points from the sheet, rms, mm.
     pub(super) rms_mm: f64,
 }
 
@@ -72,7 +73,7 @@ impl Sheet {
         None
     }
 
-    /// Through the points at these pixels; `None` for too few, or points on a line.
+    /// Fits a sheet through the points at these pixels; `None` if there are too few or if they lie on a line.
     pub(super) fn through(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<Sheet> {
         let points: Vec<Point3<f64>> =
             some(pixels, FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
@@ -147,12 +148,12 @@ mod tests {
         let met = along_z(50.0).expect("in the hole");
         assert!((met.mm.z - 502.5).abs() < 1e-3 && (met.mm.x - 50.0).abs() < 1e-9, "{met:?}");
         assert!(along_z(0.0).is_some() && along_z(400.0).is_none());
-        // A parabola over a leant plane is no parabola, but nearly.
+        // A parabola over a tilted plane is not exactly a parabola, but nearly.
         assert!(sheet.rms_mm < 0.01, "{}", sheet.rms_mm);
     }
 
-    /// A bent sheet in two parts, with a thing 20 mm before it: the thing is left out. The far part lies 8 mm above
-    /// the near one's plane (x²/1000 at x = 90 mm), and on its sheet.
+    /// A bent sheet in two parts, with an object 20 mm in front of it: the object is left out. The far part lies 8
+    /// mm above the near part's plane (x²/1000 at x = 90 mm), but on its sheet.
     #[test]
     fn parts_of_a_bent_sheet_belong_together() {
         let point = |i: usize| {

@@ -1,4 +1,4 @@
-//! The taught panel as it is derived from one scan at the nominal pose and the recipe.
+//! The taught panel, derived from one scan at the nominal pose and from the recipe.
 
 use super::error::{LearnError, MAX_HALF_WIDTH_PX};
 use super::extent::{self, Extent, OutlineFrom};
@@ -10,10 +10,10 @@ use crate::geometry::{
 use crate::recipe::Recipe;
 use nalgebra::{Isometry3, Point2};
 
-/// Half the width of the neighbourhood from which a point on the surface is taken, px.
+/// Half the width of the neighbourhood that determines a point on the surface, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
 
-/// The same over a hole, in turn.
+/// Half the widths of the neighbourhood over a hole, px, tried in this order.
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
 /// If the points are farther off that surface, it has another shape, rms, mm.
 const OFF_SURFACE_MM: f64 = 0.5;
@@ -23,13 +23,13 @@ const OFF_SURFACE_MM: f64 = 0.5;
 pub struct Grid {
     /// Its name.
     pub id: GridId,
-    /// Its edge, closed, as points on the surface: curves on a curved panel.
+    /// The grid's edge, closed, as points on the surface: curves on a curved panel.
     pub edge: Vec<Point<Panel>>,
-    /// Its four corners, from the one nearest the region's first corner, in the region's order.
+    /// The grid's four corners in the region's order, beginning with the corner nearest the region's first corner.
     pub corners: [Point<Panel>; 4],
 }
 
-/// What is known of a panel at its nominal place.
+/// The known data of a panel at its nominal pose.
 #[derive(Debug, Clone)]
 pub struct TaughtPanel {
     /// The scan in the panel's frame, on the taught picture's pixel grid.
@@ -50,7 +50,7 @@ pub struct TaughtPanel {
     pub outline: Vec<Point<Panel>>,
     /// The region in the taught picture.
     pub region: Region,
-    /// Its grids, row by row.
+    /// The region's grids, row by row.
     pub grids: Vec<Grid>,
 }
 
@@ -59,7 +59,7 @@ pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
     Rigid::claim(Isometry3::identity())
 }
 
-/// Points on each side of a grid's edge.
+/// Number of points on each side of a grid's edge.
 const EDGE_STEPS: usize = 8;
 
 impl TaughtPanel {
@@ -105,8 +105,8 @@ impl TaughtPanel {
         Ok(Grid { id, edge, corners })
     }
 
-    /// The point of the surface that a pixel of the taught picture sees, from the plane through its neighbourhood;
-    /// `None` off the panel.
+    /// Returns the surface point at a pixel of the taught picture, from the plane through its neighbourhood; `None`
+    /// off the panel.
     pub fn surface_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let viewer = self.panel_from_camera.origin();
@@ -124,7 +124,7 @@ impl TaughtPanel {
         plane.meet(self.panel_from_camera.origin(), ray)
     }
 
-    /// The pixels of the panel with points within this half width of a pixel.
+    /// Lists the panel's pixels with points within this half width of a pixel.
     fn pixels_around(
         &self,
         (column, row): (usize, usize),
@@ -150,7 +150,7 @@ impl TaughtPanel {
         })
     }
 
-    /// A point of the outline on the surface.
+    /// Returns a point of the outline on the surface.
     pub(super) fn outline_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         match self.outline_from {
             OutlineFrom::Scan => self.scan.point(pixel.u as usize, pixel.v as usize),
@@ -170,23 +170,24 @@ impl TaughtPanel {
         (self.mask.count() as f64 / (whole_px2 - held_px2 / 2.0).max(1.0)).min(1.0)
     }
 
-    /// Is the panel held within this distance of a pixel of the taught picture?
+    /// Returns whether the panel is held within this distance of a pixel of the taught picture.
     pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
         let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;
         extent::is_held(&self.held_px, pixel) || self.held_px.iter().any(near)
     }
 
-    /// The plane through the panel's points around a pixel, seen from the camera; what is not panel has no part in it.
+    /// Fits the plane through the panel's points around a pixel, oriented towards the camera; points off the panel
+    /// are not used.
     pub(super) fn plane_at(&self, at: (usize, usize), half_width_px: usize) -> Option<Plane<Panel>> {
         local_plane_of(&self.scan, at, half_width_px, self.panel_from_camera.origin(), |i| self.mask.inside[i])
     }
 
-    /// The panel's points with their pixel index, row by row.
+    /// Returns the panel's points with their pixel index, row by row.
     pub fn points(&self) -> impl Iterator<Item = (usize, Point<Panel>)> + '_ {
         self.scan.valid().filter(|(index, _)| self.mask.inside[*index])
     }
 
-    /// The centroid of the panel's points, at which shift and rotation are judged.
+    /// Returns the centroid of the panel's points, at which shift and rotation are judged.
     pub fn centre(&self) -> Point<Panel> {
         let mut sum = nalgebra::Vector3::zeros();
         let mut count = 0usize;

@@ -40,7 +40,7 @@ pub struct CornerTour<'a> {
 pub struct Approach<'a> {
     /// The place.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Numbers of taught corners, from 0.
+    /// Numbers of the taught corners, from 0.
     pub corners: &'a [usize],
     /// The panel and everything else that a scan showed; `None` without a scan.
     pub obstacles: Option<&'a Arc<Obstacles>>,
@@ -95,7 +95,7 @@ impl<'a> CornerTour<'a> {
         if chosen.is_empty() { Err(why.unwrap_or_else(no_corner)) } else { Ok(chosen) }
     }
 
-    /// The camera as the tool that the arm has on this way.
+    /// Returns the camera as the arm's tool on this path.
     fn camera(&self) -> Rigid<Flange, Tool> {
         Rigid::claim(*self.flange_from_camera.isometry())
     }

@@ -1,22 +1,22 @@
-//! Which grids are abraded as one, and in which order areas follow one another.
+//! Combines grids that are abraded together, and orders the areas.
 //!
-//! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a rectangle. A
-//! rectangle is one patch of the surface, with one path. An L is two rectangles. The order is that with a short way
-//! through the air: the nearest next end from every possible start, then pieces of the order turned about as long as
-//! that is shorter. An area may be worked from either end.
+//! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a
+//! rectangle. A rectangle is one patch of the surface, with one path. An L becomes two rectangles. The order has a
+//! short way through the air: the nearest next end from every possible start; then parts of the order are reversed
+//! as long as the way becomes shorter. An area may be worked from either end.
 
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::surface::{Parameter, Patch};
 
-/// Grids that are one rectangle, and their patch.
+/// Grids that form one rectangle, and their patch.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Area {
     pub grids: Vec<GridId>,
     pub patch: Patch,
 }
 
-/// Rectangles over these grids, each of which the region has. Without joining, one for each grid.
+/// Combines these grids, which the region must have, into rectangles. Without joining, each grid is one rectangle.
 pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> {
     let area = |[rows, columns]: [[usize; 2]; 2]| {
         let grids: Vec<GridId> = (rows[0]..=rows[1])
@@ -50,7 +50,8 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
     rectangles.into_iter().map(area).collect()
 }
 
-/// In which order, and whether from the end, the pieces between these ends are worked.
+/// Returns the order in which the pieces with these ends are worked, and whether each piece is worked from its
+/// second end.
 pub(super) fn order(ends: &[[Point<Panel>; 2]]) -> Vec<(usize, bool)> {
     let best = (0..ends.len())
         .flat_map(|start| [false, true].map(|turned| nearest_next(ends, (start, turned))))
@@ -131,7 +132,8 @@ mod tests {
         assert_eq!(areas(&region(), &block[0].grids, false).len(), 2);
     }
 
-    /// By hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are worked from left to right or back: 10 + 20 mm.
+    /// Calculated by hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are worked from left to right or
+    /// back: 10 + 20 mm.
     #[test]
     fn the_way_through_the_air_is_short() {
         let ends =

@@ -23,7 +23,7 @@ struct Station {
     at: Parameter,
     height_mm: f64,
     contact: bool,
-    /// The highest feed on the way there, mm/s.
+    /// The highest feed on the way to this point, mm/s.
     feed_mm_s: f64,
 }
 

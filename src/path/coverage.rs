@@ -9,15 +9,15 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 
 /// Smallest covered share of each grid, 0…1.
 pub const MIN_COVERAGE: f64 = 0.995;
-/// Distance between samples, mm, about.
+/// Approximate distance between samples, mm.
 const SAMPLE_MM: f64 = 1.0;
 
-/// What a path reaches of its grid.
+/// The coverage of a grid by a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridCoverage {
     /// The grid.
     pub id: GridId,
-    /// Its area on the surface, mm².
+    /// The grid's area on the surface, mm².
     pub area_mm2: f64,
     /// The part of this area that the disc touches, mm².
     pub covered_mm2: f64,
@@ -33,14 +33,14 @@ impl GridCoverage {
 /// A straight piece of track in contact.
 pub(super) type Stroke = (Point<Panel>, Point<Panel>);
 
-/// The pieces between neighbouring places that are both in contact. One place alone is none: the disc abrades while it
-/// moves, and the dwell counts no other time.
+/// Returns the straight pieces between neighbouring places that are both in contact. A single place is no piece:
+/// the disc abrades while it moves, and the dwell counts only this time.
 pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<Stroke> {
     let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
     pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
 }
 
-/// What strokes of the disc reach of a grid.
+/// Calculates the part of a grid that strokes of the disc cover.
 pub(super) fn coverage(
     surface: &BSplineSurface,
     (id, patch): (GridId, &Patch),
@@ -51,14 +51,14 @@ pub(super) fn coverage(
     let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
-    // Of a long track only what comes near.
+    // Of a long track, only the pieces near the grid are used.
     let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
     let near = |piece: &&Stroke| foot(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM;
     let track: Vec<&Stroke> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
     let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
-    // Neighbouring samples are mostly covered by the same piece of track.
+    // The same piece of track usually covers neighbouring samples.
     let mut last = 0;
     for sample in 0..across * down {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
@@ -77,7 +77,8 @@ pub(super) fn coverage(
     found
 }
 
-/// Share 0…1 along a straight piece at which a point is nearest, and its distance there, mm.
+/// Returns the share 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,
+/// mm.
 fn foot(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
     let (piece, offset) = ((to - from).mm, (point - from).mm);
     let length2 = piece.norm_squared();

@@ -1,4 +1,5 @@
-//! Wear of the sanding disc: how much a path wears it, and when a new one is due. The caller keeps the wear so far.
+//! Wear of the sanding disc: how much a path wears the disc, and when the disc must be changed. The caller stores
+//! the wear so far.
 
 use super::planned::Plan;
 use crate::recipe;
@@ -7,7 +8,7 @@ use crate::verdict::{Check, SetBy};
 /// The wear of the discs by a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscUse {
-    /// Panel that the disc sweeps, overlaps counted each time, mm².
+    /// Area of the panel that the disc sweeps, overlaps counted each time, mm².
     pub swept_mm2: f64,
     /// Wear of the disc in use once the plan is done, mm²; more than a disc's life if it must be changed on the
     /// way.
@@ -17,7 +18,7 @@ pub struct DiscUse {
 }
 
 impl DiscUse {
-    /// What the plan wears of a disc of which this much is worn already, mm².
+    /// Calculates the wear that the plan causes on a disc with this previous wear, mm².
     pub fn compute(plan: &Plan, settings: &recipe::Path, worn_mm2: f64) -> Self {
         let swept_mm2 = plan.contact_mm * settings.disc_diameter_mm();
         DiscUse { swept_mm2, worn_after_mm2: worn_mm2 + swept_mm2, life_mm2: settings.disc_life_mm2() }
@@ -28,7 +29,7 @@ impl DiscUse {
         self.life_mm2.map(|life_mm2| self.swept_mm2 / life_mm2)
     }
 
-    /// Must the disc be changed before this plan is begun?
+    /// Returns whether the disc must be changed before this plan is begun.
     pub fn asks_for_a_change(&self) -> bool {
         self.life_mm2.is_some_and(|life_mm2| self.worn_after_mm2 > life_mm2)
     }

@@ -4,7 +4,7 @@ pub use crate::surface::dwell::{Dwell, Executed, GridDwell, simulate};
 
 use super::planned::Plan;
 
-/// The plan as poses with their times.
+/// Returns the plan as poses with their times.
 pub fn planned(plan: &Plan) -> Vec<Executed> {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut executed: Vec<Executed> = Vec::with_capacity(all.len());

@@ -15,15 +15,15 @@ const BLOCK: usize = 32;
 pub struct Overhang {
     /// The largest overhang, mm; 0 if the disc stays on the panel.
     pub largest_mm: f64,
-    /// Share of contact waypoints with more than is allowed, 0…1.
+    /// Share of contact waypoints with a larger overhang than allowed, 0…1.
     pub share_beyond: f64,
 }
 
-/// The panel's outline, made ready for many distances.
+/// The panel's outline, prepared for many distance calculations.
 #[derive(Debug, Clone)]
 pub struct Outline {
     points: Vec<Point<Panel>>,
-    // Centre and radius, mm, of each block of points.
+    // Two directions that span the mean plane, then the outline in this plane, mm.
     blocks: Vec<(Point<Panel>, f64)>,
     // Directions that span the mean plane, and the outline in it, mm.
     across: [Vector3<f64>; 2],
@@ -31,7 +31,7 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// The outline from its points in order, closed.
+    /// Creates the outline from its points in order, closed.
     pub fn new(points: &[Point<Panel>]) -> Self {
         let block = |block: &[Point<Panel>]| {
             let sum = block.iter().fold(Vector3::zeros(), |sum, point| sum + point.mm.coords);
@@ -58,7 +58,7 @@ impl Outline {
         if self.holds(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
     }
 
-    /// From a contact the direction in which the outline is left soonest; `None` without an outline.
+    /// Returns the direction from a contact in which the outline is nearest; `None` without an outline.
     pub(super) fn outward(&self, contact: Point<Panel>) -> Option<Vector3<f64>> {
         let towards = (self.nearest(contact).0? - contact).mm;
         Some(if self.holds(contact) { towards } else { -towards })
@@ -83,7 +83,7 @@ impl Outline {
     }
 }
 
-/// Two directions across the polygon's area vector.
+/// Returns two directions perpendicular to the polygon's area vector.
 fn mean_plane(points: &[Point<Panel>]) -> [Vector3<f64>; 2] {
     let Some(first) = points.first() else { return [Vector3::x(), Vector3::y()] };
     let cross = |pair: &[Point<Panel>]| (pair[0] - *first).mm.cross(&(pair[1] - *first).mm);

@@ -1,13 +1,13 @@
-//! The time that each place is under the disc, and the feeds that make it even.
+//! The time that each place is under the disc, and the feeds that make this time even.
 //!
 //! A line travelled at w = 1 / feed keeps a place within the disc's radius R under the disc for c w, c being the
 //! length of the line within R of the place. For all places together: t = C w. Near the border of the treated area
-//! fewer lines pass than in its middle, so there the feed is lower. With a wanted time t₀,
+//! fewer lines pass than in its middle, so there the feed is lower. With an expected time t₀,
 //!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
-//! brings C w near to t₀ and keeps w positive. The lower limit of w is that of the recipe's feed, or of the feed
-//! that the controller can plan; the upper limit is [`MAX_SLOWDOWN`] times as much. t₀ is the level of the long times at
-//! an equal feed, and at least the time of adjacent rows without an end. All areas of a plan are treated together,
-//! because neighbours overlap.
+//! brings C w near to t₀ and keeps w positive. The lower limit of w follows from the recipe's feed, or from the
+//! feed that the controller can plan. The upper limit is [`MAX_SLOWDOWN`] times the lower limit. t₀ is a high
+//! quantile of the times at an equal feed, and at least the time of adjacent rows without an end. All areas of a
+//! plan are treated together, because neighbours overlap.
 
 use super::piece::Piece;
 use crate::geometry::{Panel, Point};
@@ -17,24 +17,24 @@ use crate::surface::{BSplineSurface, Net, Parameter, Patch, Spread};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// The feed is nowhere less than the recipe's divided by this.
+/// Largest factor by which the feed is lower than the recipe's feed.
 const MAX_SLOWDOWN: f64 = 3.0;
-/// Steps towards an even time; more change the third digit.
+/// Number of iterations towards an even time; more iterations change only the third digit.
 const STEPS: usize = 15;
-/// The wanted time is that which this share of the places has at most, at an equal feed.
+/// Share of the places whose time at an equal feed is at most the target time.
 const TARGET_QUANTILE: f64 = 0.9;
 /// A time that is longer or shorter than wanted by more than this factor counts only as this factor: one place must
 /// not dominate a line.
 const MAX_WEIGHT: f64 = 3.0;
 
-/// The feeds along the lines of each piece, and the times that come of them.
+/// The feeds along the lines of each piece, and the resulting times.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Even {
-    /// For each piece the feed on the way to each place of its track, mm/s.
+    /// For each piece, the feed on the way to each place of its track, mm/s.
     pub feeds_mm_s: Vec<Vec<f64>>,
     /// Over the whole treated area; `None` if nothing is treated.
     pub all: Option<Spread>,
-    /// The same for each grid.
+    /// Spread of the times in each grid.
     pub grids: Vec<(GridId, Spread)>,
 }
 
@@ -55,7 +55,7 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
         Some(_) => next.next().map_or(settings.feed_mm_s(), |slowness| 1.0 / slowness),
         None => settings.feed_mm_s(),
     };
-    // The first place of a track is come to from the air.
+    // The tool reaches the first place of a track from the air.
     let feeds_mm_s = lines
         .iter()
         .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
@@ -81,7 +81,7 @@ struct Line {
     ends: [Parameter; 2],
     points: [Point<Panel>; 2],
     length_mm: f64,
-    /// As far as the disc reaches along u and v, in parameters.
+    /// Reach of the disc along u and v, in parameters.
     reach: [f64; 2],
 }
 
@@ -90,7 +90,8 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
     let line = |(ends, contact): (&[Parameter], &[bool])| {
         let [from, to] = [ends[0], ends[1]];
         let tangents = surface.tangents(from);
-        // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
+        // With slanted parameters, the reach is larger than the radius: the height of a rhombus is its side times
+        // the sine.
         let [lu, lv] = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
         let sine = tangents.area_mm2() / (lu * lv);
         let points = [tangents.point, surface.point(to)];
@@ -108,7 +109,7 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
 struct Places {
     net: Net,
     points: Vec<Point<Panel>>,
-    /// Surface of each, mm².
+    /// Area of the surface at each place, mm².
     area_mm2: Vec<f64>,
 }
 
@@ -138,7 +139,7 @@ impl Places {
     }
 }
 
-/// How much of a line lies within the radius of a point, mm.
+/// Returns the length of the part of a line within the radius of a point, mm.
 fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
     let [from, to] = line.points;
     let (way, offset) = ((to - from).mm, (point - from).mm);
@@ -151,7 +152,7 @@ fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
     ((along_mm + half_mm).min(line.length_mm) - (along_mm - half_mm).max(0.0)).max(0.0)
 }
 
-/// 1 / feed for each line, s/mm.
+/// Calculates 1 / feed for each line, s/mm.
 fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
     let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
     let least: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();

@@ -25,7 +25,7 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     judged(plan, settings).1
 }
 
-/// Every number of what a plan reaches, and the verdict on the plan.
+/// Returns the checks of all numbers of a plan, and the verdict on the plan.
 pub fn judged(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
     if of_motion.is_empty() && !plan.is_finite() {
@@ -37,12 +37,12 @@ pub fn judged(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     (checks, judgement)
 }
 
-/// The tool's Z on the panel at its nominal place: the mean over the plan.
+/// Returns the mean direction of the tool's Z over the plan, with the panel at its nominal pose.
 pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let z = |waypoint: &Waypoint| (waypoint.panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
     let mean: Vector3<f64> = waypoints.map(z).sum();
-    // At the nominal place the panel's frame is the base.
+    // At the nominal pose, the panel's frame equals the base frame.
     Vector::new(mean).direction()
 }
 
@@ -56,9 +56,9 @@ pub fn broken_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: 
     broken_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
 
-/// The check of a press-in.
+/// Name of the check of a press-in.
 pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
-/// How the check of a grid begins of which the disc reaches too little.
+/// Beginning of the name of the check for a grid of which the disc reaches too little.
 pub const OF_GRID: &str = "coverage of grid ";
 
 /// Largest share of the pad's stroke that the error at the tool may use.
@@ -92,12 +92,12 @@ pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<
     }))
 }
 
-/// A number of the path that is none.
+/// Creates the check for a number of the path that is not finite.
 fn not_a_number(what: &str, words: impl FnOnce() -> String) -> Check {
     Check::new(what, "", f64::NAN).broken(true, Severity::Reject, "not_finite", words)
 }
 
-/// Each step and turn between waypoints that is larger than it may be; of what is kept there is none.
+/// Lists each step and turn between waypoints that exceeds its limit; steps within the limits are not listed.
 fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
@@ -145,7 +145,7 @@ fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
     (from.inverse() * to).turn()
 }
 
-/// What of the grids the disc reaches; a grid of which it reaches too little has a check of its own.
+/// Checks the coverage of the grids; a grid of which the disc reaches too little has its own check.
 fn coverage(plan: &Plan) -> Vec<Check> {
     let check = |name: String, share: f64, words: &dyn Fn() -> String| {
         Check::new(name, "", share).at_least(MIN_COVERAGE, SetBy::Program).reviews("coverage", words)
@@ -166,7 +166,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
-/// How evenly the disc goes over the grids, and how far beyond the outline.
+/// Checks how evenly the disc treats the grids, and how far it reaches beyond the outline.
 fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
     let steps = plan.step_over_mm;
     let (largest_mm, allowed_mm) = (plan.overhang.largest_mm, settings.edge_overhang_mm());

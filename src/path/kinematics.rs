@@ -57,13 +57,13 @@ impl Kinematics {
         Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), correction, obstacles: None }
     }
 
-    /// The same arm beside what a scan showed.
+    /// Returns the arm with the obstacles that a scan showed.
     #[must_use]
     pub fn beside(self, obstacles: Arc<Obstacles>) -> Self {
         Kinematics { obstacles: Some(obstacles), ..self }
     }
 
-    /// What it must keep clear of.
+    /// Returns the obstacles that the arm must avoid.
     pub(super) fn obstacles(&self) -> Option<&Obstacles> {
         self.obstacles.as_deref()
     }
@@ -122,7 +122,7 @@ impl Kinematics {
         None
     }
 
-    /// Whether the arm's correction was measured here; without a correction everywhere.
+    /// Returns whether the arm's correction was measured at this pose; always true without a correction.
     pub fn is_measured(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
         self.correction.as_ref().is_none_or(|correction| correction.covers(base_from_flange))
     }
@@ -149,14 +149,14 @@ impl Kinematics {
     pub(super) fn beyond_reach_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
         let g = self.arm.geometry();
         let wrist = wrist(base_from_flange, g);
-        // Seen from axis 2, in the plane of the arm, as it faces the wrist.
+        // Coordinates from axis 2, in the plane of the arm when the arm faces the wrist.
         let forward = (wrist.x.hypot(wrist.y).powi(2) - g.b_mm * g.b_mm).max(0.0).sqrt() - g.a1_mm;
         let distance_mm = forward.hypot(wrist.z - g.c1_mm);
         let forearm_mm = g.a2_mm.hypot(g.c3_mm);
         (distance_mm - g.c2_mm - forearm_mm).max((g.c2_mm - forearm_mm).abs() - distance_mm).max(0.0)
     }
 
-    /// Angle between the elbow and the stretched arm, degrees.
+    /// Returns the angle between the elbow and the stretched arm, degrees.
     pub(super) fn elbow_deg(&self, angles: &Angles) -> f64 {
         let g = self.arm.geometry();
         let q3_deg = angles[2] * f64::from(g.signs[2]) - g.offsets_deg[2];
@@ -164,7 +164,7 @@ impl Kinematics {
         bend_deg.min(360.0 - bend_deg)
     }
 
-    /// Distance of the wrist's centre from axis 1, mm.
+    /// Returns the distance of the wrist's centre from axis 1, mm.
     pub(super) fn overhead_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
         wrist(base_from_flange, self.arm.geometry()).xy().norm()
     }
@@ -213,10 +213,10 @@ mod tests {
         Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm())
     }
 
-    /// By hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm upright, forearm level: x = 25 + 365 + 90 = 480,
-    /// z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A = (90, 0, 90, 0, 0, 0): turned clockwise
-    /// to −y, upper arm level, forearm straight down: 25 + 335 + 25 = 385 from axis 1, z = 400 − 365 − 90 = −55, flange
-    /// Z down.
+    /// Calculated by hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm upright, forearm level: x = 25 + 365 + 90
+    /// = 480, z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A = (90, 0, 90, 0, 0, 0): turned
+    /// clockwise to −y, upper arm level, forearm straight down: 25 + 335 + 25 = 385 from axis 1, z = 400 − 365 − 90
+    /// = −55, flange Z down.
     #[test]
     fn two_poses_by_hand() {
         let kr6 = kr6();
@@ -375,7 +375,7 @@ mod tests {
             let cell = Cell::check("cell.toml", &format!("[arm]\nmodel = \"{name}\"\n"));
             let arm = Kinematics::new(cell.unwrap_or_else(|problems| panic!("{problems}")).arm());
             let pose = arm.base_from_flange(&Joints::from(angles)).expect("numbers");
-            // The models' own numbers are rounded, to 0.01 mm and some of them to 1e-5 rad.
+            // The models' published numbers are rounded, to 0.01 mm and some of them to 1e-5 rad.
             assert!((pose.origin().mm.coords - Vector3::from(origin_mm)).norm() < 0.02, "{name}: {pose:?}");
             assert!((pose.rotation() * Vector3::z() - Vector3::from(z)).norm() < 3e-5, "{name}: {pose:?}");
         }

@@ -12,13 +12,13 @@ use crate::krl::RESERVED;
 use crate::recipe;
 use std::fmt::Write;
 
-/// A smaller rounding of a corner is none, mm.
+/// Smallest rounding of a corner, mm; a smaller value means no rounding.
 const MIN_BLEND_MM: f64 = 0.1;
 /// Longest name of a KRL module.
 const MAX_NAME: usize = 24;
-/// Speed and acceleration of the axes on the way to the first place, %.
+/// Speed and acceleration of the axes on the way to the first point, %.
 const AXIS_PERCENT: u8 = 20;
-/// Words of the language beside [`RESERVED`], which name no program either.
+/// Further keywords of the language, in addition to [`RESERVED`], that cannot be the name of a program.
 const BESIDE_RESERVED: [&str; 38] = [
     "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
     "C_DIS", "C_ORI", "C_PTP", "C_VEL", "DIGIN", "E6AXIS", "E6POS", "FRAME", "IMPORT", "INT", "IS", "LIN_REL",
@@ -26,11 +26,12 @@ const BESIDE_RESERVED: [&str; 38] = [
     "SWRITE", "TO",
 ];
 
-/// The name of a KRL program, which is that of its file: letters, digits and underscores, a letter first.
+/// The name of a KRL program, which is also the name of its file: letters, digits and underscores, beginning with a
+/// letter.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramName(String);
 
-/// Why a text names no KRL program.
+/// The reason why a text is not the name of a KRL program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "\"{found}\" names no KRL program: 1 to {MAX_NAME} letters, digits and underscores, a letter first, and no word of the \
@@ -53,7 +54,7 @@ impl std::str::FromStr for ProgramName {
     }
 }
 
-/// What a program is made of.
+/// The data from which a program is made.
 #[derive(Debug, Clone)]
 pub struct Program<'a> {
     /// Its name.
@@ -64,9 +65,9 @@ pub struct Program<'a> {
     pub flange_from_tool: KukaPose,
     /// The panel's pose: `$BASE`.
     pub base_from_panel: KukaPose,
-    /// The axes at the plan's first waypoint, as the arm was found to follow it from there.
+    /// The axes at the plan's first waypoint, from which the arm can follow the plan.
     pub start: Joints,
-    /// What a person must know who runs it, one line each.
+    /// Notes for the person who runs the program, one line each.
     pub remarks: &'a [String],
 }
 
@@ -79,7 +80,7 @@ pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
         program.name.0
     );
     for remark in program.remarks {
-        // A comment ends with its line.
+        // In KRL, a comment ends at the end of its line.
         let _ = writeln!(text, "; {}", remark.replace(['\n', '\r'], " "));
     }
     let _ = write!(

@@ -7,7 +7,7 @@ use crate::geometry::{Degrees, Panel, Point};
 use crate::recipe::{self, Pattern};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
-/// Angles this near to 0 and 90° run along u and v.
+/// Angles within this distance of 0 and 90° count as along u and v.
 const ALONG_DEG: f64 = 0.01;
 
 /// Neighbouring turns of a spiral with corners are not parallel: near its middle they are farther apart than their
@@ -25,11 +25,11 @@ const MIN_SPACING_SHARE: f64 = 0.25;
 pub(super) struct Lines {
     /// All places in contact, in order.
     pub track: Vec<Parameter>,
-    /// Lines that run side by side, for their distance.
+    /// Neighbouring lines, for measuring their distance.
     pub neighbours: Vec<[Vec<Parameter>; 2]>,
 }
 
-/// Lays the lines, at most `step_over_mm` from one to the next; waypoints are at most `spacing_mm` apart.
+/// Lays the lines, at most `step_over_mm` apart; waypoints are at most `spacing_mm` apart.
 pub(super) fn lines(
     surface: &BSplineSurface,
     patch: &Patch,
@@ -44,7 +44,8 @@ pub(super) fn lines(
     })
 }
 
-/// The track without places that are nearer to the one before than this; its ends stay.
+/// Removes places from the track that are nearer to the previous place than this distance; the ends of the track
+/// stay.
 fn without_short(surface: &BSplineSurface, track: &[Parameter], least_mm: f64) -> Vec<Parameter> {
     let mut kept: Vec<(Parameter, Point<Panel>)> = Vec::with_capacity(track.len());
     for (index, at) in track.iter().enumerate() {
@@ -102,7 +103,7 @@ fn laid(
     if !(in_rows && is_slanted(settings.feed_angle_deg())) {
         return Ok(laid);
     }
-    // Rows that meet the border aslant leave teeth there: a contour first.
+    // Rows that meet the border at an angle leave teeth there, so a contour is abraded first.
     let contour = around([0, 0], rings(1.0).closed()?.into_iter().take(1).collect());
     Ok(Lines { track: joined(surface, &[contour.track, laid.track], spacing_mm), ..laid })
 }

@@ -7,15 +7,15 @@
 use crate::geometry::{Base, Point};
 use std::collections::BTreeMap;
 
-/// Of all points in a cube of this side one is kept, mm.
+/// Side of a cube in which only one point is stored, mm.
 const CUBE_MM: f64 = 8.0;
 
-/// Points of a cube of this side are looked at together, mm.
+/// Side of a cube in which points are checked together, mm.
 const BLOCK_MM: f64 = 64.0;
-/// What rounding may make of a distance, mm.
+/// Largest rounding error of a distance, mm.
 const ROUNDING_MM: f64 = 1e-6;
 
-/// Points of obstacles, by the name of each.
+/// Points of obstacles, grouped by the obstacle's name.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Obstacles(Vec<Obstacle>);
 
@@ -26,7 +26,7 @@ pub(super) struct Obstacle {
     blocks: Vec<Block>,
 }
 
-/// Neighbouring points, and the ball around them.
+/// Neighbouring points, and their bounding sphere.
 #[derive(Debug, Clone, PartialEq)]
 struct Block {
     points: Vec<Point<Base>>,
@@ -35,13 +35,13 @@ struct Block {
 }
 
 impl Obstacles {
-    /// With the points of another obstacle, thinned.
+    /// Adds the points of another obstacle, thinned.
     #[must_use]
     pub fn with(mut self, name: &'static str, points: impl IntoIterator<Item = Point<Base>>) -> Obstacles {
         let cube = |point: &Point<Base>| [0, 1, 2].map(|axis| (point.mm[axis] / CUBE_MM).floor() as i64);
         let (mut kept, mut last) = (BTreeMap::new(), None);
         for point in points {
-            // Neighbours in a scan mostly share a cube.
+            // Neighbouring points of a scan are usually in the same cube.
             let at = Some(cube(&point)).filter(|at| last != Some(*at));
             if let Some(at) = at {
                 kept.entry(at).or_insert(point);
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Points of one cube are one, the first, whether they follow each other or not.
+    /// Of the points in one cube, only the first is stored, whether they follow each other or not.
     #[test]
     fn points_are_thinned() {
         let obstacles = Obstacles::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
@@ -103,7 +103,7 @@ mod tests {
     }
 
     proptest! {
-        /// Blocks of points leave out none that is near.
+        /// The search by blocks of points finds the nearest of all points.
         #[test]
         fn the_nearest_point_is_the_nearest_of_all(
             points in prop::collection::vec(prop::array::uniform3(-300.0..300.0f64), 1..300),

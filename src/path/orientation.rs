@@ -11,10 +11,10 @@ use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// Closer to the normal than this, a reference does not hold the tool's spin.
+/// Smallest angle between a reference and the normal; below this, the reference does not determine the tool's spin.
 const MIN_ANGLE: Degrees = Degrees(6.0);
 
-/// What holds the tool's spin about the normal.
+/// The reference that determines the tool's spin about the normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reference {
     /// S_u of the surface: the axis along which rows run.
@@ -24,7 +24,7 @@ pub enum Reference {
 }
 
 impl Reference {
-    /// The recipe's `reference_axis`; zero is the feed axis.
+    /// Returns the recipe's `reference_axis`; if it is zero, the feed axis.
     pub fn from_settings(settings: &recipe::Path) -> Self {
         let axis = Vector::new(Vector3::from(settings.reference_axis()));
         axis.direction().map_or(Reference::Feed, Reference::Axis)
@@ -34,7 +34,7 @@ impl Reference {
 /// The tool's attitude: its spin, and how it leans.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stance {
-    /// What holds the spin.
+    /// The reference for the spin.
     pub reference: Reference,
     /// Turn about the tool's own Y: it leans along its X. One sign for the whole path, in both directions of a row.
     pub lead: Degrees,
@@ -70,7 +70,7 @@ pub enum OrientationError {
         /// The place.
         at: Parameter,
     },
-    /// The reference leaves the spin open.
+    /// The reference does not determine the spin.
     #[error(
         "reference_axis is {angle} from the normal, at least {MIN_ANGLE} are needed; choose an axis along the \
          panel, or [0, 0, 0] for the feed axis"

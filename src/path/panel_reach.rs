@@ -22,9 +22,9 @@ use rayon::prelude::*;
 
 /// Spins that are tried, degrees, in this order.
 const SPINS_DEG: [f64; 12] = [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
-/// Room that needs no better spin, degrees.
+/// Room beyond the margins that is enough, degrees: no better spin is searched.
 const SUFFICIENT_ROOM_DEG: f64 = 10.0;
-/// Waypoints by which a shift is judged, at most.
+/// Largest number of waypoints that are checked for a shift.
 const SHIFT_LEGS: usize = 60;
 
 /// The panel's place before an arm with its tool.
@@ -46,7 +46,7 @@ pub struct ReachSetup<'a> {
 pub struct Reached {
     /// Turn of the tool about its own Z, for the whole plan.
     pub spin: Degrees,
-    /// The axes at each waypoint, and the room that is left.
+    /// The axes at each waypoint, and the room beyond the margins.
     pub travel: Travel,
 }
 
@@ -57,7 +57,7 @@ pub struct Unreached {
     pub fault: ReachFault,
     /// The point on the panel.
     pub at: Point<Panel>,
-    /// A shift of the panel with which the arm follows.
+    /// A shift of the panel after which the arm can follow the plan.
     pub shift: Option<Vector<Base>>,
 }
 
@@ -72,7 +72,7 @@ pub fn of_plan(plan: &Plan, stand: &ReachSetup<'_>, settings: &recipe::Path) -> 
     with_room(plan, stand, settings, SUFFICIENT_ROOM_DEG)
 }
 
-/// The first spin with as much room, else the one with the most.
+/// Returns the first spin with at least this room beyond the margins; otherwise the spin with the most room.
 fn with_room(
     plan: &Plan,
     stand: &ReachSetup<'_>,
@@ -102,14 +102,14 @@ fn with_room(
     match (best, farthest) {
         (Some(best), _) => Ok(best),
         (None, Some((spin_deg, fault))) => Err(Box::new(unreached(plan, stand, spin_deg, fault))),
-        // Without a waypoint there is nothing to follow.
+        // Without a waypoint, the arm has nothing to follow.
         (None, None) => {
             Ok(Reached { spin: Degrees(0.0), travel: Travel { joints: Vec::new(), room_deg: f64::INFINITY } })
         }
     }
 }
 
-/// The path, and from each waypoint in contact the retract of a stop.
+/// Checks whether the arm can follow the path, and the retract after a stop from each waypoint in contact.
 fn followed(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64) -> Result<Travel, ReachFault> {
     let legs = legs(plan, stand, spin_deg);
     let travel = follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs)?;
@@ -126,7 +126,7 @@ fn unreached(plan: &Plan, stand: &ReachSetup<'_>, spin_deg: f64, fault: ReachFau
     // Such legs are far apart and give no information about speed, so they are followed slowly.
     let mut slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
     if matches!(fault.cause, Infeasibility::Retract { .. }) {
-        // A shift that helps leaves room for the retract, too.
+        // A helpful shift must also leave enough space for the retract.
         slow = slow
             .iter()
             .flat_map(|leg| [*leg, Leg { feed_mm_s: 5.0, ..retract(leg.base_from_tool) }, *leg])
@@ -169,9 +169,9 @@ fn about_own_axis(spin: Degrees) -> Rigid<Tool, Tool> {
 pub struct GridReach {
     /// The grid.
     pub id: GridId,
-    /// The room that is left, degrees, or why there is none.
+    /// The room beyond the margins, degrees, or why the arm cannot follow.
     pub outcome: Result<f64, Box<Unreached>>,
-    /// Panel that the disc sweeps on the path over this grid alone, mm².
+    /// Area of the panel that the disc sweeps on the path over only this grid, mm².
     pub swept_mm2: f64,
     /// Why the gate rejects that path; empty if it does not.
     pub refused: Vec<Check>,
@@ -194,7 +194,7 @@ pub fn of_grids(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let plan = plan(surface, region, &[*id], outline, settings)?;
-        // Whether it is reached at all: the path that is taken has its spin chosen then.
+        // This checks only whether the grid is reachable: the spin of the final path is chosen later.
         let outcome = with_room(&plan, stand, settings, 0.0).map(|reached| reached.travel.room_deg);
         let mut refused = judged(&plan, settings).0;
         refused.retain(|check| check.severity == Severity::Reject && check.reason().is_some());
@@ -244,7 +244,7 @@ pub fn check_plan(
 /// The number that [`check_plan`] reports.
 pub const ROOM: &str = "room beyond the arm's margins";
 
-/// The grid below a point; `None` beside the region.
+/// Returns the grid below a point; `None` outside the region.
 pub fn grid_below(surface: &BSplineSurface, region: &Region, point: Point<Panel>) -> Option<GridId> {
     let at = foot(surface, Parameter { u: 0.5, v: 0.5 }, point)?;
     region.grid_at(region.pixel(nalgebra::Point2::new(at.u, at.v)))

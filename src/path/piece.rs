@@ -15,7 +15,7 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 /// Returns whether there is panel at a place.
 pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
-/// What is done in one area, before paths are joined.
+/// The work in one area, before paths are joined.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     pub area: Area,
@@ -28,14 +28,15 @@ pub(super) struct Piece {
     pub overhangs_mm: Vec<f64>,
 }
 
-/// Times that lines are laid again because the disc reaches too far beyond the outline, or lines are too far apart.
+/// Largest number of times that lines are laid again because the disc reaches too far beyond the outline, or lines
+/// are too far apart.
 const ROUNDS: usize = 16;
 /// Lines are moved inwards by the excess of the disc plus this distance, mm: the rest after a round is less than
 /// that.
 const OUTLINE_CLEAR_MM: f64 = 0.01;
-/// Lines are laid this much closer again than what they were too far apart.
+/// Additional factor by which lines are laid closer when they are too far apart.
 const CLOSER: f64 = 0.999;
-/// Places on each side of a patch at which its bend is looked at.
+/// Number of places on each side of a patch at which its curvature is checked.
 const BEND_STEPS: usize = 6;
 /// If one place would do for a whole patch, the disc moves over it by this share of its radius: it never comes down
 /// and leaves at one place.

@@ -133,7 +133,7 @@ fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// The pieces in the order of travel, each in its direction.
+/// Returns the pieces in the order of travel, each in its direction.
 fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
     let end = |at: Option<&Parameter>| at.map_or(Point::at(0.0, 0.0, 0.0), |at| surface.point(*at));
     let ends: Vec<[Point<Panel>; 2]> =

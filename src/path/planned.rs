@@ -1,4 +1,5 @@
-//! What a plan is: waypoints, the paths that they make, and what these reach; and why there is none.
+//! The data of a plan: waypoints, the paths that they form, and the area that these cover; and the reason why there
+//! is no plan.
 
 use super::coverage::GridCoverage;
 use super::edge::Overhang;
@@ -24,25 +25,26 @@ pub struct Waypoint {
 }
 
 impl Waypoint {
-    /// Whether pose, feed and rounding are numbers, and the feed above 0.
+    /// Returns whether pose, feed and rounding are finite numbers, and the feed is above 0.
     pub fn is_finite(&self) -> bool {
         let fed = self.feed_mm_s.is_finite() && self.feed_mm_s > 0.0;
         fed && self.pose().is_finite() && self.blend_mm.is_finite()
     }
 
-    /// The tool in the panel's frame as commands, programs and files state it.
+    /// Returns the tool's pose in the panel's frame as commands, programs and files state it.
     pub fn pose(&self) -> KukaPose {
         KukaPose::from_rigid(&self.panel_from_tool)
     }
 
-    /// The tool in the panel's frame as the controller reads it. It differs from [`Waypoint::panel_from_tool`] by the
-    /// rounding of three angles; what is followed and sent begins with this one.
+    /// Returns the tool's pose in the panel's frame as the controller reads it. It differs from
+    /// [`Waypoint::panel_from_tool`] by the rounding of three angles. The followed and the sent path both use this
+    /// pose.
     pub fn as_sent(&self) -> Rigid<Panel, Tool> {
         self.pose().to_rigid()
     }
 }
 
-/// The waypoints over one or more grids, from the air to the air.
+/// The waypoints over one or more grids; the first and the last are in the air.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPath {
     /// What it abrades.
@@ -60,7 +62,7 @@ pub struct StepOver {
     pub max_mm: f64,
 }
 
-/// Paths and what they reach.
+/// Paths, and the result that they achieve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// One path for each area of neighbouring grids, in the order of travel.
@@ -73,15 +75,15 @@ pub struct Plan {
     pub duration_s: f64,
     /// Covered share of all grids together, 0…1.
     pub coverage: f64,
-    /// The same for each grid.
+    /// Covered share of each grid.
     pub grids: Vec<GridCoverage>,
     /// Time under the disc over the whole treated area; `None` if nothing is treated.
     pub dwell: Option<Spread>,
-    /// The same for each grid.
+    /// Time under the disc in each grid.
     pub grid_dwell: Vec<(GridId, Spread)>,
     /// Distance between neighbouring rows, without turns; `None` if no path has two rows.
     pub step_over_mm: Option<StepOver>,
-    /// How far the disc leaves the panel.
+    /// Distance by which the disc leaves the panel.
     pub overhang: Overhang,
 }
 
@@ -94,7 +96,7 @@ impl Plan {
         all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// The same with other feeds, one for each waypoint of all its paths in their order, mm/s.
+    /// Returns the plan with other feeds, one for each waypoint of all its paths in order, mm/s.
     #[must_use]
     pub fn fed(mut self, feeds_mm_s: &[f64], settings: &recipe::Path) -> Self {
         let all = self.paths.iter_mut().flat_map(|path| &mut path.waypoints);
@@ -103,7 +105,7 @@ impl Plan {
         self
     }
 
-    /// The same with the times under the disc that these feeds come to.
+    /// Returns the plan with the times under the disc that result from these feeds.
     #[must_use]
     pub fn timed(mut self, dwell: &Dwell) -> Self {
         self.dwell = dwell.spread();
@@ -111,17 +113,17 @@ impl Plan {
         self
     }
 
-    /// Whether every pose, feed, rounding, length and time is a number, and every feed above 0.
+    /// Returns whether every pose, feed, rounding, length and time is a finite number, and every feed is above 0.
     pub fn is_finite(&self) -> bool {
         let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
         let dwell = self.dwell_ratio().is_none_or(|(ratio, _)| ratio.is_finite());
         let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
-        // Without an outline the disc reaches beyond it without end.
+        // Without an outline, the overhang is infinite.
         moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
     }
 }
 
-/// How long paths are, in mm and s.
+/// Length and duration of paths, in mm and s.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Extent {
     pub length_mm: f64,
@@ -129,7 +131,7 @@ pub(super) struct Extent {
     pub duration_s: f64,
 }
 
-/// How long paths are.
+/// Calculates the length and duration of paths.
 pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> Extent {
     let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut sum = Extent::default();
@@ -138,7 +140,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> Extent {
         sum.length_mm += step_mm;
         sum.contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
         sum.duration_s += step_mm / pair[1].feed_mm_s;
-        // From or to a stop: half of feed / acceleration lost at either.
+        // Starting or stopping costs half of feed / acceleration at each stop.
         let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
         sum.duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
     }
@@ -151,7 +153,7 @@ pub enum PlanError {
     /// Nothing to plan.
     #[error("no grid was requested")]
     NoGrids,
-    /// The region has no such grid.
+    /// The region does not have the requested grid.
     #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
     UnknownGrid {
         /// The requested grid.

@@ -23,7 +23,7 @@ use nalgebra::Vector3;
 const INSET_RADII: f64 = 0.2;
 /// Columns on which rows are found; between them rows are straight in (u, v).
 const COLUMN_SPACING_MM: f64 = 5.0;
-/// A distance across is right when it is this exact, mm.
+/// Tolerance of a distance across the rows, mm.
 const TOLERANCE_MM: f64 = 1e-6;
 /// Newton steps before a row is given up; a smooth patch needs two or three.
 const MAX_NEWTON_STEPS: usize = 20;
@@ -33,7 +33,7 @@ const WIDTH_PIECES: usize = 4;
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// Rows in the order and direction of motion: each next one runs the other way.
+/// Rows in the order and direction of motion; neighbouring rows run in opposite directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
     /// The rows' waypoints.
@@ -43,23 +43,23 @@ pub struct Raster {
 /// Why a patch has no raster.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RasterError {
-    /// The surface has no area there.
+    /// The surface has no area at this place.
     #[error("the surface has no area at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     Degenerate {
         /// The place.
         at: Parameter,
     },
-    /// The correction did not settle.
+    /// The correction did not converge.
     #[error("no place lies {distance_mm:.3} mm across from (u, v) = ({:.4}, {:.4})", from.u, from.v)]
     NoRow {
-        /// Place of the previous row, or of the border.
+        /// Point of the previous row, or of the border.
         from: Parameter,
         /// Requested distance, mm.
         distance_mm: f64,
     },
 }
 
-/// Along which parameter rows run.
+/// The parameter along which rows run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Along {
     U,
@@ -67,7 +67,7 @@ pub(super) enum Along {
 }
 
 impl Along {
-    /// The place at `a` along the rows and `b` across them.
+    /// Returns the point at `a` along the rows and `b` across them.
     pub fn place(self, a: f64, b: f64) -> Parameter {
         match self {
             Along::U => Parameter { u: a, v: b },
@@ -84,7 +84,7 @@ impl Along {
     }
 }
 
-/// How far rows and their ends stay inside of a patch's border, mm.
+/// Returns the distance of rows and their ends from a patch's border, mm.
 pub(super) fn border_inset_mm(settings: &recipe::Path) -> f64 {
     INSET_RADII * settings.disc_diameter_mm() / 2.0
 }
@@ -96,9 +96,9 @@ pub(super) struct Insets {
     pub u: [f64; 2],
     /// From lowest and highest v.
     pub v: [f64; 2],
-    /// What each side is to keep farther off: lowest u, highest u, lowest v, highest v.
+    /// Additional distance required from each side: lowest u, highest u, lowest v, highest v.
     pub more: [f64; 4],
-    /// Which of them were pushed off before.
+    /// Whether each side was already moved farther inwards.
     pub pushed: [bool; 4],
 }
 
@@ -109,7 +109,8 @@ impl Insets {
         Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
     }
 
-    /// Notes that at this place the disc reaches too far: the side towards which it does is to keep farther off.
+    /// Records that the disc reaches too far at this place: the rows must keep a larger distance from the side
+    /// towards which it does.
     pub fn keep_off(&mut self, tangents: &Tangents, outward: Vector3<f64>, excess_mm: f64) {
         let (along_u, along_v) =
             (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
@@ -149,7 +150,7 @@ impl Insets {
     }
 }
 
-/// What rows are laid by.
+/// The settings by which rows are laid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Laying {
     pub along: Along,
@@ -172,7 +173,7 @@ pub fn raster(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) 
     Ok(Raster { rows: rows(surface, patch, &laying)? })
 }
 
-/// Rows along one parameter.
+/// Lays rows along one parameter.
 pub(super) fn rows(
     surface: &BSplineSurface,
     patch: &Patch,
@@ -207,13 +208,13 @@ pub(super) fn rows(
 }
 
 impl Raster {
-    /// All waypoints in one: the rows and the turns between them, in contact throughout.
+    /// Returns all waypoints as one track: the rows and the turns between them, in contact throughout.
     pub fn track(&self, surface: &BSplineSurface, spacing_mm: f64) -> Vec<Parameter> {
         joined(surface, &self.rows, spacing_mm)
     }
 }
 
-/// Lines one after the other with the ways between them, no step longer than the spacing.
+/// Joins lines, one after the other, with connecting ways between them; no step is longer than the spacing.
 pub(super) fn joined(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing_mm: f64) -> Vec<Parameter> {
     let mut track: Vec<Parameter> = Vec::new();
     for line in lines {
@@ -229,7 +230,7 @@ pub(super) fn joined(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing
     track
 }
 
-/// Places between two others, neither included, so that no step exceeds the spacing.
+/// Returns points between two others, without these two, so that no step exceeds the spacing.
 pub(super) fn between(
     surface: &BSplineSurface,
     from: Parameter,
@@ -243,7 +244,7 @@ pub(super) fn between(
         points.zip(ends).map(|(from, to)| from.distance_mm(to)).fold(0.0, f64::max)
     };
     let fewest = (surface.point(from).distance_mm(surface.point(to)) / spacing_mm - 1e-9).ceil().max(1.0) as usize;
-    // Even steps of the parameters are uneven ones on the surface.
+    // Equal steps of the parameters are unequal steps on the surface.
     let most = 2 * fewest + 8;
     let steps = (fewest..most).find(|steps| longest_mm(*steps) <= spacing_mm * (1.0 + 1e-9)).unwrap_or(most);
     (1..steps).map(move |step| mix(from, to, step as f64 / steps as f64))
@@ -275,7 +276,7 @@ fn columns(surface: &BSplineSurface, patch: &Patch, laying: &Laying) -> Result<V
             width_mm += across_mm(surface, along, border(piece), along.across(border(piece + 1)))?;
         }
         let left_mm = width_mm - low_mm - high_mm;
-        // No room for both insets: one row, as far from each border as they are to one another.
+        // If there is no space for both insets: one row, equally far beyond each inset.
         let first_mm = if left_mm > 0.0 { low_mm } else { between_insets_mm(width_mm, [low_mm, high_mm]) };
         Ok(Column { at: along.along(border(0)), first_mm, left_mm: left_mm.max(0.0) })
     };
@@ -288,7 +289,7 @@ pub(super) fn between_insets_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f
     ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)
 }
 
-/// The place on the column of `from` that lies this far across the rows, towards larger parameters.
+/// Finds the point on the column of `from` at this distance across the rows, towards larger parameters.
 pub(super) fn across_from(
     surface: &BSplineSurface,
     along: Along,
@@ -307,7 +308,7 @@ pub(super) fn across_from(
     Err(RasterError::NoRow { from, distance_mm })
 }
 
-/// ∫ |S_u × S_v| / |S_u| dv along a column, mm.
+/// Calculates ∫ |S_u × S_v| / |S_u| dv along a column, mm.
 fn across_mm(surface: &BSplineSurface, along: Along, from: Parameter, to: f64) -> Result<f64, RasterError> {
     let (a, b) = (along.along(from), along.across(from));
     let mut sum = 0.0;
@@ -317,7 +318,7 @@ fn across_mm(surface: &BSplineSurface, along: Along, from: Parameter, to: f64) -
     Ok(sum * (to - b))
 }
 
-/// |S_v·D| of Eq. 4.23 with F along S_u, mm for a unit of v; exchanged for rows along v.
+/// Calculates |S_v·D| of Eq. 4.23 with F along S_u, mm for a unit of v; for rows along v, u and v are exchanged.
 fn mm_per_unit(surface: &BSplineSurface, along: Along, at: Parameter) -> Result<f64, RasterError> {
     let tangents = surface.tangents(at);
     surface.normal_of(&tangents).ok_or(RasterError::Degenerate { at })?;
@@ -325,9 +326,10 @@ fn mm_per_unit(surface: &BSplineSurface, along: Along, at: Parameter) -> Result<
     Ok(tangents.area_mm2() / feed.mm.norm())
 }
 
-/// Waypoints at equal distances along a row, from inset to inset.
+/// Returns waypoints at equal distances along a row, from inset to inset.
 fn trimmed(surface: &BSplineSurface, row: &[Parameter], laying: &Laying) -> Vec<Parameter> {
-    // The inset is a distance from the border; a row that meets it aslant goes farther for it.
+    // The inset is measured perpendicular to the border; a row that meets the border at an angle needs a longer
+    // distance.
     let [low_mm, high_mm] = laying.insets.at_ends(laying.along);
     let (start, end) = (surface.tangents(row[0]), surface.tangents(row[row.len() - 1]));
     resampled(surface, row, [low_mm / sine(&start), high_mm / sine(&end)], laying.spacing_mm)
@@ -363,7 +365,7 @@ pub(super) fn resampled(
     (0..=steps).map(|step| place(first + (last - first) * step as f64 / steps as f64)).collect()
 }
 
-/// Sine of the angle between S_u and S_v.
+/// Returns the sine of the angle between S_u and S_v.
 fn sine(tangents: &Tangents) -> f64 {
     tangents.area_mm2() / (tangents.s_u.mm.norm() * tangents.s_v.mm.norm())
 }

@@ -11,9 +11,9 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 
 /// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
 const CORNER_STEPS: usize = 4;
-/// Places along one side of a ring before it is resampled.
+/// Number of points along one side of a ring before resampling.
 const SIDE_STEPS: usize = 24;
-/// Half of a ring's shorter side; less is a line, mm.
+/// Smallest half of a ring's shorter side, mm; a smaller ring becomes a line.
 const MIN_HALF_MM: f64 = 0.5;
 
 /// The rings of one patch.
@@ -22,7 +22,7 @@ pub(super) struct Rings<'a> {
     patch: &'a Patch,
     insets: Insets,
     step_mm: f64,
-    /// Rings inside of the outermost one.
+    /// Number of rings inside the outermost one.
     steps: usize,
     shorter: Along,
     /// Whether there is no room for a ring.
@@ -39,7 +39,7 @@ impl<'a> Rings<'a> {
             (0..8).map(|n| place(n).distance_mm(place(n + 1))).sum::<f64>()
         };
         let (u_mm, v_mm) = (length(Along::U, 0.5), length(Along::V, 0.5));
-        // No room for both insets: the ring shrinks to a line or a point between them.
+        // If there is no space for both insets, the ring shrinks to a line or a point between them.
         let shrunk = |length_mm: f64, inset: [f64; 2]| {
             let low_mm = between_insets_mm(length_mm, inset);
             if inset[0] + inset[1] < length_mm { inset } else { [low_mm, length_mm - low_mm] }
@@ -70,7 +70,7 @@ impl<'a> Rings<'a> {
         if self.shorter == Along::U { [1, 3] } else { [0, 2] }
     }
 
-    /// Each ring's four sides, the outermost ring first.
+    /// Returns each ring's four sides, the outermost ring first.
     pub fn closed(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
     }
@@ -90,7 +90,7 @@ impl<'a> Rings<'a> {
         Ok(rings)
     }
 
-    /// One ring, then turns that go inwards all the time, then the innermost ring.
+    /// Returns one ring, then turns that lead continuously inwards, then the innermost ring.
     pub fn winding(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut all = vec![self.sides([0.0; SIDES + 1])?];
         for ring in 0..self.steps {
@@ -126,14 +126,14 @@ impl<'a> Rings<'a> {
             }
         }
         if self.is_line {
-            // The way back is the same line.
+            // On a line, the way back would repeat the same line.
             sides[2].clear();
             sides[3].clear();
         }
         Ok(sides)
     }
 
-    /// The place on the column of `at` with this depth from the low or high border beside it.
+    /// Finds the point on the column of `at` at this depth from the low or high border.
     fn at_depth(&self, along: Along, at: Parameter, high: bool, depth_mm: f64) -> Result<Parameter, RasterError> {
         let border = along.across(if high { self.patch.high } else { self.patch.low });
         let inset_mm = self.insets.at_sides(along)[usize::from(high)] + depth_mm;

@@ -17,10 +17,10 @@ use crate::words::apart;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// Steps of a way through air, at most.
+/// Largest step and turn of a way through air.
 const AIR_STEP_MM: f64 = 40.0;
 const AIR_TURN: Degrees = Degrees(8.0);
-/// Rounding at the steps of a way through air: of a step, and at most.
+/// Rounding at the steps of a way through air: as a share of a step, then the upper limit.
 const BLEND_SHARE: f64 = 0.2;
 const AIR_BLEND_MM: f64 = 5.0;
 /// Speed through air, mm/s, if the cell allows it.
@@ -39,7 +39,7 @@ pub struct StartState<'a> {
     pub limits: &'a Limits,
     /// The arm.
     pub arm: &'a cell::Arm,
-    /// The tool that the controller has.
+    /// The tool that is set in the controller.
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The current axes.
     pub joints: Joints,
@@ -52,9 +52,9 @@ pub struct StartState<'a> {
 pub struct LinearMotion {
     /// The pose at its end.
     pub pose: KukaPose,
-    /// Rounding at its end, mm; 0 stops there.
+    /// Rounding at the end of the motion, mm; 0 stops there.
     pub blend_mm: f64,
-    /// Whether the tool is in contact at its end.
+    /// Whether the tool is in contact at the end of the motion.
     pub contact: bool,
     /// Its own speed, m/s; the path's speed if there is none.
     pub speed_m_s: Option<f64>,
@@ -63,20 +63,20 @@ pub struct LinearMotion {
 /// Speed and acceleration of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathSpeed {
-    /// Of the tip, m/s.
+    /// Speed of the tip, m/s.
     pub speed_m_s: f64,
-    /// Of the tip, m/s².
+    /// Acceleration of the tip, m/s².
     pub acceleration_m_s2: f64,
 }
 
-/// A path that may be sent, or why not.
+/// A path that may be sent, or the reasons why not.
 #[derive(Debug, Clone)]
 pub struct Gated {
     /// The violations; empty if the path may be sent.
     pub broken: Vec<Check>,
     /// The motions.
     pub points: Vec<LinearMotion>,
-    /// How fast they are.
+    /// Speed and acceleration of the motions.
     pub speed: PathSpeed,
     /// The tip's pose at the end, in the robot's base.
     pub end: Option<Rigid<Base, Tool>>,
@@ -85,7 +85,7 @@ pub struct Gated {
 }
 
 impl Gated {
-    /// Whether it may be sent.
+    /// Returns whether the path may be sent.
     pub fn is_good(&self) -> bool {
         self.judgement().verdict == Verdict::Accept
     }
@@ -95,14 +95,14 @@ impl Gated {
         Judgement::of_checks(&self.broken)
     }
 
-    /// The same path, refused for this as well.
+    /// Returns the same path with additional violations.
     fn refused_for(self, mut broken: Vec<Check>) -> Self {
         broken.extend(self.broken);
         Gated { broken, joints: None, ..self }
     }
 }
 
-/// The plan's waypoints, one path after the other.
+/// Returns the plan's waypoints, one path after the other.
 pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
@@ -117,7 +117,7 @@ pub fn air<Active: crate::geometry::Frame>(
     air_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
 }
 
-/// The same at a speed of its own.
+/// Checks a way through air at a given speed.
 pub fn air_at<Active: crate::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
@@ -140,7 +140,7 @@ pub fn air_at<Active: crate::geometry::Frame>(
     gated(standing, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s, ACCELERATION_M_S2))
 }
 
-/// The same plan with every point of contact lifted off the panel, along the tool's axis.
+/// Returns the plan with every contact point lifted off the panel, along the tool's axis.
 pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     let mut lifted = plan.clone();
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
@@ -187,7 +187,7 @@ pub fn contact(
     gated.refused_for(of_plan)
 }
 
-/// The way to a view of a corner, which is measured from there.
+/// Checks the way to a view of a corner; the end of the way must lie where the arm's correction was measured.
 pub fn view(standing: &StartState<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
     let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
     match standing.where_measured([to]) {
@@ -202,7 +202,7 @@ fn gated<Active: crate::geometry::Frame>(
     (from, points): (Rigid<Active, Tool>, Vec<LinearMotion>),
     (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
 ) -> Gated {
-    // Judged as they will be sent, numbers and all.
+    // The poses are checked exactly as they will be sent, with rounded numbers.
     let poses: Vec<Rigid<Base, Tool>> =
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
     let from = base_from_active * from;
@@ -250,7 +250,7 @@ impl StartState<'_> {
         })
     }
 
-    /// Whether the arm could leave the panel from each waypoint in contact.
+    /// Checks whether the arm could leave the panel from each waypoint in contact.
     fn retracts(
         &self,
         points: &[LinearMotion],
@@ -330,7 +330,7 @@ pub fn mounted_follows(
     follow(&arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
-/// The path's first point is one that the arm is at: waypoints count from 1.
+/// The fault's index counts from 0, and the message counts waypoints from 1.
 fn refused(fault: &ReachFault) -> Reason {
     Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
 }

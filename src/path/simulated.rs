@@ -1,4 +1,4 @@
-//! Surface and paths on the simulated cell, against its truth.
+//! Surface and paths on the simulated cell, compared with its true values.
 
 use super::panel_reach::{self, ReachSetup};
 use super::{Kinematics, Plan, judge, plan};
@@ -14,13 +14,14 @@ use std::f64::consts::FRAC_PI_2;
 struct Measured {
     plan: Plan,
     verdict: &'static str,
-    /// Of the contact waypoints: mean, p95 and largest distance from the true surface, mm.
+    /// Mean, p95 and largest distance of the contact waypoints from the true surface, mm.
     surface_mm: [f64; 3],
     /// p95 and largest angle between the tool and the true normal, degrees.
     normal_deg: [f64; 2],
 }
 
-/// Turns of the whole cell about the base: the panel upright before the robot, face up, face down, and upright aside.
+/// Turns of the whole cell about the base: the panel upright in front of the robot, face up, face down, and upright
+/// at the side.
 const ATTITUDES: [(&str, [f64; 3]); 4] = [
     ("upright", [0.0, 0.0, 0.0]),
     ("face up", [0.0, FRAC_PI_2, 0.0]),
@@ -53,7 +54,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
     let turned_from_panel: Rigid<Panel, Panel> =
         Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn.into()));
     let base_from_camera = Rigid::<Base, Base>::claim(*turned_from_panel.isometry()) * truth.base_from_camera;
-    // The true place of the camera: this measures fit and path, not the calibration.
+    // The camera's true pose is used: this test measures fit and path, not the calibration.
     let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe)
         .unwrap_or_else(|e| panic!("{e}"));
     let Fit { surface, .. } = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));
@@ -82,7 +83,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
     }
 }
 
-/// The floor: normals within 1°, coverage at least 0.995 of every grid.
+/// Checks the minimum quality: normals within 1°, coverage of every grid at least 0.995.
 fn holds(measured: &Measured) -> bool {
     measured.normal_deg[1] < 1.0
         && measured.surface_mm[2] < 0.3

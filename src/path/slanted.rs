@@ -9,9 +9,9 @@ use super::raster::{Along, Insets, Laying, RasterError, across_from, mix, resamp
 use crate::geometry::Degrees;
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
-/// Distance between places of a row before it is resampled, mm.
+/// Distance between points of a row before resampling, mm.
 const COLUMN_MM: f64 = 4.0;
-/// Steps in which a distance across is laid; the measure hardly changes over one row.
+/// Number of steps for a distance across the rows; the measure hardly changes over one row.
 const HALVES: usize = 2;
 
 struct Chart {
@@ -43,7 +43,7 @@ impl Chart {
         [(du * self.across[1] - dv * self.across[0]) / area, (dv * self.along[0] - du * self.along[1]) / area]
     }
 
-    /// mm on the surface for 1 mm across in the chart.
+    /// Returns the distance on the surface, mm, for 1 mm across in the chart.
     fn measure(&self, surface: &BSplineSurface, patch: &Patch, at: Parameter) -> Result<f64, RasterError> {
         let at = Parameter { u: at.u.clamp(patch.low.u, patch.high.u), v: at.v.clamp(patch.low.v, patch.high.v) };
         let tangents = surface.tangents(at);
@@ -54,7 +54,7 @@ impl Chart {
     }
 }
 
-/// Rows at an angle to u, each next one the other way.
+/// Lays rows at an angle to u; neighbouring rows run in opposite directions.
 pub(super) fn rows(
     surface: &BSplineSurface,
     patch: &Patch,
@@ -70,7 +70,7 @@ pub(super) fn rows(
     let ((a_low, a_high), (b_low, b_high)) = (range(0), range(1));
     let columns = ((a_high - a_low) / COLUMN_MM).ceil().max(2.0) as usize;
     let a = |column: usize| a_low + (a_high - a_low) * column as f64 / columns as f64;
-    // Width on the surface through the middle, from the lowest corner to the highest one.
+    // Width on the surface through the middle, from the lowest to the highest corner.
     let mut width_mm = 0.0;
     for piece in 0..8 {
         let b = b_low + (b_high - b_low) * (piece as f64 + 0.5) / 8.0;
@@ -103,7 +103,7 @@ pub(super) fn rows(
     Ok(rows)
 }
 
-/// Corners of the patch, inset, in order.
+/// Returns the corners of the patch, moved inwards by the insets, in order.
 fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Result<[Parameter; 4], RasterError> {
     let corner = |high_u: bool, high_v: bool| {
         let pick = |high: bool, low: f64, top: f64| if high { top } else { low };
@@ -121,9 +121,9 @@ fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Re
     Ok([corner(false, false)?, corner(true, false)?, corner(true, true)?, corner(false, true)?])
 }
 
-/// What of a line lies inside of a convex quadrilateral.
+/// Returns the part of a line inside a convex quadrilateral.
 fn clipped(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
-    // Positive inside of a side; the corners go round from u to v.
+    // The value is positive inside a side; the order of the corners turns from u to v.
     let sides = |at: Parameter| -> [f64; 4] {
         std::array::from_fn(|n| {
             let (from, to) = (corners[n], corners[(n + 1) % 4]);
@@ -136,7 +136,7 @@ fn clipped(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
         let (before, after) = (sides(pair[0]), sides(pair[1]));
         let (mut from, mut to) = (0.0, 1.0_f64);
         for (b, a) in before.into_iter().zip(after) {
-            // A hair outside counts as inside: the first and the last row touch a corner.
+            // A point just outside counts as inside, because the first and the last row touch a corner.
             let (b, a) = (b + 1e-9 * size, a + 1e-9 * size);
             if b < 0.0 && a < 0.0 {
                 to = -1.0;

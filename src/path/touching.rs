@@ -9,13 +9,13 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// Samples along each side of a grid, its edges among them.
+/// Number of samples along each side of a grid, including its edges.
 const SAMPLES: usize = 16;
-/// The disc is taken this much larger: what it barely reaches counts as reached, mm.
+/// Distance that is added to the disc's size, mm: a place that the disc barely reaches counts as reached.
 const MARGIN_MM: f64 = 1.0;
 
-/// A place is taken as touched that lies this far beyond the disc's edge, mm: the panel is placed, and the tool
-/// moves, within less.
+/// A place up to this distance beyond the disc's edge counts as touched, mm: the errors of the panel's pose and of
+/// the tool's motion are smaller.
 const BEYOND_MM: f64 = 1.5;
 /// Largest distance between the sampled points of the way between two waypoints, mm; a place lies at most half of
 /// this farther from a point than from the way.
@@ -37,8 +37,8 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
     near(&way, settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0, panel)
 }
 
-/// The taught pixels that a disc may have touched that abraded these grids: its centre stays on the grid or beside
-/// it, so that its edge leaves the grid by its diameter at most.
+/// Returns the taught pixels that a disc may have touched when it abraded these grids. The disc's centre stays on
+/// or beside the grid, so its edge leaves the grid by at most its diameter.
 pub fn pixels_of_abraded(grids: &[GridId], panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let Mask { width, height, .. } = panel.mask;
     let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
@@ -51,13 +51,13 @@ pub fn pixels_of_abraded(grids: &[GridId], panel: &TaughtPanel, settings: &recip
     near(&points, settings.disc_diameter_mm() + BEYOND_MM, panel)
 }
 
-/// The taught pixels that lie within this distance of any of these points.
+/// Returns the taught pixels within this distance of any of these points.
 fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
     let mut near = Mask { inside: vec![false; panel.mask.inside.len()], ..panel.mask };
     if points.is_empty() {
         return near;
     }
-    // Points that cannot be searched may be near all of the panel.
+    // If the points cannot be searched, all of the panel may be near them.
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(points) else { return panel.mask.clone() };
     near.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
         |(index, near)| {
@@ -83,7 +83,7 @@ pub fn first_reached(
     let place = |index: usize| all[index].panel_from_tool.origin();
     let near_mm = radius_mm + MARGIN_MM;
     let reaches = |index: usize, points: &[Point<Panel>]| {
-        // From the air it comes down on its waypoint alone.
+        // From the air, the tool comes down only on this waypoint.
         let from = if index > 0 && all[index - 1].contact { place(index - 1) } else { place(index) };
         all[index].contact && points.iter().any(|point| distance_mm(*point, from, place(index)) <= near_mm)
     };
@@ -100,7 +100,7 @@ fn samples(surface: &BSplineSurface, patch: &Patch) -> Vec<Point<Panel>> {
     (0..SAMPLES * SAMPLES).map(|index| surface.point(patch.at(at(index)))).collect()
 }
 
-/// Distance of a point from the line between two others, mm.
+/// Returns the distance of a point from the line between two others, mm.
 fn distance_mm(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> f64 {
     let (way, off) = ((to - from).mm, (point - from).mm);
     let along = (off.dot(&way) / way.norm_squared().max(1e-12)).clamp(0.0, 1.0);

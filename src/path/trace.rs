@@ -11,9 +11,9 @@ use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 /// One report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseReport {
-    /// By the controller's clock, ms.
+    /// Time by the controller's clock, ms.
     pub time_ms: u32,
-    /// The tool in the panel's frame, the base that was set.
+    /// The tool's pose in the panel's frame, which is the base set in the controller.
     pub tip: KukaPose,
     /// Waypoints executed, without the first of the plan: the arm was there already.
     pub done: u32,
@@ -30,11 +30,11 @@ pub struct Trace(Vec<PoseReport>);
 pub struct ExecutedPath {
     /// Poses in the order of time.
     pub poses: Vec<Executed>,
-    /// Reports of the robot among them.
+    /// Number of the robot's reports among the poses.
     pub reports: usize,
-    /// The farthest that one of them lies from the planned lines beside it, mm.
+    /// Largest distance of a report from the nearby planned lines, mm.
     pub off_mm: f64,
-    /// Way in contact, mm.
+    /// Length of the way in contact, mm.
     pub contact_mm: f64,
 }
 
@@ -44,17 +44,17 @@ impl Trace {
         self.0.push(told);
     }
 
-    /// What a compliant tool measured at the time of the last report, N; the first to come counts.
+    /// Adds a compliant tool's measurement to the last report, N; only the first measurement counts.
     pub fn measured(&mut self, force_n: f64) {
         if let Some(told) = self.0.last_mut() {
             told.force_n.get_or_insert(force_n);
         }
     }
 
-    /// The executed path; `done` waypoints of all were executed in the end.
+    /// Returns the executed path; in the end, `done` of all waypoints were executed.
     pub fn executed(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
         let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
-        // The arm begins at the first waypoint.
+        // The arm starts at the first waypoint.
         let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |told| told.time_ms));
         let time_of_last_ms = self.0.last().map_or(0, |told| told.time_ms);
         let last = PoseReport { time_ms: time_of_last_ms, tip: KukaPose::default(), done, force_n: None };
@@ -62,7 +62,8 @@ impl Trace {
             let reached = (told.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
-            // One or two corners between two reports are cut by less than the disc's own rounding.
+            // With one or two corners between two reports, the cut-off part is smaller than the disc's own
+            // rounding.
             if missed > MAX_MISSED || !is_report {
                 let stand_in =
                     |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
@@ -90,10 +91,11 @@ impl Trace {
 
 /// If more waypoints than this lie between two reports, they replace the missing reports.
 const MAX_MISSED: usize = 2;
-/// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
+/// Number of lines before and after the current one on which a report may lie: the report and the count are not
+/// simultaneous.
 const BESIDE: usize = 3;
 
-/// The waypoint that the arm goes to once this many are executed.
+/// Returns the waypoint to which the arm moves after this number of executed waypoints.
 fn towards(all: &[Waypoint], done: u32) -> usize {
     (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
 }

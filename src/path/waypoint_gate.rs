@@ -11,16 +11,16 @@ use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
 use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, list, plain};
 
-/// What a path may do.
+/// The limits of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WaypointLimits {
-    /// The box that the tip must not leave; without one nothing may move in lines.
+    /// The box that the tip must not leave; without a box, no straight motion is allowed.
     pub workspace: Option<Workspace>,
     /// Longest step, mm.
     pub max_step_mm: f64,
     /// Largest turn in one step.
     pub max_turn: Degrees,
-    /// Largest angle between the tool's axis and the one that was taught.
+    /// Largest angle between the tool's axis and the taught axis.
     pub max_tilt: Degrees,
 }
 
@@ -46,7 +46,7 @@ pub struct Route<'a> {
     pub taught_axis: Option<Vector<Base>>,
 }
 
-/// Accepts a path of lines or rejects all of it.
+/// Accepts or rejects a whole path of straight lines.
 pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
     Judgement::of_checks(&broken_by_route(route, limits))
 }
@@ -78,7 +78,7 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
     broken
 }
 
-/// Accepts axis angles or rejects them.
+/// Accepts or rejects axis angles.
 pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = joints.degrees();
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > MAX_AXIS_DEG);
@@ -93,7 +93,7 @@ pub fn judge_joints(joints: &Joints) -> Judgement {
     Judgement::of_checks(&wrong.map(check))
 }
 
-/// No axis of such an arm turns farther.
+/// Largest angle of any axis of such an arm.
 const MAX_AXIS_DEG: f64 = 360.0;
 
 fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
@@ -103,7 +103,7 @@ fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
 /// Checks whether a waypoint is outside the box, and how far.
 fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
-    // Each number beside the side of the box that is nearer to it.
+    // Each number, with enough digits to differ from the nearer side of the box.
     let beside = |mm: f64, axis: usize| {
         let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
         let [mm, _] = apart(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
@@ -177,7 +177,7 @@ mod tests {
         }
     }
 
-    /// The tool points along the base's X; `turn_deg` leans it downwards.
+    /// The tool points along the base's X; `turn_deg` tilts it downwards.
     fn at(x_mm: f64, turn_deg: f64) -> Rigid<Base, Tool> {
         KukaPose { x_mm, z_mm: 300.0, b_deg: 90.0 + turn_deg, ..KukaPose::default() }.to_rigid()
     }
@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(codes(at(100.0, 0.0), &[at(199.0, 14.0), at(298.0, 28.0), at(300.0, 39.0)]), [""; 0]);
     }
 
-    /// Each defect is planted in the middle of a good path and rejects all of it, by its own name.
+    /// Each defect is inserted in the middle of a valid path. It must reject the whole path with its own code.
     #[test]
     fn each_planted_defect_is_named() {
         let planted = |bad| codes(at(100.0, 0.0), &[at(150.0, 0.0), bad, at(250.0, 0.0)]);
@@ -206,8 +206,8 @@ mod tests {
         assert!(planted(below).contains(&"outside_box".to_owned()));
     }
 
-    /// By hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above it; each names its
-    /// own key, and what is kept is not listed.
+    /// Calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above the
+    /// box. Each violation names its own key; satisfied limits are not listed.
     #[test]
     fn a_check_tells_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {

@@ -1,11 +1,11 @@
-//! What a person drew on the taught picture, put into a recipe's text. Everything else in the text stays as it is,
-//! comments too.
+//! Writes the shapes that a person drew on the taught picture into a recipe's text. Everything else in the text,
+//! including comments, stays unchanged.
 
 use crate::config::set_value;
 use serde::{Deserialize, Serialize};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
-/// What is drawn on the taught scan's picture, px.
+/// The shapes drawn on the taught scan's picture, px.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Drawn {
@@ -15,7 +15,7 @@ pub struct Drawn {
     pub rows: u32,
     /// Columns of grids.
     pub columns: u32,
-    /// What is not inspected: quadrilaterals.
+    /// Quadrilaterals that are not inspected.
     pub masked_px: Vec<[[f64; 2]; 4]>,
     /// The panel's outline, corner by corner; none if the scan shows it.
     pub outline_px: Vec<[f64; 2]>,
@@ -23,10 +23,10 @@ pub struct Drawn {
     pub held_px: Vec<[[f64; 2]; 4]>,
 }
 
-/// Why nothing could be put in.
+/// The reason why the shapes could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum EditError {
-    /// It is no TOML.
+    /// The text is not TOML.
     #[error("the recipe is no TOML: {0}")]
     NotToml(#[from] toml_edit::TomlError),
     /// A key that must be a table has another value.
@@ -81,7 +81,7 @@ fn lengthen(document: &mut DocumentMut, key: &'static str) {
     *item = Item::Table(table);
 }
 
-/// A number as a person would write it.
+/// Formats a number as a person would write it.
 fn number(px: f64) -> Value {
     let tenth = (px * 10.0).round() / 10.0;
     if tenth.fract() == 0.0 { Value::from(tenth as i64) } else { Value::from(tenth) }

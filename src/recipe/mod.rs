@@ -1,7 +1,8 @@
-//! The recipe: one TOML file for each kind of panel, checked into a form that holds only allowed values.
+//! The recipe: one TOML file for each kind of panel, checked and converted to a form that contains only allowed
+//! values.
 //!
-//! Each table is declared in `tables`, key by key with range, default and meaning; this file joins them and
-//! checks what concerns several keys. See `config/` for the reading itself.
+//! Each table is declared in `tables`, key by key with range, default and meaning; this file joins the tables and
+//! checks rules that concern several keys. See `config/` for the reading of the file.
 
 mod edit;
 mod tables;
@@ -31,7 +32,7 @@ pub struct Recipe {
     removal: Option<Removal>,
 }
 
-/// The keys at the top of a recipe, by which it is distinguished from other files.
+/// The keys at the top level of a recipe, by which a recipe is distinguished from other files.
 pub const RECIPE_KEYS: [&str; 9] =
     ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "removal"];
 
@@ -68,7 +69,7 @@ impl Recipe {
         })
     }
 
-    /// The panel's name, under which the store keeps what was taught.
+    /// The panel's name, under which the store keeps the taught data.
     pub fn panel(&self) -> &str {
         self.panel.name_text()
     }
@@ -78,7 +79,7 @@ impl Recipe {
         &self.panel
     }
 
-    /// The water-break test as a process.
+    /// The water-break test and the abrasion as a process.
     pub fn process(&self) -> &Process {
         &self.process
     }
@@ -88,7 +89,7 @@ impl Recipe {
         &self.locate
     }
 
-    /// How the corner picture is read.
+    /// The settings for reading the corner picture.
     pub fn corner(&self) -> &Corner {
         &self.corner
     }
@@ -98,17 +99,17 @@ impl Recipe {
         &self.region
     }
 
-    /// How a broken film is seen.
+    /// The settings for finding a broken film.
     pub fn inspect(&self) -> &Inspect {
         &self.inspect
     }
 
-    /// How the surface is fitted.
+    /// The settings for fitting the surface.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
 
-    /// How the tool moves.
+    /// The settings for the tool's path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -118,7 +119,8 @@ impl Recipe {
         self.removal.as_ref()
     }
 
-    /// Force of the tool on the panel, N: of a compliant tool `[path] force_n`, of a spring what `[removal]` states.
+    /// Returns the force of the tool on the panel, N: for a compliant tool `[path] force_n`, for a spring the value
+    /// in `[removal]`.
     pub fn force_n(&self) -> Option<f64> {
         self.path.force_n().or_else(|| self.removal.as_ref()?.force_n())
     }

@@ -70,7 +70,7 @@ fn a_panel_may_have_an_outline_and_held_edges() {
     );
 }
 
-/// One word holds for every taught picture; a list names each.
+/// A single keyword applies to every taught picture; a list contains one keyword for each picture.
 #[test]
 fn corners_are_named_for_each_picture() {
     let which = |corner: &str| {

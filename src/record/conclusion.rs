@@ -17,21 +17,21 @@ use crate::cycle::Request;
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
 
-/// Whether a finding counts for its cycle's verdict.
+/// The effect of a finding on its cycle's verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Disposition<'a> {
-    /// It is good: accept or pass.
+    /// The finding is good: accept or pass.
     Good,
     /// It counts.
     Counts,
     /// A review on which a person decided by this request.
     Decided(&'a RequestRecord),
-    /// A film that failed, before an abrasion and a later film.
+    /// A film that failed, followed by an abrasion and a later film.
     Superseded,
 }
 
 impl Disposition<'_> {
-    /// What became of a finding that is not good, for a page: who decided, and when.
+    /// States for a page how a finding that is not good was resolved: who decided, and when.
     pub fn words(self) -> Option<String> {
         let decided = |asked: &RequestRecord| {
             let what = match asked.wanted {
@@ -50,7 +50,7 @@ impl Disposition<'_> {
     }
 }
 
-/// Whether each finding counts, in their order.
+/// Returns for each finding, in order, whether it counts.
 pub fn dispositions<'a>(findings: &[Finding], asked: &'a [RequestRecord]) -> Vec<Disposition<'a>> {
     (0..findings.len()).map(|index| disposition(index, findings, asked)).collect()
 }
@@ -78,7 +78,7 @@ fn disposition<'a>(index: usize, findings: &[Finding], asked: &'a [RequestRecord
     }
 }
 
-/// Whether a person decided by this request on the finding with this index.
+/// Returns whether a person decided by this request on the finding with this index.
 fn decides(asked: &RequestRecord, index: usize) -> bool {
     let wanted = matches!(asked.wanted, Wanted::For(Request::Accept | Request::Unhold { .. }));
     let is_later = asked.findings.is_some_and(|kept| u64::try_from(index).is_ok_and(|index| index < kept));
@@ -93,7 +93,7 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
         all.filter(|(_, disposition)| *disposition == Disposition::Counts).map(|(finding, _)| &finding.judgement)
     };
     let found = counting().map(|judgement| judgement.verdict);
-    // The first of two that are as bad: the table's own word stays.
+    // Of two equally bad verdicts, the first is used, so the verdict of the cycle's table stays.
     let verdict = found.fold(ended, |worst, found| if found.badness() > worst.badness() { found } else { worst });
     let mut reasons: Vec<Reason> = Vec::new();
     let of_verdict = |judgement: &&Judgement| judgement.verdict != Verdict::Fail || verdict == Verdict::Fail;
@@ -108,13 +108,13 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     Judgement { verdict, reasons }
 }
 
-/// Whether the last word on the panel is a film that passed: no abrasion came after it.
+/// Returns whether the last test of the panel is a film that passed, without a later abrasion.
 pub(super) fn is_shown_by_a_film(findings: &[Finding]) -> bool {
     let last = findings.iter().rfind(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade));
     last.is_some_and(|last| last.kind == Kind::Inspect && last.judgement.verdict == Verdict::Pass)
 }
 
-/// Findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for another verdict.
+/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for another verdict.
 pub(super) fn unearned(
     id: CycleId,
     verdict: Verdict,

@@ -9,29 +9,29 @@ use crate::cycle::{Id, Motion, Outcome, Path};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// A motion as it was committed before its first waypoint.
+/// A motion, stored before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionRecord {
     /// The motion.
     pub motion: Motion,
-    /// How it ended; `None` while it is open.
+    /// The end of the motion; `None` while it is open.
     pub outcome: Option<Outcome>,
     /// Waypoints executed, as the robot reported at its end; without meaning if it did not report.
     pub done: u32,
-    /// Of a contact path what it works on, as far as it was kept.
+    /// For a contact path, the treated grids and the progress, as far as they were recorded.
     pub contact: Option<Contact>,
 }
 
-/// What a contact path works on; committed with the motion, before its first waypoint.
+/// The data of a contact path: grids, pass and wear; stored with the motion, before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ContactPath {
     /// The act that moves; the robot reports its progress by this act.
     pub id: Id,
-    /// Which pass, from 1.
+    /// Number of the pass, from 1.
     pub pass: u8,
     /// The planned grids, each with the first waypoint on the way to which the disc reaches it.
     pub grids: Vec<Reached>,
-    /// What the whole path wears of the disc, mm²; counted before it begins.
+    /// Wear of the disc by the whole path, mm²; counted before the path begins.
     pub wears_mm2: f64,
 }
 
@@ -40,7 +40,8 @@ pub struct ContactPath {
 pub struct Reached {
     /// The grid.
     pub grid: String,
-    /// The waypoint, counted as [`Motion::waypoints`](crate::cycle::Motion::waypoints) counts, from 1.
+    /// The first waypoint on the grid, counted as [`Motion::waypoints`](crate::cycle::Motion::waypoints) counts,
+    /// from 1.
     pub first: u32,
 }
 
@@ -51,25 +52,25 @@ pub struct Contact {
     pub path: ContactPath,
     /// Waypoints executed, as far as the robot reported.
     pub told: u32,
-    /// Waypoints that were permitted to be sent.
+    /// Number of waypoints that were permitted to be sent.
     pub permitted: u32,
 }
 
-/// Bounds of a number of waypoints.
+/// Lower and upper bound of a number of waypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
     /// This number was executed.
     pub at_least: u32,
-    /// No more can have been.
+    /// The largest number that can have been executed.
     pub at_most: u32,
 }
 
-/// A grid that the tool touched, or may have.
+/// A grid that the tool touched or may have touched.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Touched {
     /// The grid.
     pub grid: String,
-    /// Whether a waypoint on it is known to be executed.
+    /// Whether a waypoint on the grid was certainly executed.
     pub is_sure: bool,
 }
 
@@ -105,23 +106,23 @@ impl MotionRecord {
     }
 }
 
-/// What the tool did to a grid in a pass.
+/// The effect of the tool on a grid in a pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Abraded {
     /// The grid; `None` means any grid: the grids were not kept.
     pub grid: Option<String>,
     /// The pass.
     pub pass: u8,
-    /// How far it went.
+    /// The extent of the abrasion.
     pub how: How,
 }
 
-/// How far a grid was abraded.
+/// The extent to which a grid was abraded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum How {
     /// As planned.
     Whole,
-    /// In part, by the poses that the robot reported.
+    /// The grid was abraded in part, by the poses that the robot reported.
     InPart,
     /// It was touched; the touched part is not known.
     Touched,
@@ -130,7 +131,7 @@ pub enum How {
 }
 
 impl How {
-    /// Whether the tool was on the grid.
+    /// Returns whether the tool was certainly on the grid.
     pub fn is_sure(self) -> bool {
         self != How::Perhaps
     }
@@ -145,7 +146,7 @@ pub struct EarlierPass {
     pub pass: u8,
     /// The grid; `None` means any grid.
     pub grid: Option<String>,
-    /// Whether it is known that the grid was touched.
+    /// Whether the grid was certainly touched.
     pub is_sure: bool,
 }
 
@@ -169,7 +170,7 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
         let found = if record.end_is_known() { findings.next() } else { None };
         let pass = record.contact.as_ref().map_or(0, |contact| contact.path.pass);
         let Some(touched) = record.touched() else {
-            // An earlier program kept the end alone, with its finding.
+            // An earlier version of this program recorded only the end, with its finding.
             let unknown = Abraded { grid: None, pass, how: How::Perhaps };
             all.extend((!record.end_is_known()).then_some(unknown));
             continue;
@@ -181,14 +182,14 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
         all.extend(untold.map(|Touched { grid, is_sure }| Abraded {
             grid: Some(grid),
             pass,
-            // What a finding does not name was not reached, but for the waypoint that was under way.
+            // A grid that the finding does not name was not reached, except possibly by the waypoint under way.
             how: if is_sure && found.is_none() { How::Touched } else { How::Perhaps },
         }));
     }
     all
 }
 
-/// In how many passes the tool was on the panel, or may have been.
+/// Returns the number of passes in which the tool was, or may have been, on the panel.
 pub fn passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
     let passes: BTreeSet<u8> = abraded(findings, motions).into_iter().map(|abraded| abraded.pass).collect();
     passes.len()
@@ -230,7 +231,7 @@ mod tests {
         assert_eq!((unkept.executed(), unkept.touched()), (None, None));
     }
 
-    /// At 9 executed the tool may have been on its way to 10.
+    /// With 9 waypoints executed, the tool may have been on its way to waypoint 10.
     #[test]
     fn a_known_end_is_exact_but_for_the_way_to_the_next_waypoint() {
         let record = motion(Some(Outcome::Held), 9, (8, 32));

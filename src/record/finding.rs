@@ -1,4 +1,4 @@
-//! What one phase of a cycle found.
+//! The result of one phase of a cycle.
 
 use crate::verdict::{Check, Judgement};
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ impl std::fmt::Display for CycleId {
     }
 }
 
-/// Which phase found something.
+/// The phase that produced a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 #[expect(missing_docs, reason = "these names are those of the cycle's phases")]
@@ -22,7 +22,7 @@ impl std::fmt::Display for CycleId {
 pub enum Kind {
     Locate,
     Refine,
-    /// What the arm reaches of the panel, before it is wetted.
+    /// The grids of the panel that the arm can reach, checked before the panel is wetted.
     Reach,
     Inspect,
     Plan,
@@ -30,40 +30,40 @@ pub enum Kind {
     Abrade,
     /// The gate before a motion.
     Gate,
-    /// What the robot or its link reported.
+    /// A report of the robot or its link.
     Robot,
     /// The self-test before a cycle.
     SelfTest,
-    /// What the compliant tool reported.
+    /// A report of the compliant tool.
     Tool,
 }
 
 impl Kind {
-    /// Its word, as it is kept.
+    /// Returns the keyword under which the kind is stored.
     pub fn word(self) -> &'static str {
         self.into()
     }
 }
 
-/// Names of numbers that are read again by their name.
+/// Names of numbers that the program finds again by name.
 pub mod name {
-    /// How far today's panel lies from the taught one at most.
+    /// Largest distance of today's panel from the taught panel.
     pub const DEVIATION: &str = "deviation from the taught panel, largest";
-    /// How long a film was watched, s.
+    /// Time for which a film was watched, s.
     pub const WATCHED: &str = "watched";
     /// The water, as the recipe states it.
     pub const WATER: &str = "water, as the recipe states it";
     /// The lamp, as the recipe states it.
     pub const LAMP: &str = "lamp, as the recipe states it";
-    /// From a scan in memory to the gate's word, ms.
+    /// Time from a scan in memory to the gate's verdict, ms.
     pub const SCAN_TO_VERDICT: &str = "scan to verdict";
-    /// From a decoded wet picture to its result, median, ms.
+    /// Time from a decoded wet picture to its result, median, ms.
     pub const PER_PICTURE: &str = "a picture takes, median";
-    /// Waypoints of a plan, with the first, in air, at which the approach ends.
+    /// Waypoints of a plan, including the first one, in air, at which the approach ends.
     pub const PLANNED: &str = "waypoints";
     /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
     pub const EXECUTED: &str = "waypoints executed";
-    /// Depth that a path is expected to remove of the treated grids, mean, µm.
+    /// Expected depth of removal by a path on the treated grids, mean, µm.
     pub const REMOVED_MEAN: &str = "expected removal, mean";
     /// Largest deviation from the target for 95 % of the treated area, %.
     pub const REMOVED_EVEN: &str = "removal even within";
@@ -71,57 +71,57 @@ pub mod name {
     pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
     /// Contact force of a compliant tool at the poses that the robot reported on the panel, mean, N.
     pub const FORCE_MEAN: &str = "force in contact, mean";
-    /// The least of them, N.
+    /// Smallest contact force of a compliant tool at the reported poses, N.
     pub const FORCE_MIN: &str = "force in contact, least";
-    /// The most of them, N.
+    /// Largest contact force of a compliant tool at the reported poses, N.
     pub const FORCE_MAX: &str = "force in contact, most";
-    /// Corners that were seen so far.
+    /// Number of corners seen so far.
     pub const CORNERS: &str = "corners seen";
-    /// What is worn of the disc in use after the largest grid.
+    /// Wear of the disc in use after the largest grid.
     pub const WORN_BY_A_GRID: &str = "worn of the disc after the largest grid";
     /// Grids that were begun and not covered as planned.
     pub const BEGUN: &str = "grids that were not covered as planned";
-    /// Moves of the corner loop.
+    /// Number of moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
     /// Localization: residual along the surface's normals, about the smooth deviation, rms, mm.
     pub const RESIDUAL: &str = "residual, point to plane, rms";
-    /// Localization: the panel's smooth deviation from the taught one, at most, mm.
+    /// Localization: largest smooth deviation of the panel from the taught panel, mm.
     pub const BEND: &str = "smooth deviation from the taught panel, at most";
     /// Localization: residual of the outline, rms, px.
     pub const OUTLINE_RESIDUAL: &str = "residual of the outline, rms";
-    /// Localization: the stated error at the panel's worst place, 95 %, mm.
+    /// Localization: stated error at the panel's worst place, 95 %, mm.
     pub const LOCATION_ERROR: &str = "error at the worst place, 95 %";
-    /// By how much the film changes the panel, grey levels.
+    /// Change of the panel by the film, grey levels.
     pub const FILM_CHANGE: &str = "change of the panel by the film";
-    /// The least light of a film against the dry picture's, %.
+    /// Lowest light of a film relative to the dry picture, %.
     pub const LIGHT_MIN: &str = "change of the light, least";
-    /// The most light of a film against the dry picture's, %.
+    /// Highest light of a film relative to the dry picture, %.
     pub const LIGHT_MAX: &str = "change of the light, most";
 
     /// The smallest area of broken film that is surely found at the panel's place, mm².
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
-    /// Of a plan: the covered share of its worst grid.
+    /// Covered share of the worst grid of a plan.
     pub const COVERAGE: &str = "coverage of the worst of them";
-    /// Of a plan: its longest dwell beside its shortest, over all grids or in the worst one.
+    /// Ratio of the longest to the shortest dwell of a plan, over all grids or in the worst grid.
     pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
-    /// Of an abrasion: how many times as long as planned a grid was under the disc, at most.
+    /// Largest ratio of a grid's time under the disc to the planned time, for an abrasion.
     pub const LONGER: &str = "time under the disc beside its plan, the worst grid's ratio";
-    /// Of an abrasion: how far a reported position was off the planned path, at most, mm.
+    /// Largest distance of a reported position from the planned path of an abrasion, mm.
     pub const OFF_PATH: &str = "farthest of them from the planned path";
 
     const BROKEN_FILM: &str = "broken film in ";
 
-    /// The area of a grid on which the film broke, mm².
+    /// Returns the name of the number: the area of a grid on which the film broke, mm².
     pub fn broken_film(grid: impl std::fmt::Display) -> String {
         format!("{BROKEN_FILM}{grid}")
     }
 
-    /// The grid of a [`broken_film`]; `None` for another name.
+    /// Returns the grid of a [`broken_film`] name; `None` for another name.
     pub fn grid_of_broken_film(name: &str) -> Option<&str> {
         name.strip_prefix(BROKEN_FILM)
     }
 
-    /// After how long a grid failed, s.
+    /// Returns the name of the number: the time after which a grid failed, s.
     pub fn failed_after(grid: impl std::fmt::Display) -> String {
         format!("{grid} failed after")
     }
@@ -130,7 +130,7 @@ pub mod name {
 /// A picture to show.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Picture {
-    /// Its short name, `corner_before`.
+    /// Short name of the picture, such as `corner_before`.
     pub name: String,
     /// What it shows.
     pub caption: String,
@@ -138,28 +138,28 @@ pub struct Picture {
     pub hash: String,
 }
 
-/// What one phase found.
+/// The result of one phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
     /// Which phase.
     pub kind: Kind,
-    /// Abrasions planned by then: 0 before the first.
+    /// Number of abrasions planned by then: 0 before the first.
     pub pass: u8,
     /// The gate's word.
     pub judgement: Judgement,
-    /// Every number that led to it, with its limit.
+    /// Every number on which the finding is based, with its limit.
     #[serde(rename = "numbers")]
     pub checks: Vec<Check>,
-    /// What is no single number, such as `base_from_panel`, by its name in the commands' JSON.
+    /// Details that are not a single number, such as `base_from_panel`, by their names in the commands' JSON.
     pub details: BTreeMap<String, serde_json::Value>,
-    /// What was seen, drawn for people.
+    /// Pictures for people that show the result.
     pub pictures: Vec<Picture>,
-    /// The pictures as the cameras gave them.
+    /// The original pictures of the cameras.
     pub shots: Vec<KeptFile>,
 }
 
 impl Finding {
-    /// A finding without checks and pictures.
+    /// Creates a finding without checks and pictures.
     pub fn new(kind: Kind, pass: u8, judgement: Judgement) -> Self {
         let (checks, details) = (Vec::new(), BTreeMap::new());
         Finding { kind, pass, judgement, checks, details, pictures: Vec::new(), shots: Vec::new() }
@@ -186,17 +186,17 @@ impl Finding {
         value.and_then(|value| serde_json::from_value(value.clone()).ok()).unwrap_or_default()
     }
 
-    /// The value of the number with this name.
+    /// Returns the value of the number with this name.
     pub fn number(&self, name: &str) -> Option<f64> {
         self.checks.iter().find(|check| check.name == name)?.value
     }
 }
 
-/// A kept file: what it was used for, and its hash.
+/// A stored file: its use and its hash.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeptFile {
-    /// What it was used for, such as `base_from_camera`.
+    /// Use of the file, such as `base_from_camera`.
     pub name: String,
-    /// Its hash in the store.
+    /// The file's hash in the store.
     pub hash: String,
 }

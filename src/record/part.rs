@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Which part a cycle is about, as far as it is known.
+/// The names of a cycle's part, as far as they are known.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartNames {
@@ -13,13 +13,13 @@ pub struct PartNames {
     /// The work order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<String>,
-    /// Who operates the cell, as that person was named.
+    /// The name of the person who operates the cell, as stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
 }
 
 impl PartNames {
-    /// The name of the kept file that holds them, among a cycle's [`files`](super::CycleRecord::files).
+    /// Name of the stored file with these names, among a cycle's [`files`](super::CycleRecord::files).
     pub const FILE: &'static str = "part";
 
     /// Reads the names from the kept file; `None` if this program did not write the text.

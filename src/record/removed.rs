@@ -2,14 +2,14 @@
 
 use super::finding::{Finding, Kind, name};
 
-/// What one contact path removed, by the poses that the robot reported.
+/// The removal by one contact path, from the poses that the robot reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RemovedByPath {
-    /// Which pass, from 1.
+    /// Number of the pass, from 1.
     pub pass: u8,
     /// Expected depth over the treated grids, mean, µm.
     pub mean_um: f64,
-    /// What no place of the part came to over all passes so far, 95 %, µm.
+    /// Upper bound of the depth at any place of the part over all passes so far, 95 %, µm.
     pub bound_um: f64,
 }
 

@@ -4,10 +4,10 @@ use crate::cycle::Request;
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
 
-/// One request, as the record keeps it.
+/// One request in a cycle's record.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RequestRecord {
-    /// When, ms since 1970.
+    /// Time of the request, ms since 1970.
     pub unix_ms: i64,
     /// What was wanted.
     pub wanted: Wanted,
@@ -27,13 +27,13 @@ pub struct RequestRecord {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Wanted {
-    /// What the table of the cycle decides about.
+    /// A request on which the cycle's state table decides.
     For(Request),
-    /// To keep that a new disc was mounted.
+    /// A request to record that a new disc was mounted.
     NewDisc,
     /// A cycle by this recipe, which was refused before it came to the table.
     Start {
-        /// The recipe's file as it was named.
+        /// The recipe's file as named in the request.
         recipe: String,
     },
 }
@@ -63,7 +63,7 @@ pub enum Front {
     Command,
     /// A host application, by MQTT Sparkplug.
     Sparkplug,
-    /// A line, by digital signals at the robot's controller.
+    /// A production line, by digital signals at the robot's controller.
     Line,
     /// SIGTERM or SIGINT.
     Signal,
@@ -71,15 +71,15 @@ pub enum Front {
     Program,
 }
 
-/// What came of a request.
+/// The result of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Answer {
-    /// It was taken, and done as far as it could be at once.
+    /// The request was accepted, and carried out as far as possible at once.
     Done,
     /// It was refused: no part was done.
     Refused,
-    /// The cell could not do it.
+    /// The cell could not carry out the request.
     Failed,
 }
 

@@ -11,21 +11,21 @@ use super::pad::Pad;
 use super::speed::{Orbit, elliptic_e};
 use std::f64::consts::PI;
 
-/// How a coupon was treated.
+/// The treatment of a coupon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lines {
-    /// One line, again and again; measured in its middle.
+    /// One line, treated repeatedly; measured in its middle.
     One,
-    /// Rows so far apart, mm, over more than the disc's diameter; measured as the mean in the middle.
+    /// Rows at this distance, mm, over more than the disc's diameter; measured as the mean in the middle.
     Rows(f64),
 }
 
 /// One measured place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coupon {
-    /// Its line in the table.
+    /// Line number of the coupon in the table.
     pub line: u64,
-    /// The coupon, and the place on it.
+    /// Name of the coupon and of the measured place on it.
     pub name: String,
     /// Force, N.
     pub force_n: f64,
@@ -35,13 +35,13 @@ pub struct Coupon {
     pub passes: f64,
     /// The lines of a pass.
     pub lines: Lines,
-    /// What the disc had swept when it came to the place, mm².
+    /// Area that the disc had swept before it reached the place, mm².
     pub worn_mm2: f64,
-    /// What is gone, µm.
+    /// Depth removed, µm.
     pub depth_um: f64,
 }
 
-/// The tool that treated them.
+/// The tool that treated the coupons.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CouponTool {
     /// Disc and pad.
@@ -51,7 +51,7 @@ pub struct CouponTool {
 }
 
 impl Coupon {
-    /// X: the depth in mm for a k of 1 mm²/N.
+    /// Calculates X: the depth in mm for a k of 1 mm²/N.
     pub fn exposure_n_mm(&self, tool: &CouponTool) -> f64 {
         let (radius_mm, area_mm2) = (tool.pad.radius_mm, tool.pad.area_mm2());
         let per_pass = match self.lines {
@@ -79,8 +79,8 @@ pub(super) mod tests {
         Coupon { line: 2, name: "A1".to_owned(), force_n, feed_mm_s, passes, lines, worn_mm2, depth_um }
     }
 
-    /// By hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993 · 43.639 = 73.57 N/mm; rows of
-    /// 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
+    /// Calculated by hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993 · 43.639 =
+    /// 73.57 N/mm; rows of 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
     #[test]
     fn what_a_coupon_has_borne() {
         let one = coupon(Lines::One).exposure_n_mm(&TOOL);

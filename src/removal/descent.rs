@@ -5,7 +5,7 @@
 //! reaches its minimum because it is convex. The second part keeps neighbours alike if the first does not determine
 //! them. Source: Tseng, J. Optim. Theory Appl. 109, 2001.
 
-/// A sparse matrix by its columns.
+/// A sparse matrix, stored by columns.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Columns {
     starts: Vec<usize>,
@@ -14,7 +14,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Appends a column: the rows that it bears on, each with its number.
+    /// Appends a column: the rows with non-zero entries, each with its value.
     pub fn push(&mut self, column: impl IntoIterator<Item = (u32, f32)>) {
         if self.starts.is_empty() {
             self.starts.push(0);
@@ -56,11 +56,11 @@ pub struct Sought<'a> {
     pub bounds: &'a [[f64; 2]],
     /// μ.
     pub alike: f64,
-    /// How often all unknowns are gone through.
+    /// Number of iterations over all unknowns.
     pub rounds: usize,
 }
 
-/// The x that solves it best, from a start within the bounds.
+/// Finds the x that solves the problem best, from a start within the bounds.
 pub fn descend(columns: &Columns, mut x: Vec<f64>, sought: &Sought<'_>) -> Vec<f64> {
     let count = columns.count().min(x.len()).min(sought.bounds.len());
     let mut over = columns.times(&x, sought.wanted.len());
@@ -99,7 +99,7 @@ mod tests {
         Sought { wanted, bounds, alike: 0.0, rounds: 200 }
     }
 
-    /// By hand: x₀ + x₁ = 3 and x₁ = 2 are met by (1, 2); with x₁ ≤ 1 the best x₀ is 2.
+    /// Calculated by hand: x₀ + x₁ = 3 and x₁ = 2 are satisfied by (1, 2); with x₁ ≤ 1 the best x₀ is 2.
     #[test]
     fn two_unknowns_and_a_bound() {
         let mut columns = Columns::default();
@@ -113,7 +113,7 @@ mod tests {
     }
 
     proptest! {
-        /// At the end no single unknown can be moved to a lesser sum, and all keep their bounds.
+        /// At the end, no change of a single unknown gives a smaller sum, and all unknowns are within their bounds.
         #[test]
         fn no_step_makes_it_better(
             values in prop::collection::vec(0.0..1.0f32, 24), wanted in prop::collection::vec(0.0..3.0f64, 6),

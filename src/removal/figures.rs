@@ -1,4 +1,4 @@
-//! The numbers of a removal map, which are judged.
+//! The numbers of a removal map that are judged.
 
 use super::map::{GridRemoval, RemovalMap};
 use crate::surface::ByArea;
@@ -6,14 +6,14 @@ use crate::surface::ByArea;
 /// Shares of the treated area at which depths are read.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
-/// What a map comes to. Treated grids alone, except for the deepest places, which may lie beside them.
+/// The figures of a map. Only treated grids count, except for the deepest places, which may lie beside these grids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// Mean expected depth, µm.
     pub mean_um: f64,
-    /// Below this lie 5 % of the treated area, µm.
+    /// Depth below which 5 % of the treated area lies, µm.
     pub low_um: f64,
-    /// Below this lie 95 %, µm.
+    /// Depth below which 95 % of the treated area lies, µm.
     pub high_um: f64,
     /// The largest expected depth anywhere, µm.
     pub largest_um: f64,
@@ -69,7 +69,7 @@ impl Figures {
     }
 }
 
-/// Depth, µm, σ and area, mm², of each place with panel.
+/// Returns depth, µm, σ and area, mm², of each place with panel.
 fn places(grid: &GridRemoval) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
     let numbers = grid.depth_um.iter().zip(&grid.deviation).zip(&grid.area_mm2);
     numbers
@@ -99,15 +99,16 @@ mod tests {
         RemovalMap::with(grids, 2.0)
     }
 
-    /// By hand: 100 places of 1 to 100 µm, and one beside them of 120 µm. 95 % lie within 47 of a target of 50 µm,
-    /// which are 94 %. A tenth more or less contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105 17.
+    /// Calculated by hand: 100 places of 1 to 100 µm, and a neighbouring place of 120 µm. 95 % lie within 47 of a
+    /// target of 50 µm, which are 94 %. A tenth more or less contains 45 to 55, eleven places. e^(2 · 0.05) = 1.105
+    /// 17.
     #[test]
     fn what_a_map_comes_to() {
         let both = map(vec![grid(1, true, (1..=100u8).map(f32::from).collect()), grid(2, false, vec![120.0])]);
         let found = Figures::compute(&both, 50.0).expect("treated");
         assert_eq!((found.mean_um, found.low_um, found.high_um, found.largest_um), (50.5, 5.0, 95.0, 120.0));
         assert!((found.largest_bound_um - 132.620_5).abs() < 1e-3, "{}", found.largest_bound_um);
-        // |d − 50| ≤ 45 holds 5 to 95, which are 91 places; 47 holds 3 to 97, which are 95.
+        // |d − 50| ≤ 45 contains 5 to 95, which are 91 places; 47 contains 3 to 97, which are 95.
         assert!((found.within_percent - 94.0).abs() < 1e-4, "{}", found.within_percent);
         assert!((found.uncertainty_percent - 10.517).abs() < 1e-3);
         assert!((Figures::share_within(&both, 50.0, 10.001) - 0.11).abs() < 1e-9);

@@ -15,12 +15,12 @@ use super::model::MM2_PER_M2;
 use crate::calib::{student_95, student_quantile};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
-/// A coupon as the others foretell it.
+/// A coupon as predicted from the other coupons.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOut {
     /// Expected depth, µm.
     pub foretold_um: f64,
-    /// Lowest and highest depth that the others allow it, 95 %, µm.
+    /// Lowest and highest depth predicted from the other coupons, 95 %, µm.
     pub interval_um: [f64; 2],
     /// Deviation of the measured from the predicted depth, as a share of the latter: 0.1 is a tenth deeper.
     pub off: f64,
@@ -39,11 +39,11 @@ pub struct Fitted {
     pub covariance: Matrix2<f64>,
     /// σ_r.
     pub coupon_deviation: f64,
-    /// Found over modelled depth of each coupon, less 1.
+    /// Measured depth divided by modelled depth, minus 1, for each coupon.
     pub residuals: Vec<f64>,
     /// Each coupon predicted from the others; none if the others determine no model.
     pub left_out: Vec<Option<LeftOut>>,
-    /// The power of X by which the depth grows, and its 95 %.
+    /// The exponent of X in the growth of the depth, and its 95 % uncertainty.
     pub power: [f64; 2],
 }
 
@@ -60,12 +60,12 @@ impl Fitted {
         student_95(self.redundancy()) * variance.max(0.0).sqrt()
     }
 
-    /// 95 % of b, 1/mm².
+    /// Returns the 95 % uncertainty of b, 1/mm².
     pub fn decay_95_per_mm2(&self) -> f64 {
         student_95(self.redundancy()) * self.covariance[(1, 1)].sqrt()
     }
 
-    /// Rms of the coupons against what the others foretell, as a share.
+    /// Returns the rms deviation of the coupons from their predictions by the others, as a share.
     pub fn left_out_rms(&self) -> f64 {
         let off: Vec<f64> = self.left_out.iter().flatten().map(|one| one.off).collect();
         (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
@@ -134,7 +134,7 @@ fn contradictory(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Resul
     if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
 }
 
-/// One coupon by the others.
+/// Predicts one coupon from the others.
 fn left_out(
     coupons: &[Coupon],
     (rows, y): (&DMatrix<f64>, &DVector<f64>),
@@ -145,7 +145,7 @@ fn left_out(
     let expected = row.dot(&others.solution);
     let spread = others.deviation * (1.0 + row.dot(&(&others.inverse * &row))).sqrt();
     let redundancy = (coupons.len() - 3) as f64;
-    // One of all of them, on either side, by Bonferroni.
+    // Limit for any one of all coupons, on either side, by Bonferroni.
     let most = student_quantile(redundancy, 1.0 - 0.05 / (2.0 * coupons.len() as f64));
     let half = student_95(redundancy) * spread;
     let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
@@ -181,7 +181,7 @@ pub(super) mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    /// Coupons of k₀ = 4·10⁻⁴ mm²/N and b = 0.8/m², each off by such a share.
+    /// Makes coupons of k₀ = 4·10⁻⁴ mm²/N and b = 0.8/m², each with a relative error from `off`.
     pub(in crate::removal) fn coupons(off: &[f64]) -> Vec<Coupon> {
         let one = |(index, off): (usize, &f64)| {
             let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], [0.0, 1e5, 2e5, 4e5][index / 3 % 4]);
@@ -208,9 +208,9 @@ pub(super) mod tests {
         assert!(found.coupon_deviation < 1e-9 && (found.power[0] - 1.0).abs() < 1e-9);
     }
 
-    /// By hand: of two coupons each at 0 and 1 m² … with ±e the mean is 0: six places 0, 0, 0, 1, 1, 1 m² and errors
-    /// (e, −e, 0) twice leave Σe² = 4 e², σ_r = √(4 e²/4) = e, var(ln k₀) = e²/3, var(b) = e² (1/3 + 1/3), and
-    /// cov = e²/3.
+    /// Calculated by hand: of two coupons each at 0 and 1 m² … with ±e the mean is 0. Six places 0, 0, 0, 1, 1, 1
+    /// m² and errors (e, −e, 0) twice leave Σe² = 4 e², σ_r = √(4 e²/4) = e, var(ln k₀) = e²/3, var(b) = e² (1/3 +
+    /// 1/3), and cov = e²/3.
     #[test]
     fn the_covariance_is_that_of_a_line() {
         let e: f64 = 0.02;
@@ -225,7 +225,7 @@ pub(super) mod tests {
         let expected = [e * e / 3.0, e * e / 3.0 / 1e6, e * e * 2.0 / 3.0 / 1e12];
         let own = [found.covariance[(0, 0)], found.covariance[(0, 1)], found.covariance[(1, 1)]];
         assert!(own.iter().zip(expected).all(|(own, expected)| (own / expected - 1.0).abs() < 1e-6), "{own:?}");
-        // Student's 97.5 % of four degrees is 2.776.
+        // Student's 97.5 % quantile for four degrees of freedom is 2.776.
         assert!((found.preston_share_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
     }
 
@@ -270,19 +270,20 @@ pub(super) mod tests {
         assert!(matches!(wild, Err(FitError::Contradictory { .. })), "{wild:?}");
     }
 
-    /// Depths that go with the root of the load are another law.
+    /// Depths that grow with the square root of the load follow a different law.
     #[test]
     fn another_law_shows_in_the_power() {
         let mut made = coupons(&[0.0; 12]);
         for own in &mut made {
             own.depth_um = own.depth_um.sqrt();
         }
-        // The wear is halved with it.
+        // The square root also halves the wear coefficient.
         let found = fit(&made, &TOOL).expect("a model");
         assert!((found.power[0] - 0.5).abs() < 1e-6, "{:?}", found.power);
     }
 
-    /// Over 400 sets of coupons that are off by up to 6 %, the truth lies within what is stated in about 95 % of them.
+    /// In 400 sets of coupons with errors up to 6 %, the true value lies within the stated uncertainty in about 95
+    /// % of the sets.
     #[test]
     fn what_is_stated_is_held() {
         let mut random = Pcg64Mcg::seed_from_u64(1);

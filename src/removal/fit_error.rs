@@ -1,4 +1,4 @@
-//! What coupons must be, so that they can hold a model, and why some cannot.
+//! The conditions under which coupons determine a model, and the reasons why some do not.
 
 use crate::words::{apart, fixed};
 
@@ -9,10 +9,10 @@ pub(super) const LEVELS: f64 = 1.3;
 /// The areas that the discs had swept must differ by this much, mm², to show the wear: a fiftieth of a square
 /// metre.
 pub(super) const WORN_LEVELS_MM2: f64 = 20_000.0;
-/// Coupons that differ more than this among themselves, σ of ln h, contradict each other.
+/// Largest scatter of the coupons, σ of ln h; above this they contradict each other.
 pub(super) const CONTRADICTORY: f64 = 0.5;
 
-/// Why coupons hold no model.
+/// The reason why coupons do not determine a model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// Too few.
@@ -23,17 +23,17 @@ pub enum FitError {
         /// Places found.
         found: usize,
     },
-    /// One level of load.
+    /// All coupons have nearly the same load.
     #[error(
         "all coupons were loaded alike, the most only {} times as long and hard as the least; at least {} times is needed to see \
          that depth goes with it: change passes, feed_mm_s or force_n",
         apart(*ratio, LEVELS, 2)[0], apart(*ratio, LEVELS, 2)[1]
     )]
     OneLoad {
-        /// Largest exposure over the smallest.
+        /// Ratio of the largest exposure to the smallest.
         ratio: f64,
     },
-    /// One level of wear.
+    /// All coupons have nearly the same disc wear.
     #[error(
         "the discs had swept {} to {} m² (worn_mm2), at least 0.02 m² between them is needed to see the wear: measure a coupon by a \
          new disc and one by a used one",
@@ -45,7 +45,7 @@ pub enum FitError {
         /// Most swept, m².
         most_m2: f64,
     },
-    /// They do not agree.
+    /// The coupons contradict each other.
     #[error(
         "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the farthest is {name} \
          (line {line})"
@@ -66,7 +66,7 @@ pub enum FitError {
     GrowsWithWear {
         /// Growth, 1/m².
         per_m2: f64,
-        /// Its 95 %, 1/m².
+        /// The 95 % uncertainty of the growth, 1/m².
         known_m2: f64,
     },
 }

@@ -1,4 +1,4 @@
-//! The gate: may a removal model be used, must a person look, or is it refused?
+//! The gate that decides whether a removal model may be used, needs a person's review, or is refused.
 
 use super::coupons::Coupon;
 use super::fit::Fitted;
@@ -6,21 +6,21 @@ use super::model::MM2_PER_M2;
 use crate::verdict::{Check, SetBy};
 use crate::words::{apart, fixed};
 
-/// Beyond the first a person must look, beyond the second it is rejected.
+/// Above the first bound a person must review; above the second bound the model is rejected.
 type Bounds = [f64; 2];
 
 /// 95 % uncertainty of k at the least certain of the areas that the coupons' discs had swept, percent.
 const KNOWN_PERCENT: Bounds = [12.0, 40.0];
-/// σ of a coupon, percent.
+/// Scatter σ of a coupon, percent.
 const COUPON_PERCENT: Bounds = [10.0, 30.0];
-/// Left-out coupons, rms, percent.
+/// Rms deviation of left-out coupons, percent.
 const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
 /// Largest deviation of the power of the load.
 const POWER_OFF: f64 = 0.15;
-/// Fewer coupons than this are few.
+/// Smallest number of coupons that needs no review.
 const MIN_MEASURED_PLACES: f64 = 8.0;
 
-/// Every number that is judged.
+/// Returns the checks of all numbers that are judged.
 pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
     let known = |coupon: &Coupon| 100.0 * found.preston_share_95(coupon.worn_mm2);
     let known_percent = coupons.iter().map(known).fold(0.0, f64::max);
@@ -50,7 +50,7 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
     ]
 }
 
-/// A number that a person must look at beyond one bound, and that rejects beyond another.
+/// Creates the check of a number that a person must review above one bound, and that rejects above another.
 fn bounded(
     code: &'static str,
     (name, percent): (&'static str, f64),

@@ -9,7 +9,7 @@ use crate::panel::Region;
 use crate::surface::Parameter;
 use nalgebra::Point2;
 
-/// The panel below a disc.
+/// The places that have panel below the disc.
 #[derive(Debug, Clone)]
 pub struct PanelGround {
     region: Region,
@@ -19,7 +19,8 @@ pub struct PanelGround {
 }
 
 impl PanelGround {
-    /// By the outline in the taught picture, closed; without one there is panel everywhere.
+    /// Creates the ground from the outline in the taught picture, closed; without an outline there is panel
+    /// everywhere.
     pub fn new(region: &Region, outline_px: &[Pixel]) -> Self {
         let (low, high) = outline_px
             .iter()
@@ -56,7 +57,8 @@ mod tests {
     use super::super::map::tests::region;
     use super::*;
 
-    /// The region is 0 to 60 px both ways; the outline lies 10 px beside it, with a notch from the right.
+    /// The region is 0 to 60 px in both directions; the outline lies 10 px beside the region, with a notch from the
+    /// right.
     #[test]
     fn beside_the_region_the_outline_tells() {
         let corners =

@@ -1,4 +1,4 @@
-//! A linear model by least squares, with what its covariance follows from.
+//! A linear model by least squares, with the values needed for its covariance.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,7 +8,7 @@ pub(super) struct Line {
     pub solution: DVector<f64>,
     /// (AᵀA)⁻¹.
     pub inverse: DMatrix<f64>,
-    /// Standard deviation of one y from it.
+    /// Standard deviation of one y from the model.
     pub deviation: f64,
 }
 

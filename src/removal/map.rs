@@ -1,8 +1,9 @@
-//! What a path removes of the grids of a region, place by place, with its uncertainty.
+//! The removal by a path on the grids of a region, place by place, with its uncertainty.
 //!
-//! Each stretch adds k(w) · p · (way rubbed) to the places that it presses on. The relative uncertainty of a place is that
-//! of the disc at the wear that did most of its work, the mean of w weighted by depth. Several paths over one part add up:
-//! their errors come from the same coupons and count as one, so σ is the mean of theirs, weighted by depth.
+//! Each stretch adds k(w) · p · (way rubbed) to the places on which it presses. The relative uncertainty of a place
+//! is the disc's uncertainty at the mean of w weighted by depth, the wear that did most of the work. The removals
+//! of several paths over one part add up. Their errors come from the same coupons and count as one, so σ is the
+//! mean of the paths' σ, weighted by depth.
 
 use super::model::{Model, UM_PER_MM, Worn};
 use super::samples::Samples;
@@ -11,12 +12,12 @@ use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Field, GridField, sides_mm};
 use rayon::prelude::*;
 
-/// One grid, sample by sample, row by row.
+/// The removal on one grid, sample by sample, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridRemoval {
     /// The grid.
     pub id: GridId,
-    /// Is it to be treated, or does the disc only lap over it?
+    /// Whether the grid is to be treated; otherwise the disc only overlaps it.
     pub is_treated: bool,
     /// Samples along u.
     pub columns: usize,
@@ -28,7 +29,7 @@ pub struct GridRemoval {
     pub area_mm2: Vec<f32>,
 }
 
-/// All grids that were looked at.
+/// The removal on all calculated grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RemovalMap {
     /// Grid by grid.
@@ -87,7 +88,7 @@ fn grid(
 }
 
 impl RemovalMap {
-    /// A map of these grids alone.
+    /// Creates a map of only these grids.
     #[cfg(test)]
     pub(super) fn with(grids: Vec<GridRemoval>, quantile_95: f64) -> Self {
         RemovalMap { grids, quantile_95, sides_mm: [100.0, 100.0] }
@@ -113,7 +114,7 @@ impl RemovalMap {
         places.map(|(depth_um, area)| f64::from(*depth_um) / UM_PER_MM * f64::from(*area)).sum()
     }
 
-    /// The depth as a field that can be drawn, µm.
+    /// Returns the depth as a field that can be drawn, µm.
     pub fn field(&self) -> Field {
         let value = |(depth_um, area): (&f32, &f32)| (*area > 0.0).then_some(*depth_um);
         let grid = |grid: &GridRemoval| GridField {
@@ -147,7 +148,7 @@ pub(super) mod tests {
     use crate::recipe::Recipe;
     use crate::surface::Parameter;
 
-    /// A region of one or more grids.
+    /// Creates a region of one or more grids.
     pub(in crate::removal) fn region(rows: usize, columns: usize) -> Region {
         let text = format!(
             "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [60, 0], [60, 60], [0, 60]]\nrows = {rows}\ncolumns = {columns}\n\
@@ -167,14 +168,15 @@ pub(super) mod tests {
         removed(on, &[GridId { row: 1, column: 1 }], &all, (&model, 0.0), 1.0)
     }
 
-    /// By hand: in the lane's middle k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s · (30 mm / 60 mm/s) = 14.817 µm; 9 mm
-    /// beside it four fifths of that; beside the disc nothing.
+    /// Calculated by hand: in the lane's middle k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s · (30 mm / 60 mm/s) =
+    /// 14.817 µm; 9 mm beside the middle four fifths of this depth; beside the disc nothing.
     #[test]
     fn a_line_removes_its_chord() {
         let map = line(0.0);
         let grid = &map.grids[0];
         assert_eq!((grid.columns, grid.depth_um.len()), (100, 10_000));
-        // By hand: k F v t with the 100 mm of the square at 60 mm/s: 4e-4 · 20 · 2618.34 · 100/60 = 34.91 mm³.
+        // Calculated by hand: k F v t with the 100 mm of the square at 60 mm/s: 4e-4 · 20 · 2618.34 · 100/60 =
+        // 34.91 mm³.
         assert!((map.volume_mm3() / 34.911 - 1.0).abs() < 0.002, "{}", map.volume_mm3());
         let at = |x: usize, y: f64| {
             // Samples are at half millimetres.

@@ -12,17 +12,17 @@ use crate::calib::student_95;
 use crate::cell::RemovalNumbers;
 use nalgebra::Matrix2;
 
-/// Square millimetres of a square metre.
+/// Square millimetres per square metre.
 pub const MM2_PER_M2: f64 = 1e6;
 /// The message if a recipe requires a removal and there is no model.
 pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal: it is \
                            unknown whether max_um is kept; measure coupons and name the file that `panelprep \
                            calibrate removal` writes";
-/// Micrometres of a millimetre.
+/// Micrometres per millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
 /// Parameters of the fitted line, by which the coupons' redundancy is reduced.
 const FITTED: usize = 2;
-/// Two standard deviations are what people call 95 % of a force.
+/// The stated 95 % error of a force is about two standard deviations.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
 /// A removal model.
@@ -36,7 +36,7 @@ pub struct Model {
     pub covariance: Matrix2<f64>,
     /// σ_r.
     pub coupon_deviation: f64,
-    /// Coupons less what was fitted.
+    /// Number of coupons minus number of fitted parameters.
     pub redundancy: f64,
     /// How the disc orbits.
     pub orbit: Orbit,
@@ -49,7 +49,7 @@ pub struct Model {
 /// Coupons with forces that differ by this factor show how the depth grows with the force, and are valid for forces
 /// this factor beyond theirs …
 pub const FORCE_RANGE: f64 = 1.5;
-/// … and others for forces this factor beyond theirs.
+/// Coupons with less different forces are valid for forces this factor beyond their own.
 const FORCE_NEAR: f64 = 1.15;
 
 impl From<&RemovalNumbers> for Model {
@@ -72,9 +72,9 @@ impl From<&RemovalNumbers> for Model {
 /// A disc with this swept area, and how well the force on it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Worn {
-    /// What the disc has swept, mm².
+    /// Area that the disc has swept, mm².
     pub swept_mm2: f64,
-    /// By what share the force may be off, 95 %.
+    /// Possible error of the force as a share, 95 %.
     pub force_share_95: f64,
 }
 
@@ -84,7 +84,7 @@ impl Model {
         self.preston_mm2_per_n * (-self.decay_per_mm2 * swept_mm2).exp()
     }
 
-    /// σ of the logarithm of a depth.
+    /// Returns σ of the logarithm of a depth.
     pub fn deviation(&self, disc: Worn) -> f64 {
         let (w, cov) = (disc.swept_mm2, &self.covariance);
         let of_k = cov[(0, 0)] - 2.0 * w * cov[(0, 1)] + w * w * cov[(1, 1)];
@@ -92,8 +92,8 @@ impl Model {
         (of_k.max(0.0) + self.coupon_deviation.powi(2) + force * force).sqrt()
     }
 
-    /// The forces for which its coupons hold, N: a depth grows in proportion to the force only as far as that was
-    /// measured. `None` if it is not known.
+    /// Returns the range of forces for which the coupons are valid, N: a depth grows in proportion to the force
+    /// only as far as this was measured. `None` if the coupons' forces are not known.
     pub fn holds_for_n(&self) -> Option<[f64; 2]> {
         let [least_n, most_n] = self.forces_n?;
         let beyond = if most_n >= FORCE_RANGE * least_n { FORCE_RANGE } else { FORCE_NEAR };
@@ -110,7 +110,7 @@ impl Model {
 pub(crate) mod tests {
     use super::*;
 
-    /// k₀ = 4·10⁻⁴ mm²/N known to 2 %, wear 0.8/m² known to 0.1/m², coupons of 3 %.
+    /// A model with k₀ = 4·10⁻⁴ mm²/N ± 2 %, wear 0.8/m² ± 0.1/m², and a coupon scatter of 3 %.
     pub(in crate::removal) const MODEL: Model = Model {
         preston_mm2_per_n: 4e-4,
         decay_per_mm2: 0.8e-6,
@@ -122,11 +122,12 @@ pub(crate) mod tests {
         forces_n: Some([15.0, 30.0]),
     };
 
-    /// The same on a disc that does not wear.
+    /// The model of a disc that does not wear.
     pub(crate) const EVEN_MODEL: Model =
         Model { decay_per_mm2: 0.0, covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0), ..MODEL };
 
-    /// By hand: forces of 15 and 30 N hold from 15 / 1.5 = 10 N to 45 N, one force of 20 N from 17.4 N to 23 N.
+    /// Calculated by hand: forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N, one force of 20 N from
+    /// 17.4 N to 23 N.
     #[test]
     fn the_forces_for_which_coupons_hold() {
         assert_eq!(MODEL.holds_for_n(), Some([10.0, 45.0]));
@@ -135,15 +136,16 @@ pub(crate) mod tests {
         assert_eq!(Model { forces_n: None, ..MODEL }.holds_for_n(), None);
     }
 
-    /// By hand: after half a square metre k is e^(−0.4) = 0.670 32 of its first; Student's 97.5 % of ten degrees is 2.228.
+    /// Calculated by hand: after half a square metre, k is e^(−0.4) = 0.670 32 of its first value; Student's 97.5 %
+    /// quantile for ten degrees of freedom is 2.228.
     #[test]
     fn a_disc_wears() {
         assert!((MODEL.preston_at(500_000.0) - 4e-4 * 0.670_320).abs() < 1e-9);
         assert!((MODEL.quantile_95() - 2.228).abs() < 0.001 && (student_95(1e5) - NORMAL_95).abs() < 1e-3);
     }
 
-    /// By hand, of a new disc: √(0.02² + 0.03² + 0.05²) with a force that is known to ± 9.8 %. After half a square metre
-    /// var = 4·10⁻⁴ − 2 · 5·10⁵ · 10⁻⁹ + 25·10¹⁰ · 10⁻¹⁴ = 0.0019, with coupons and force 0.0053.
+    /// Calculated by hand, for a new disc: √(0.02² + 0.03² + 0.05²) with a force known to ± 9.8 %. After half a
+    /// square metre var = 4·10⁻⁴ − 2 · 5·10⁵ · 10⁻⁹ + 25·10¹⁰ · 10⁻¹⁴ = 0.0019, with coupons and force 0.0053.
     #[test]
     fn what_is_not_known_adds_up() {
         let disc = |swept_mm2: f64| Worn { swept_mm2, force_share_95: 0.05 * NORMAL_95 };

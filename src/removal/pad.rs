@@ -17,12 +17,12 @@ use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
-/// Rings of equal area, and places on each.
+/// Number of rings of equal area, then the number of places on each ring.
 const RINGS: usize = 28;
 const SPOKES: usize = 44;
-/// Newton's steps at most; some four are the rule.
+/// Largest number of Newton steps; usually about four are enough.
 const STEPS: usize = 60;
-/// The force is met to this share.
+/// Relative tolerance of the force.
 const FORCE_TOLERANCE: f64 = 1e-9;
 
 /// A pad with the disc on it.
@@ -34,10 +34,10 @@ pub struct Pad {
     pub stiffness_n_mm3: f64,
 }
 
-/// How the surface lies below the disc, in the tangent plane at the disc's middle.
+/// The position of the surface below the disc, in the tangent plane at the disc's middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seat {
-    /// How much deeper the disc reaches per mm along x and y.
+    /// Additional depth of the disc per mm along x and y.
     pub tilt: Vector2<f64>,
     /// Curvature of the surface, 1/mm, positive if it bends away.
     pub curvature_per_mm: Matrix2<f64>,
@@ -51,26 +51,26 @@ pub type Below<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 pub struct Contact {
     /// The pad.
     pub pad: Pad,
-    /// What it lies on.
+    /// The surface on which the disc lies.
     pub seat: Seat,
     /// Compression in the disc's middle, δ, mm; below 0 if a tilted disc does not touch there.
     pub depth_mm: f64,
 }
 
 impl Seat {
-    /// A level place of a plane.
+    /// Returns the seat on a level plane.
     pub fn level() -> Self {
         Seat { tilt: Vector2::zeros(), curvature_per_mm: Matrix2::zeros() }
     }
 
-    /// By how much the disc reaches deeper at an offset than in its middle, mm.
+    /// Returns the depth of the disc at an offset minus the depth in its middle, mm.
     fn deeper_mm(&self, x: Vector2<f64>) -> f64 {
         self.tilt.dot(&x) - 0.5 * x.dot(&(self.curvature_per_mm * x))
     }
 }
 
 impl Pad {
-    /// Area of the disc, mm².
+    /// Returns the area of the disc, mm².
     pub fn area_mm2(&self) -> f64 {
         PI * self.radius_mm * self.radius_mm
     }
@@ -111,7 +111,7 @@ impl Pad {
         depth_mm - seat.tilt.norm() * radius_mm - fall_mm > 0.0
     }
 
-    /// δ by the sum over the places that have panel below them.
+    /// Calculates δ by summing over the places that have panel below them.
     fn summed_depth_mm(&self, force_n: f64, seat: Seat, below: Option<Below<'_>>) -> Option<f64> {
         let deeper_mm: Vec<f64> = self
             .places()
@@ -123,7 +123,8 @@ impl Pad {
         }
         let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKES) as f64;
         let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
-        // As if every place held, also by pulling: never less than what is sought.
+        // Start value: the depth if every place were in contact, also with a pulling force. It is never more than
+        // the solution.
         let mut depth_mm = force_n / (each * deeper_mm.len() as f64) - mean_mm;
         for _ in 0..STEPS {
             let pressed = deeper_mm.iter().filter(|deeper| depth_mm + **deeper > 0.0);
@@ -137,7 +138,7 @@ impl Pad {
         Some(depth_mm)
     }
 
-    /// Places of equal area over the disc, mm from its middle.
+    /// Returns places of equal area over the disc, mm from its middle.
     fn places(&self) -> impl Iterator<Item = Vector2<f64>> + use<> {
         let radius_mm = self.radius_mm;
         UNIT_PLACES.iter().map(move |place| place * radius_mm)
@@ -171,7 +172,7 @@ mod tests {
 
     const PAD: Pad = Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
 
-    /// ∫ p dA by a fine square net, N.
+    /// Integrates ∫ p dA over a fine square net, N.
     fn borne_n(contact: &Contact, below: impl Fn(Vector2<f64>) -> bool) -> f64 {
         let (count, side) = (600, 2.0 * contact.pad.radius_mm / 600.0);
         let at = |n: i32| (f64::from(n) + 0.5) * side - contact.pad.radius_mm;
@@ -183,7 +184,8 @@ mod tests {
         Seat { curvature_per_mm: Matrix2::new(k1, 0.0, 0.0, k2), ..Seat::level() }
     }
 
-    /// By hand: 20 N over π · 15² = 706.86 mm² is 0.028 294 N/mm², which compresses a pad of 0.05 N/mm³ by 0.565 88 mm.
+    /// Calculated by hand: 20 N over π · 15² = 706.86 mm² is 0.028 294 N/mm², which compresses a pad of 0.05 N/mm³
+    /// by 0.565 88 mm.
     #[test]
     fn a_level_disc_bears_its_force_evenly() {
         let contact = PAD.under(20.0, Seat::level(), None).expect("contact");
@@ -194,8 +196,9 @@ mod tests {
         assert_eq!(contact.pressure_n_mm2(Vector2::new(15.1, 0.0)), 0.0);
     }
 
-    /// By hand: on a ball of 1000 mm, tr K = 0.002/mm, δ is more by 225 · 0.002 / 8 = 0.056 25 mm, and less at the rim by
-    /// 225 · 0.001 / 2 = 0.1125. A ball of 100 mm and 2 N touch in a circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
+    /// Calculated by hand: on a ball of 1000 mm, tr K = 0.002/mm, δ is larger by 225 · 0.002 / 8 = 0.056 25 mm, and
+    /// smaller at the rim by 225 · 0.001 / 2 = 0.1125. A ball of 100 mm and 2 N touch in a circle of r⁴ = 4 F R /
+    /// (π s): r = 8.452 mm, δ = r²/2R.
     #[test]
     fn a_ball_is_pressed_in_its_middle() {
         let contact = PAD.under(20.0, bent(0.001, 0.001), None).expect("contact");
@@ -208,9 +211,9 @@ mod tests {
         assert_eq!(small.pressure_n_mm2(Vector2::new(9.0, 0.0)), 0.0, "the rim does not touch");
     }
 
-    /// By hand: leant by 0.02 on a bend of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π · 0.05))^½ = 0.677 8 mm,
-    /// 1.6 mm aside; the ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from there. δ = c₀ − ½ · 0.02 · 1.6. It is
-    /// what the sum finds, too.
+    /// Calculated by hand: tilted by 0.02 on a curvature of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π ·
+    /// 0.05))^½ = 0.677 8 mm, 1.6 mm aside. The ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from this point. δ
+    /// = c₀ − ½ · 0.02 · 1.6. The sum gives the same result.
     #[test]
     fn an_ellipse_inside_of_the_disc_is_closed() {
         let seat = Seat { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
@@ -218,11 +221,12 @@ mod tests {
         assert!((found_mm - 0.661_8).abs() < 1e-4, "{found_mm}");
         let summed_mm = PAD.summed_depth_mm(5.0, seat, None).expect("a sum");
         assert!((summed_mm / found_mm - 1.0).abs() < 0.005, "{summed_mm} {found_mm}");
-        // Pressed on by 40 N it would reach beyond the disc, and on a cylinder it always does.
+        // With 40 N, the contact would reach beyond the disc; on a cylinder, it always does.
         assert_eq!([PAD.inner_depth_mm(40.0, seat), PAD.inner_depth_mm(5.0, bent(0.01, 0.0))], [None, None]);
     }
 
-    /// By hand: half of the disc beyond an edge doubles the pressure on the rest; nothing below it is no contact.
+    /// Calculated by hand: if half of the disc is beyond an edge, the pressure on the other half doubles; with
+    /// nothing below the disc there is no contact.
     #[test]
     fn what_hangs_over_bears_nothing() {
         let half = PAD.under(20.0, Seat::level(), Some(&|place| place.x < 0.0)).expect("contact");
@@ -243,7 +247,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the surface, tilt and edge: the force is borne, and nowhere pulled.
+        /// For any surface, tilt and edge, the pressures add up to the force, and no pressure is negative.
         #[test]
         fn the_force_is_borne(
             force in 2.0..60.0f64, k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64,

@@ -5,7 +5,7 @@ use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Net, Parameter, Patch};
 
-/// Parameters are not quite straight below a disc: it is looked this much farther.
+/// Parameter lines are not quite straight below a disc, so the search extends farther by this factor.
 const FARTHER: f64 = 1.05;
 
 /// The places of one grid.

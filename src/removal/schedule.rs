@@ -21,18 +21,18 @@ use crate::panel::{GridId, Region};
 use crate::surface::BSplineSurface;
 use rayon::prelude::*;
 
-/// Distance between places that are looked at, in radii of the disc, and its bounds, mm.
+/// Distance between calculated places, in radii of the disc, and the bounds of this distance, mm.
 const SPACING_RADII: f64 = 0.2;
 const SPACING_MM: [f64; 2] = [1.0, 3.0];
-/// How much neighbours are kept alike.
+/// Weight by which neighbouring feeds are kept similar.
 const ALIKE: f64 = 0.02;
-/// Times that all moves are gone through, at first and after feeds were lowered for the acceleration.
+/// Numbers of iterations over all moves, first at the start and then after feeds were lowered for the acceleration.
 const ROUNDS: [usize; 2] = [40, 12];
 
 /// A move of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
-    /// The pose that it leads to, counted as the stretches count.
+    /// The pose at the end of the move, with the same count as the stretches.
     pub pose: usize,
     /// Its length, mm.
     pub length_mm: f64,
@@ -49,8 +49,8 @@ pub struct RemovalTarget {
     pub acceleration_mm_s2: f64,
 }
 
-/// The feed on each of the moves, mm/s, that brings the removal nearest to the target. `stretches` are those of the
-/// path at any feed.
+/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are those of
+/// the path at any feed.
 pub fn schedule(
     (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
     treated: &[GridId],
@@ -70,7 +70,7 @@ pub fn schedule(
     let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
     let free = descend(&columns, lowest.clone(), &sought);
     let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
-    // What was lowered for the acceleration stays so; the others make up for it.
+    // Feeds that were lowered for the acceleration stay low; the other feeds compensate.
     let held: Vec<[f64; 2]> = slowed
         .iter()
         .zip(&free)
@@ -90,8 +90,8 @@ fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
     moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
 }
 
-/// What each move removes of each place for each mm rubbed on a mm of its way, as a share of the target; and the
-/// places' area.
+/// Calculates the removal of each move at each place, for each mm rubbed per mm of way, as a share of the target;
+/// and the places' areas.
 fn columns(
     samples: &[Samples],
     (stretches, moves): (&[Stretch], &[Move]),
@@ -126,7 +126,7 @@ fn columns(
     (columns, samples.iter().flat_map(|own| own.area_mm2.iter().copied()).collect())
 }
 
-/// Entries of one row as one.
+/// Merges the entries of the same row into one.
 fn merged(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     column.sort_unstable_by_key(|(row, _)| *row);
     let mut merged: Vec<(u32, f32)> = Vec::with_capacity(column.len());
@@ -163,7 +163,8 @@ mod tests {
     use super::*;
     use crate::surface::dwell::Executed;
 
-    /// Rows 12 mm apart over a square of 60 mm in the middle of 100, from 6 mm beside it; moves of 6 mm.
+    /// Rows 12 mm apart over a square of 60 mm in the middle of 100 mm, from 6 mm outside the square; moves of 6
+    /// mm.
     fn rows() -> Vec<Executed> {
         let mut path = Vec::new();
         for row in 0..7 {
@@ -186,7 +187,7 @@ mod tests {
         timed
     }
 
-    /// The middle one of 5 × 5 grids of 20 mm and its neighbours are treated: 60 × 60 mm.
+    /// Plans the treatment of the middle one of 5 × 5 grids of 20 mm and its neighbours: 60 × 60 mm.
     fn planned(target_um: f64, feeds: [f64; 2], swept_mm2: f64) -> (Vec<f64>, RemovalMap, RemovalMap, Vec<Move>) {
         let (surface, region) = (level(100.0), region(5, 5));
         let inner = |id: &GridId| (2..=4).contains(&id.row) && (2..=4).contains(&id.column);
@@ -217,7 +218,7 @@ mod tests {
         let [even, plain] = [&scheduled, &constant].map(|map| Figures::compute(map, 40.0).expect("treated"));
         assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
         assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
-        // Beyond the treated grids it tapers off: nowhere deeper than inside.
+        // Beyond the treated grids, the depth decreases: it is nowhere larger than inside.
         assert!(even.largest_um < 1.3 * 40.0, "{even:?}");
     }
 
@@ -227,7 +228,7 @@ mod tests {
             let (found, _, _, moves) = planned(40.0, [5.0, 120.0], swept_mm2);
             moves.iter().zip(&found).map(|(own, feed)| own.length_mm / feed).sum::<f64>()
         };
-        // By hand: e^0.4 = 1.49 times as long.
+        // Calculated by hand: e^0.4 = 1.49 times the time.
         let ratio = seconds(500_000.0) / seconds(0.0);
         assert!((ratio - 1.49).abs() < 0.1, "{ratio}");
     }
@@ -248,7 +249,7 @@ mod tests {
         assert!(found.iter().all(|feed_mm_s| *feed_mm_s < 20.0 + 1e-6), "all that one pass can: {found:?}");
     }
 
-    /// By hand: from 10 mm/s, on 6 mm at 100 mm/s², (10² + 600)^½ = 26.46 mm/s are reached, then 36.06.
+    /// Calculated by hand: from 10 mm/s, on 6 mm at 100 mm/s², (10² + 600)^½ = 26.46 mm/s are reached, then 36.06.
     #[test]
     fn feeds_rise_as_the_acceleration_lets_them() {
         let own = |pose| Move { pose, length_mm: 6.0, feeds_mm_s: [1.0, 60.0] };
@@ -256,7 +257,7 @@ mod tests {
         let found = slowed(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
         let expected = [10.0, 26.457_5, 31.622_8, 20.0];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
-        // After a way through the air it begins anew.
+        // After a way through the air, the acceleration limit starts again.
         let apart = [own(1), own(5)];
         assert_eq!(slowed(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
     }

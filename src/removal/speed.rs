@@ -1,39 +1,41 @@
-//! The speed of an abrasive grain over the panel, while the disc orbits and moves on.
+//! The speed of an abrasive grain over the panel, while the disc orbits and moves along the path.
 //!
 //!     v = (1/2π) ∮ |u + f| dφ = (2/π) (u + f) E(m),   m = 4 u f / (u + f)²                                 (2)
-//! u the orbit's speed, f the feed, E the complete elliptic integral of the second kind by its parameter m, here by the
-//! arithmetic-geometric mean. Source: Abramowitz & Stegun, Handbook of Mathematical Functions, 17.3.3 and 17.6.
+//! Here u is the orbit's speed, f the feed, and E the complete elliptic integral of the second kind with its
+//! parameter m, calculated by the arithmetic-geometric mean. Source: Abramowitz & Stegun, Handbook of Mathematical
+//! Functions, 17.3.3 and 17.6.
 
 use std::f64::consts::PI;
 
-/// Steps of the mean; each doubles the digits.
+/// Largest number of steps of the arithmetic-geometric mean; each step doubles the number of correct digits.
 const STEPS: usize = 40;
-/// Halvings of a search for a feed.
+/// Number of halvings in the search for a feed.
 const HALVINGS: usize = 60;
 
 /// How the disc orbits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orbit {
-    /// Diameter of the circle that a grain runs, mm.
+    /// Diameter of the circle on which a grain moves, mm.
     pub diameter_mm: f64,
     /// Circles a minute.
     pub speed_rev_min: f64,
 }
 
 impl Orbit {
-    /// Speed on the orbit, mm/s.
+    /// Returns the speed on the orbit, mm/s.
     pub fn speed_mm_s(&self) -> f64 {
         PI * self.diameter_mm * self.speed_rev_min / 60.0
     }
 
-    /// Mean speed of a grain over the panel at this feed, mm/s.
+    /// Returns the mean speed of a grain over the panel at this feed, mm/s.
     pub fn grain_mm_s(&self, feed_mm_s: f64) -> f64 {
         let (u, f) = (self.speed_mm_s(), feed_mm_s.abs());
         let sum = u + f;
         if sum <= 0.0 { 0.0 } else { 2.0 / PI * sum * elliptic_e(4.0 * u * f / (sum * sum)) }
     }
 
-    /// Way that a grain rubs while the disc moves on by 1 mm at this feed, mm/mm: at least 1, more the slower it is.
+    /// Returns the length that a grain rubs while the disc moves by 1 mm at this feed, mm/mm: at least 1, and more
+    /// at a lower feed.
     pub fn rubbed_per_mm(&self, feed_mm_s: f64) -> f64 {
         self.grain_mm_s(feed_mm_s) / feed_mm_s
     }
@@ -49,7 +51,7 @@ impl Orbit {
     }
 }
 
-/// E(m), 0 ≤ m ≤ 1.
+/// Calculates E(m), 0 ≤ m ≤ 1.
 pub(super) fn elliptic_e(m: f64) -> f64 {
     if m >= 1.0 - 1e-15 {
         return 1.0;
@@ -74,7 +76,7 @@ mod tests {
 
     const ORBIT: Orbit = Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 };
 
-    /// From tables: E(0) = π/2, E(1/2) = 1.350 643 881, E(1) = 1.
+    /// Values from tables: E(0) = π/2, E(1/2) = 1.350 643 881, E(1) = 1.
     #[test]
     fn the_integral_is_that_of_the_tables() {
         assert!((elliptic_e(0.0) - PI / 2.0).abs() < 1e-15 && elliptic_e(1.0) == 1.0);
@@ -91,12 +93,12 @@ mod tests {
         assert!((still.grain_mm_s(60.0) - 60.0).abs() < 1e-12 && still.grain_mm_s(0.0) == 0.0);
         let slow = Orbit { diameter_mm: 60.0 / PI, speed_rev_min: 60.0 };
         assert!((slow.grain_mm_s(60.0) - 60.0 * 4.0 / PI).abs() < 1e-6, "{}", slow.grain_mm_s(60.0));
-        // A feed f beside a fast orbit u adds f²/4u: 60²/(4 · 2618) = 0.344 mm/s.
+        // A feed f adds f²/4u to the speed of a fast orbit u: 60²/(4 · 2618) = 0.344 mm/s.
         assert!((ORBIT.grain_mm_s(60.0) - ORBIT.speed_mm_s() - 0.343_77).abs() < 1e-4);
     }
 
     proptest! {
-        /// Against the sum over 20,000 places of the orbit.
+        /// Compares the closed form with the sum over 20,000 places of the orbit.
         #[test]
         fn the_closed_form_is_the_mean(u in 1.0..500.0f64, share in 0.0..3.0f64) {
             let orbit = Orbit { diameter_mm: u / PI, speed_rev_min: 60.0 };

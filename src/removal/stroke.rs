@@ -1,15 +1,16 @@
-//! What a disc in contact does to a place while it moves by along a straight stretch: ∫ p dl, in closed form.
+//! The effect of a disc in contact on a place while the disc moves past along a straight stretch: ∫ p dl, in closed
+//! form.
 //!
 //! Along a line x(l) = x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the
-//! disc. The integral of its positive part follows from its roots. The orbit carries the rim of the disc with it:
-//! the integral is the mean over places of the orbit's circle, which turn from one stretch to the next by the
-//! golden angle, so that a few for each stretch do for all together.
+//! disc. The integral of its positive part follows from its roots. The orbit moves the rim of the disc as well: the
+//! integral is the mean over places on the orbit's circle. These places turn by the golden angle from one stretch
+//! to the next, so that a few places for each stretch are enough for all stretches together.
 
 use super::pad::Contact;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
-/// Places on the orbit for one stretch.
+/// Number of places on the orbit for one stretch.
 const PHASES: usize = 8;
 /// A disc that moves less than this is at rest, mm.
 const MIN_STROKE_MM: f64 = 1e-9;
@@ -23,7 +24,7 @@ pub struct Stroke {
     pub contact: Contact,
     // The start of the disc's middle, mm from that place
     start_mm: Vector2<f64>,
-    // The other way than the disc goes: so a place goes by, seen from it
+    // The direction opposite to the disc's motion: seen from the disc, a place moves in this direction.
     direction: Vector2<f64>,
     length_mm: f64,
     // K d
@@ -46,12 +47,12 @@ impl Stroke {
         Stroke { contact, start_mm: ends_mm[0], direction, length_mm, bend_per_mm, orbit_mm }
     }
 
-    /// As far as the disc reaches from its middle, mm.
+    /// Returns the largest reach of the disc from its middle, mm.
     pub fn reach_mm(&self) -> f64 {
         self.contact.pad.radius_mm + self.orbit_mm[0].norm()
     }
 
-    /// Mean pressure at a place, mm from the stretch's middle, while the disc moves by: N/mm².
+    /// Returns the mean pressure at a place, mm from the stretch's middle, while the disc moves past: N/mm².
     pub fn mean_pressure_n_mm2(&self, place_mm: Vector2<f64>) -> f64 {
         if self.passes_by(place_mm) {
             return 0.0;
@@ -62,7 +63,7 @@ impl Stroke {
         self.orbit_mm.iter().map(|away| self.of_phase(place_mm - away)).sum::<f64>() / PHASES as f64
     }
 
-    /// Is a place so far aside that the disc never comes to it?
+    /// Returns whether a place is too far away for the disc to reach.
     fn passes_by(&self, place_mm: Vector2<f64>) -> bool {
         let (from, reach_mm) = (place_mm - self.start_mm, self.reach_mm());
         let along_mm = from.dot(&self.direction);
@@ -93,13 +94,13 @@ impl Stroke {
     }
 }
 
-/// ∫ max(c₀ + c₁ l + c₂ l², 0) dl from a to b.
+/// Calculates ∫ max(c₀ + c₁ l + c₂ l², 0) dl from a to b.
 fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
     let value = |l: f64| c0 + l * (c1 + l * c2);
     let whole = |l: f64| l * (c0 + l * (c1 / 2.0 + l * c2 / 3.0));
     let between = |low: f64, high: f64| if low < high { whole(high) - whole(low) } else { 0.0 };
     let (at_a, at_b) = (value(a), value(b));
-    // Bent downwards, or straight, it is positive between if it is so at both ends.
+    // A parabola that is bent downwards, or a straight line, is positive in between if it is positive at both ends.
     if at_a >= 0.0 && at_b >= 0.0 && c2 <= 0.0 {
         return between(a, b);
     }
@@ -134,8 +135,8 @@ mod tests {
         Stroke::new(contact, [Vector2::new(-40.0, 0.0), Vector2::new(40.0, 0.0)], (orbit_radius_mm, 0))
     }
 
-    /// By hand: a place in the lane's middle is below the disc for 30 of 80 mm, one 9 mm beside it for 24, one 15 mm beside
-    /// it never; p = 0.028 294 2 N/mm².
+    /// Calculated by hand: a place in the lane's middle is below the disc for 30 of 80 mm, a place 9 mm beside the
+    /// middle for 24, a place 15 mm beside it never; p = 0.028 294 2 N/mm².
     #[test]
     fn a_place_is_pressed_for_its_chord() {
         let level = stroke(Seat::level(), 0.0);
@@ -143,7 +144,8 @@ mod tests {
             let found = level.mean_pressure_n_mm2(Vector2::new(3.0, y));
             assert!((found - 0.028_294_2 * chord_mm / 80.0).abs() < 1e-7, "{y}: {found}");
         }
-        // 30 mm before the middle the disc is above the place from its start on, for 10 + 15 mm.
+        // At a place 30 mm before the stretch's middle, the disc is above the place from the start of the stretch,
+        // for 10 + 15 mm.
         let found = level.mean_pressure_n_mm2(Vector2::new(-30.0, 0.0));
         assert!((found - 0.028_294_2 * 25.0 / 80.0).abs() < 1e-7, "{found}");
         let still = Stroke::new(level.contact, [Vector2::zeros(); 2], (0.0, 0));
@@ -174,7 +176,7 @@ mod tests {
             prop_assert!((found - sum).abs() < 1e-5, "{} {}", found, sum);
         }
 
-        /// The mean over the stretch is that of many still discs.
+        /// The mean over the stretch equals the mean of many discs at rest.
         #[test]
         fn a_stroke_is_many_still_discs(
             k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64, x in -60.0..60.0f64, y in -16.0..16.0f64,

@@ -7,10 +7,10 @@ use crate::words::plain;
 use csv::{ReaderBuilder, StringRecord, Trim};
 use std::ops::RangeInclusive;
 
-/// A column of numbers: its name, what is allowed, and whether each line needs one.
+/// A column of numbers: its name, the allowed range, and whether each line needs a value.
 type Column = (&'static str, RangeInclusive<f64>, bool);
 
-/// Less than this has not been measured, µm.
+/// Smallest depth that can be measured, µm.
 const MIN_UM: f64 = 0.01;
 const COLUMNS: [Column; 8] = [
     ("force_n", 0.1..=1_000.0, true),
@@ -24,10 +24,10 @@ const COLUMNS: [Column; 8] = [
 ];
 const COUPON: &str = "coupon";
 const PLACE: &str = "place";
-/// Lines that begin so are remarks.
+/// First character of lines that are remarks.
 const REMARK: char = '#';
 
-/// What is wrong with a table.
+/// The problems of a table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
 pub struct TableError(pub Vec<TableProblem>);
@@ -36,11 +36,11 @@ pub struct TableError(pub Vec<TableProblem>);
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}, {column}: {message}")]
 pub struct TableProblem {
-    /// The line, from 1.
+    /// Number of the line, from 1.
     pub line: u64,
     /// The column's name.
     pub column: String,
-    /// What was found, what is allowed.
+    /// The value found, and the allowed values.
     pub message: String,
 }
 
@@ -75,10 +75,10 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     if problems.is_empty() { Ok(coupons) } else { Err(TableError(problems)) }
 }
 
-/// The values of one line.
+/// Splits one line into its values.
 fn values(line: &str) -> StringRecord {
     let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(line.as_bytes());
-    // Of text in memory every line can be read.
+    // From text in memory, every line can be read.
     reader.records().next().and_then(Result::ok).unwrap_or_default()
 }
 

@@ -9,7 +9,7 @@ use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-/// A tool that leans by more than this against the surface lies on it no more: the cosine of 60°.
+/// A tool that is tilted by a larger angle against the surface no longer lies on the surface: the cosine of 60°.
 const MIN_COSINE: f64 = 0.5;
 
 /// A point of the surface with its tangent plane; in the panel's frame, mm.
@@ -22,9 +22,9 @@ pub struct TangentFrame {
     x: Vector3<f64>,
     y: Vector3<f64>,
     normal: Vector3<f64>,
-    /// K in these axes, 1/mm.
+    /// The curvature K in the axes of the tangent plane, 1/mm.
     pub curvature_per_mm: Matrix2<f64>,
-    // From an offset in the plane, mm, to one of the parameters.
+    // Maps an offset in the plane, mm, to an offset of the parameters.
     parameter_per_mm: Matrix2<f64>,
 }
 
@@ -38,7 +38,7 @@ impl TangentFrame {
         let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
         let (area2, slant) = (e * g - f * f, f / e);
         let x = s_u / e.sqrt();
-        // Along S_v as it is, whatever the handedness of u and v.
+        // The direction along S_v itself, for either handedness of u and v.
         let y = (s_v - s_u * slant) / (area2 / e).sqrt();
         let across = (m - slant * l) / area2.sqrt();
         let curvature_per_mm =
@@ -54,13 +54,13 @@ impl TangentFrame {
         Vector2::new(away.dot(&self.x), away.dot(&self.y))
     }
 
-    /// The parameters at an offset in the tangent plane, to first order.
+    /// Returns the parameters at an offset in the tangent plane, to first order.
     pub fn parameter(&self, offset_mm: Vector2<f64>) -> Parameter {
         let step = self.parameter_per_mm * offset_mm;
         Parameter { u: self.at.u + step.x, v: self.at.v + step.y }
     }
 
-    /// How far a circle of this radius, mm, around the point reaches along u and v.
+    /// Returns how far a circle of this radius, mm, around the point reaches along u and v.
     pub fn reach(&self, radius_mm: f64) -> [f64; 2] {
         [0, 1].map(|row| radius_mm * self.parameter_per_mm.row(row).norm())
     }
@@ -81,7 +81,7 @@ mod tests {
     use crate::surface::KnotVector;
     use proptest::prelude::*;
 
-    /// Over Greville abscissae: x = 100 u + lean · 60 v, y = 60 v, and heights of the net.
+    /// Makes a surface over Greville abscissae: x = 100 u + lean · 60 v, y = 60 v, and heights of the net.
     fn net(lean: f64, heights_mm: &[f64]) -> BSplineSurface {
         let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
         let greville = [0.0, 1.0, 3.0, 6.0, 8.0, 9.0].map(|ninths: f64| ninths / 9.0);
@@ -101,13 +101,14 @@ mod tests {
         let tool = |b_deg: f64| KukaPose { b_deg, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
         assert!(frame.tilt(&tool(0.0)).expect("on it").norm() < 1e-12);
         let leant = frame.tilt(&tool(2.0)).expect("on it");
-        // The tool's back leans by +2° about Y towards +X, so that its disc goes down there.
+        // The tool's back tilts by +2° about Y towards +X, so its disc is lower on this side.
         assert!((leant - Vector2::new(0.034_920_8, 0.0)).norm() < 1e-6, "{leant}");
         assert_eq!(frame.tilt(&tool(180.0)), None, "from behind");
     }
 
     proptest! {
-        /// Eigenvalues are the principal curvatures, whatever the parameters' slant; and an offset is found again.
+        /// The eigenvalues are the principal curvatures for any slant of the parameters, and an offset converts
+        /// back to the same parameters.
         #[test]
         fn curvature_and_offsets_agree_with_the_surface(
             heights in prop::collection::vec(-4.0..4.0f64, 36), lean in -0.8..0.8f64, u in 0.2..0.8f64, v in 0.2..0.8f64,
@@ -121,7 +122,7 @@ mod tests {
             let near = Parameter { u: u + 1e-4, v: v - 2e-4 };
             let again = frame.parameter(frame.offset_mm(surface.point(near)));
             prop_assert!((again.u - near.u).abs() < 1e-6 && (again.v - near.v).abs() < 1e-6);
-            // The surface falls away by ½ xᵀ K x.
+            // The surface falls below the tangent plane by ½ xᵀ K x.
             let step = Parameter { u: u + 3e-3, v: v + 3e-3 };
             let offset = frame.offset_mm(surface.point(step));
             let fall = -(surface.point(step) - frame.point).mm.dot(&frame.normal);

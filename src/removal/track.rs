@@ -15,7 +15,7 @@ use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
-/// Length of a stretch, at most, in radii of the disc.
+/// Largest length of a stretch, in radii of the disc.
 const STRETCH_RADII: f64 = 0.5;
 /// Places on the rim, and half-way to it, that show whether the whole disc has panel below it.
 const RIM_SAMPLES: usize = 16;
@@ -30,14 +30,14 @@ pub struct Disc {
     pub pad: Pad,
     /// Its orbit.
     pub orbit: Orbit,
-    /// Does its rim move with the orbit? Else the disc is taken as standing, as simpler models do.
+    /// Whether the rim moves with the orbit; otherwise the disc is treated as not orbiting, as in simpler models.
     pub rim_orbits: bool,
-    /// What it has swept before this path, mm².
+    /// Area that the disc has swept before this path, mm².
     pub swept_mm2: f64,
 }
 
 impl Disc {
-    /// Radius of the circle that the rim runs, mm.
+    /// Returns the radius of the circle on which the rim moves, mm.
     fn rim_orbit_mm(&self) -> f64 {
         if self.rim_orbits { self.orbit.diameter_mm / 2.0 } else { 0.0 }
     }
@@ -46,17 +46,17 @@ impl Disc {
 /// A short straight way of the disc in contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
-    /// The surface at its middle.
+    /// The tangent frame of the surface at the stretch's middle.
     pub frame: TangentFrame,
-    /// The contact there, and the way.
+    /// The contact at the stretch's middle, and the way.
     pub stroke: Stroke,
-    /// Length of the way, mm.
+    /// Length of the stretch, mm.
     pub length_mm: f64,
-    /// How far a grain rubs meanwhile, mm.
+    /// Length that a grain rubs during the stretch, mm.
     pub rubbed_mm: f64,
-    /// The pose that it leads to, counted from 0.
+    /// The pose at the end of the stretch, counted from 0.
     pub pose: usize,
-    /// What the disc has swept by its middle, mm².
+    /// Area that the disc has swept by the stretch's middle, mm².
     pub swept_mm2: f64,
 }
 
@@ -96,13 +96,13 @@ pub fn stretches(
     all
 }
 
-/// How far a grain rubs in this time on this way, mm.
+/// Calculates the length that a grain rubs in this time on this way, mm.
 fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
-    // On no time at all the disc cannot have gone a way: a report that came twice.
+    // In zero time the disc cannot have moved: the same report came twice.
     if seconds > 0.0 { orbit.grain_mm_s(length_mm / seconds) * seconds } else { length_mm }
 }
 
-/// The frame of the surface below a point in contact.
+/// Returns the frame of the surface below a point in contact.
 fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>) -> Option<TangentFrame> {
     let at = foot(surface, *guess, point)?;
     *guess = at;
@@ -111,7 +111,7 @@ fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>)
     if height_mm > CONTACT_MM { None } else { TangentFrame::compute(surface, at) }
 }
 
-/// The contact there; what hangs over bears nothing.
+/// Calculates the contact at a frame; parts of the disc beyond the panel carry no force.
 fn contact(
     frame: &TangentFrame,
     seat: Seat,
@@ -151,14 +151,14 @@ pub(super) mod tests {
         BSplineSurface::new([knots(), knots()], controls.to_vec(), Point::at(0.0, 0.0, 500.0)).expect("a surface")
     }
 
-    /// The tool's point there, its pad down.
+    /// Returns a pose with the tool's point at this position and the pad down.
     pub(in crate::removal) fn pose([x_mm, y_mm, z_mm]: [f64; 3], seconds: f64) -> Executed {
         let tool = KukaPose { x_mm, y_mm, z_mm, c_deg: 180.0, ..KukaPose::default() };
         Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
-    /// By hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps
-    /// 1800 mm².
+    /// Calculated by hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm during this time; the
+    /// disc of 30 mm sweeps 1800 mm².
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
@@ -179,11 +179,11 @@ pub(super) mod tests {
             stretches(&surface, &line, (&DISC, 20.0), &|_| true).len()
         };
         assert_eq!([count(1.5, [None; 2]), count(0.5, [None; 2])], [0, 8]);
-        // The force on the way to a pose is the pose's own.
+        // The force on the way to a pose is the force of this pose.
         assert_eq!([count(0.0, [Some(0.0), Some(20.0)]), count(0.0, [Some(20.0), Some(0.0)])], [8, 0]);
     }
 
-    /// By hand: with its middle above the panel's edge, half of the disc bears it all.
+    /// Calculated by hand: with the disc's middle above the panel's edge, half of the disc carries the whole force.
     #[test]
     fn beyond_the_edge_the_rest_bears_the_force() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];

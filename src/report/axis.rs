@@ -13,13 +13,14 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// An axis over all of these values, with some room on both sides; values that are no numbers count for nothing.
+    /// Creates an axis over all of these values, with some space on both sides; NaN and infinite values are
+    /// ignored.
     pub fn over(values: impl Iterator<Item = f64>, [from, to]: [f64; 2]) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
-        // A row of equal values gets an axis too.
+        // If all values are equal, the axis still needs a length.
         let room = if high > low { 0.08 * (high - low) } else { 0.5 * high.abs().max(1.0) };
         Axis { low: low - room, high: high + room, from, to }
     }
@@ -47,7 +48,8 @@ impl Axis {
 mod tests {
     use super::*;
 
-    /// By hand: from 0.05 to 0.25 with 8 % of 0.2 on both sides is 0.034 to 0.266, and steps of 0.05 make five values.
+    /// Calculated by hand: from 0.05 to 0.25 with 8 % of 0.2 on both sides is 0.034 to 0.266, and steps of 0.05
+    /// make five values.
     #[test]
     fn the_values_beside_an_axis_are_round() {
         let axis = Axis::over([0.05, 0.25, f64::NAN].into_iter(), [300.0, 0.0]);

@@ -1,4 +1,4 @@
-//! A bar for each class: shares at a glance.
+//! A bar chart that shows the share of each class.
 
 use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Pixel};

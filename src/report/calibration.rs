@@ -9,7 +9,7 @@ use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
 use maud::{Markup, html};
 
-/// Residuals of this length fill this share of the picture's width.
+/// Share of the picture's width to which the longest residual is enlarged.
 const MAX_RESIDUAL_SHARE: f64 = 0.04;
 const GROUND: [u8; 3] = [60, 60, 60];
 
@@ -40,12 +40,12 @@ pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Re
     canvas.with_legend(&[(Ink::ORANGE, &each), (Ink::BLUE, &mean), (Ink::WHITE, &seen)])?.finish()
 }
 
-/// Columns and rows of fields for the mean.
+/// Number of columns and rows of fields, each with a mean residual.
 const FIELDS: (usize, usize) = (8, 6);
-/// Fewer residuals have no mean worth drawing.
+/// Smallest number of residuals for which a mean is drawn.
 const MIN_IN_FIELD: usize = 6;
 
-/// The mean residual of each field of the picture, px, at the field's middle.
+/// Calculates the mean residual of each field of the picture, px, at the field's middle.
 fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixel, [f64; 2])> {
     let mut sums = vec![([0.0, 0.0], 0); FIELDS.0 * FIELDS.1];
     for residual in &found.residuals {
@@ -99,8 +99,8 @@ const WIDTH: f64 = 900.0;
 const HEIGHT: f64 = 320.0;
 const MARGIN: f64 = 55.0;
 
-/// All verifications of a subject over time with their limits, as SVG. One that was struck out is a grey cross, and no part
-/// of the line; the scale is the others'.
+/// Draws all verifications of a subject over time with their limits, as SVG. A verification that was struck out is
+/// a grey cross, not connected to the line, and does not affect the scale.
 pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     let times = verifications.iter().map(|v| v.at_unix_s as f64);
     let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
@@ -156,7 +156,8 @@ mod tests {
     use super::*;
     use crate::calib::health::Strike;
 
-    /// By hand: the highest of errors and limits is 1.0, drawn at 1/1.1 of the axis: 265 − 210/1.1 = 74.1.
+    /// Calculated by hand: the highest of errors and limits is 1.0, drawn at 1/1.1 of the axis: 265 − 210/1.1 =
+    /// 74.1.
     #[test]
     fn a_trend_shows_every_verification_and_marks_the_bad_ones() {
         let verified = |error: f64, at_unix_s: i64| Verification {

@@ -12,7 +12,7 @@ use opencv::imgproc;
 pub struct Ink(pub [u8; 3]);
 
 impl Ink {
-    /// What was expected or taught.
+    /// Colour of expected or taught objects.
     pub const BLUE: Ink = Ink([86, 180, 233]);
     /// What was found.
     pub const ORANGE: Ink = Ink([230, 159, 0]);
@@ -28,7 +28,7 @@ impl Ink {
     pub const WHITE: Ink = Ink([255, 255, 255]);
     pub(super) const RIM: Ink = Ink([20, 20, 20]);
 
-    /// This colour with a share of another, 0…1.
+    /// Mixes this colour with a share of another, 0…1.
     #[must_use]
     pub fn mixed(self, other: Ink, share: f64) -> Ink {
         let mix = |i: usize| (f64::from(self.0[i]) * (1.0 - share) + f64::from(other.0[i]) * share).round() as u8;
@@ -41,7 +41,7 @@ impl Ink {
     }
 }
 
-/// How thick a line is, or how large a label.
+/// The width of a line, or the size of a label.
 #[derive(Debug, Clone, Copy)]
 pub struct Pen {
     /// Its colour.
@@ -69,7 +69,7 @@ pub(super) fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
 }
 
-/// OpenCV's own letters are ASCII's; any other would be question marks.
+/// OpenCV's fonts contain only ASCII; any other letter would appear as a question mark.
 fn ascii(text: &str) -> String {
     text.replace('²', "2")
         .replace('µ', "u")
@@ -79,7 +79,7 @@ fn ascii(text: &str) -> String {
         .replace('–', "-")
 }
 
-/// Scale and weight of letters of this height.
+/// Returns scale and weight of letters of this height.
 pub(super) fn lettering(height_px: f64) -> (f64, i32) {
     let scale = height_px / FONT_HEIGHT_PX;
     (scale, (scale * 1.6).round().max(1.0) as i32)
@@ -127,7 +127,7 @@ impl Canvas {
         Ok(())
     }
 
-    /// A cross with a ring: a measured point.
+    /// Draws a cross with a ring: a measured point.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -186,8 +186,8 @@ impl Canvas {
         Ok(())
     }
 
-    /// A scale bar in the lower left corner, as long as a quarter of the picture's width allows; `px_per_mm` at the panel's
-    /// depth.
+    /// Draws a scale bar in the lower left corner, at most a quarter of the picture's width long; `px_per_mm` at
+    /// the panel's depth.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -197,7 +197,7 @@ impl Canvas {
         self.scale_bar(bar_mm.unwrap_or(BARS_MM[BARS_MM.len() - 1]), px_per_mm)
     }
 
-    /// A scale bar in the lower left corner: `px_per_mm` at the panel's depth.
+    /// Draws a scale bar in the lower left corner; `px_per_mm` at the panel's depth.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -213,7 +213,7 @@ impl Canvas {
         self.label(above, &format!("{length_mm:.0} mm"), text_px, Ink::WHITE)
     }
 
-    /// The picture with a dark band above it that holds a legend: a stroke of each ink beside its meaning.
+    /// Adds a dark band with a legend above the picture: a stroke of each ink beside its meaning.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -243,7 +243,7 @@ impl Canvas {
     }
 }
 
-/// A part of a picture; the part is cut at the picture's border.
+/// Returns a part of a picture; the part ends at the picture's border.
 pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize)) -> ColorPicture {
     let width = size.0.min(picture.width.saturating_sub(left));
     let height = size.1.min(picture.height.saturating_sub(top));
@@ -264,7 +264,7 @@ pub fn resized(picture: &ColorPicture, width: usize) -> Result<ColorPicture, Ima
     Canvas { mat }.finish()
 }
 
-/// Pictures of one size side by side, `columns` a row.
+/// Joins pictures of the same size side by side, `columns` in each row.
 pub fn sheet(pictures: &[ColorPicture], columns: usize) -> ColorPicture {
     const GAP: usize = 6;
     let Some(first) = pictures.first() else { return ColorPicture::filled(1, 1, [255; 3]) };
@@ -299,8 +299,8 @@ mod tests {
         assert_eq!(picture.rgb[20], [128; 3]);
     }
 
-    /// A label that would begin beyond the right border, or above the upper one, is whole inside the picture: no
-    /// letter touches the border.
+    /// A label that would extend beyond the right or upper border is moved completely into the picture: no letter
+    /// touches the border.
     #[test]
     fn a_label_is_never_cut_off() {
         for at in [Pixel::at(195.0, 50.0), Pixel::at(400.0, -30.0), Pixel::at(-20.0, 99.0)] {
@@ -313,7 +313,7 @@ mod tests {
         }
     }
 
-    /// A picture of 60 px beside a legend of 30 letters: no letter is cut, and a wide picture keeps its width.
+    /// A picture of 60 px with a legend of 30 letters: no letter is cut, and a wide picture keeps its width.
     #[test]
     fn a_legend_is_read_to_its_end() {
         let width = |px: usize| {
@@ -349,7 +349,7 @@ mod tests {
         );
     }
 
-    /// By hand: pixel (3, 2) of the whole is pixel (1, 1) of the part that begins at (2, 1).
+    /// Calculated by hand: pixel (3, 2) of the whole is pixel (1, 1) of the part that begins at (2, 1).
     #[test]
     fn a_part_begins_where_asked() {
         let mut picture = ColorPicture::filled(6, 5, [0; 3]);

@@ -35,7 +35,7 @@ pub fn check_row(check: &Check, beside: &str) -> Row {
     Row::new(&check.name, value, allowed)
 }
 
-/// Four significant digits, or all before the point; the store has the rest.
+/// Formats a value with four significant digits, or with all digits before the point; the store has the full value.
 pub fn shown(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
         return plain(value);
@@ -44,7 +44,7 @@ pub fn shown(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// Digits after the point that make four significant ones.
+/// Returns the number of digits after the point that gives four significant digits.
 fn decimals(value: f64) -> usize {
     if value == 0.0 || !value.is_finite() {
         return 0;

@@ -27,7 +27,7 @@ impl CornerView<'_> {
     /// # Errors
     /// If OpenCV refuses to draw.
     pub fn drawn(&self, title: &str) -> Result<ColorPicture, ImagingError> {
-        // Both marks and some edge must be seen, however far apart they are.
+        // Both marks and a part of the edge must be visible, at any distance between the marks.
         let apart_px = self.expected_px.distance_px(self.found_px);
         let half_px = (apart_px * 1.3).max(8.0 * self.px_per_mm);
         let left = (self.found_px.u - half_px).max(0.0);
@@ -38,7 +38,8 @@ impl CornerView<'_> {
         let zoom = CLOSE_PX as f64 / part.width.max(1) as f64;
         let mut canvas = Canvas::on(&resized(&part, CLOSE_PX)?)?;
         let place = |pixel: Pixel| {
-            // Pixel centres are whole numbers: half a pixel is added before and taken after the enlargement.
+            // Pixel centres are whole numbers: half a pixel is added before the enlargement and subtracted after
+            // it.
             let enlarge = |n: f64, first: usize| (n - first as f64 + 0.5) * zoom - 0.5;
             Pixel::at(enlarge(pixel.u, left_px), enlarge(pixel.v, top_px))
         };
@@ -57,7 +58,7 @@ impl CornerView<'_> {
 pub struct StripPicture {
     /// The clip's picture, cut to the region.
     pub picture: ColorPicture,
-    /// What was broken by then.
+    /// The pixels that were broken by then.
     pub broken: Mask,
     /// Its label, such as the time.
     pub label: String,
@@ -84,7 +85,7 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
 /// opens.
 pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     let times_s = match opens_s {
-        // The first picture shows it already.
+        // The first picture already shows the break.
         Some(opens_s) if opens_s <= 0.0 => [0.0, 1.0, 3.0, 8.0, (8.0 + end_s) / 2.0, end_s],
         Some(opens_s) => [0.0, opens_s, opens_s + 1.0, opens_s + 3.0, opens_s + 8.0, end_s],
         None => [0.0, 0.2 * end_s, 0.4 * end_s, 0.6 * end_s, 0.8 * end_s, end_s],
@@ -92,7 +93,7 @@ pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     times_s.map(|time_s| time_s.min(end_s))
 }
 
-/// The box around pixels inside a picture of this width and height: its first pixel and the last.
+/// Returns the box around pixels inside a picture of this width and height: its first and its last pixel.
 pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, usize)) -> [(usize, usize); 2] {
     let (mut low, mut high) = ((width, height), (0, 0));
     for (column, row) in pixels.into_iter().filter_map(|pixel| pixel.whole(width, height)) {
@@ -102,7 +103,7 @@ pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, 
     [low, high]
 }
 
-/// The part of a picture inside a box, and of a mask.
+/// Cuts the part inside a box out of a picture and a mask.
 pub fn cut(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
     let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));
     let part = crop(picture, low.0, low.1, size);

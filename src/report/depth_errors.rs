@@ -7,9 +7,9 @@ use crate::geometry::{Camera, ColorPicture, PinholeCamera, Pixel, REFERENCE_DEPT
 use crate::imaging::ImagingError;
 use rayon::prelude::*;
 
-/// The picture is drawn at most so wide, px.
+/// Largest width of the drawn picture, px.
 const WIDTH_PX: usize = 1200;
-/// Less than this is drawn as nothing, mm.
+/// Smallest error that is drawn, mm.
 const MIN_MM: f64 = 0.01;
 const FAR: Ink = Ink::VERMILLION;
 const NEAR: Ink = Ink::DEEP_BLUE;

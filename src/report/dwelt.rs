@@ -12,11 +12,11 @@ use crate::surface::dwell::{Dwell, GridDwell};
 
 const UNASKED: Ink = Ink([225, 225, 225]);
 const NOT_REACHED: Ink = Ink::VERMILLION;
-/// The shortest and the longest time.
+/// Colours of the shortest and the longest time.
 const TIMES: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
 /// Shares of the longest time that the legend explains.
 const EXPLAINED: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
-/// Once, twice, more often.
+/// Colours for one, two and more passes.
 const PASSES: [Ink; 3] = [Ink([190, 215, 235]), Ink([66, 133, 190]), Ink([10, 40, 90])];
 
 /// Draws how long each place was under the disc; darkest at the longest time.
@@ -98,7 +98,8 @@ mod tests {
         (simulate(&surface, &region, &grids, &[at(5.0), at(55.0), at(40.0)], 5.0), region)
     }
 
-    /// By hand: 900 px for 60 mm are 15 px a mm, so (20, 15) mm lies at (300, 225) px below the legend.
+    /// Calculated by hand: 900 px for 60 mm are 15 px per mm, so (20, 15) mm lies at (300, 225) px below the
+    /// legend.
     #[test]
     fn each_place_has_the_colour_of_its_passes() {
         let (dwell, region) = walked();

@@ -1,16 +1,16 @@
-//! What is left of an error over the working volume, as SVG: from above and from the side, mm in the robot's base.
+//! The remaining error over the working volume, as SVG: from above and from the side, mm in the robot's base.
 
 use crate::geometry::{Base, Point};
 use maud::{Markup, html};
 
-/// A place with what is left there.
+/// A place and the remaining error there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Left {
-    /// Its name: the picture, or the corner that was touched.
+    /// Name of the place: the picture, or the corner that was touched.
     pub name: String,
     /// The place.
     pub place: Point<Base>,
-    /// What is left, mm.
+    /// The remaining error, mm.
     pub error_mm: f64,
 }
 
@@ -24,13 +24,13 @@ const MAX_PX: f64 = 32.0;
 const WITHIN_LIMIT: &str = "#0072b2";
 const BEYOND_LIMIT: &str = "#d55e00";
 
-/// Two views of the same places: x over y, and x over z. The larger the circle, the larger the error.
+/// Draws two views of the same places: x over y, and x over z. The larger the circle, the larger the error.
 pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
     let width = 2.0 * (SIDE_PX + MARGIN_PX) + MARGIN_PX;
     let height = TOP_PX + SIDE_PX + MARGIN_PX;
     let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
     let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
-    // One scale for all axes, so that a view is true to shape.
+    // All axes have the same scale, so that a view is not distorted.
     let of = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
     let bounds = [0, 1, 2].map(|axis| {
         let (low, high) = of(axis).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mm| (a.min(mm), b.max(mm)));
@@ -63,7 +63,7 @@ pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
     svg.into_string()
 }
 
-/// A view's frame with its axes: ends and middle in mm.
+/// Draws a view's frame with its axes: ends and middle in mm.
 fn frame((left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) -> Markup {
     let bottom = TOP_PX + SIDE_PX;
     html! {
@@ -94,7 +94,7 @@ fn circle(left: &Left, (cx, cy): (f64, f64), limit_mm: f64) -> Markup {
     }
 }
 
-/// A place in a drawing.
+/// Formats a coordinate in a drawing.
 fn tenths(px: f64) -> String {
     format!("{px:.1}")
 }
@@ -113,7 +113,7 @@ mod tests {
         assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, 1.500 mm at most"), "{svg}");
         assert_eq!(svg.matches("r=\"8.0\" fill=\"#0072b2\"").count(), 2, "in both views");
         assert_eq!(svg.matches("r=\"32.0\" fill=\"#d55e00\"").count(), 2);
-        // 200 mm apart, drawn 1.2 times smaller than the whole: 420 px / 240 mm.
+        // The points are 200 mm apart; the drawing spans 1.2 times this distance: 420 px / 240 mm.
         assert!(svg.contains("cx=\"95.0\"") && svg.contains("cx=\"445.0\""), "{svg}");
     }
 }

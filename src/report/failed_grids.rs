@@ -1,5 +1,5 @@
-//! Each grid that failed as a close picture: the film as it was in the end, a line around what broke, and in words
-//! how much broke and after how long. Each has its own scale.
+//! A close picture of each grid that failed: the film at the end, a line around the broken area, and in words the
+//! size of this area and the time to break. Each picture has its own scale.
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
 use super::closeup::bounds;
@@ -19,10 +19,10 @@ pub struct FailedGrid<'g> {
 
 /// Width of one close picture, px.
 const WIDTH_PX: usize = 320;
-/// Height of the band with the words, and of their letters, px.
+/// Height of the band with the title, and of its letters, px.
 const BAND_PX: usize = 26;
 const TEXT_PX: f64 = 13.0;
-/// Close pictures in one row.
+/// Number of close pictures in one row.
 const COLUMNS: usize = 4;
 /// Space around a grid, as a share of its width.
 const MARGIN_SHARE: f64 = 0.12;
@@ -59,7 +59,7 @@ impl View<'_> {
     }
 }
 
-/// The grid with some space around it.
+/// Cuts out the grid with some space around it.
 fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
     let [low, high] = bounds(edge.iter().copied(), (whole.width, whole.height));
     let (width, height) = (high.0.checked_sub(low.0)?, high.1.checked_sub(low.1)?);
@@ -68,7 +68,8 @@ fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
     Some(crop(whole, left, top, (width + 2 * margin, height + 2 * margin)))
 }
 
-/// The part enlarged, with a scale bar, below a dark band with its title; `px_per_mm` once it is enlarged.
+/// Draws the enlarged part with a scale bar, below a dark band with its title; `px_per_mm` is the scale after the
+/// enlargement.
 fn close(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<ColorPicture, ImagingError> {
     let mut canvas = Canvas::on(&resized(part, WIDTH_PX)?)?;
     canvas.scale_bar_within(px_per_mm)?;
@@ -80,7 +81,7 @@ fn close(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<ColorPictur
     canvas.finish()
 }
 
-/// The picture with white below it, up to this height.
+/// Adds white below the picture, up to this height.
 fn heightened(picture: &ColorPicture, height: usize) -> ColorPicture {
     let mut rgb = picture.rgb.clone();
     rgb.resize(picture.width * height, Ink::WHITE.0);
@@ -91,9 +92,9 @@ fn heightened(picture: &ColorPicture, height: usize) -> ColorPicture {
 mod tests {
     use super::*;
 
-    /// A white square of 4 px in a dark picture of 100 by 80 px, cut at (30, 20) to (70, 40): 40 px and 5 px of
-    /// margin on each side make 50 px, which become 320, so that the square becomes 25.6 px wide, and the part 30
-    /// px high 192 px.
+    /// A white square of 4 px in a dark picture of 100 by 80 px, cut at (30, 20) to (70, 40). 40 px and 5 px of
+    /// margin on each side make 50 px, which become 320. The square becomes 25.6 px wide, and the part 30 px high
+    /// becomes 192 px high.
     #[test]
     fn a_grid_is_cut_out_with_a_margin_and_has_its_title() {
         let mut whole = ColorPicture::filled(100, 80, [60; 3]);

@@ -5,7 +5,7 @@ use crate::history::{HeatCell, HeatMap};
 use crate::words::fixed;
 use maud::{Markup, html};
 
-/// Shades beside the one of a grid that never broke.
+/// Number of shades, without the shade of a grid that never broke.
 const SHADES: f64 = 4.0;
 
 /// Returns the table; `words` explains the content of a cell, for readers who do not see it.
@@ -35,7 +35,7 @@ pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
     }
 }
 
-/// 0 for a grid that never broke, else 1 to 4 by the share of films that broke on it.
+/// Returns 0 for a grid that never broke, otherwise 1 to 4 by the share of films that broke on it.
 fn shade(cell: &HeatCell) -> u8 {
     if cell.breaks == 0 || cell.films == 0 {
         return 0;
@@ -51,7 +51,7 @@ mod tests {
         HeatCell { grid: grid.to_owned(), row: at.0, column: at.1, films: 12, breaks, median_s }
     }
 
-    /// By hand: 1 and 3 of 12 are up to a quarter, 4 more than one, 12 all.
+    /// Calculated by hand: 1 and 3 of 12 are up to a quarter, 4 are more than a quarter, 12 are all.
     #[test]
     fn the_shade_says_what_the_number_says() {
         let shades = [0, 1, 3, 4, 12].map(|breaks| shade(&cell("r1c1", (1, 1), breaks, None)));

@@ -5,11 +5,11 @@ use super::page::{Figure, Page, Row, Section};
 use crate::inspect::{Inspection, Reference, name};
 use crate::recipe::Recipe;
 
-/// What a person fills in by hand.
+/// A blank that a person fills in by hand.
 const BLANK: &str = "……………………………………";
 
-/// The page of a test: verdict, grids, how the film was watched, pictures, and lines to sign. `clip` names what was
-/// tested.
+/// Creates the page of a test: verdict, grids, how the film was watched, pictures, and lines to sign. `clip` names
+/// the tested item.
 pub fn inspection_page(inspection: &Inspection, recipe: &Recipe, clip: &str, figures: Vec<Figure>) -> Page {
     Page {
         first: String::new(),

@@ -1,4 +1,4 @@
-//! Pictures and pages for people: from results to something to look at. Computes nothing that decides.
+//! Pictures and pages that show results to people. No decision depends on the calculations in this module.
 
 mod axis;
 mod bars;

@@ -19,7 +19,8 @@ pub struct View<'a> {
     pub camera_from_panel: Rigid<Camera, Panel>,
 }
 
-/// A colour scale that is read with every common colour vision, after "viridis" of Smith and van der Walt.
+/// A colour scale that people with any common type of colour vision can read, after "viridis" of Smith and van der
+/// Walt.
 const STOPS: [(f64, Ink); 5] = [
     (0.0, Ink([68, 1, 84])),
     (0.25, Ink([59, 82, 139])),
@@ -28,7 +29,7 @@ const STOPS: [(f64, Ink); 5] = [
     (1.0, Ink([253, 231, 37])),
 ];
 
-/// The colour of a share 0…1, between the stops.
+/// Returns the colour of a share 0…1, between the stops.
 fn scale(share: f64) -> Ink {
     let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
@@ -66,13 +67,14 @@ impl View<'_> {
     ) -> Result<(), ImagingError> {
         let thin = Pen { ink: Ink::WHITE, width_px: 1 };
         let thick = Pen { ink: Ink::VERMILLION, width_px: self.line_px() };
-        // Failed ones last, so that their rim is not painted over.
+        // Failed grids are drawn last, so that no other line covers their rim.
         for (only_failed, pen) in [(false, thin), (true, thick)] {
             for grid in grids.iter().filter(|grid| failed(grid) == only_failed) {
                 canvas.polyline(&self.pixels(&grid.edge), true, pen)?;
             }
         }
-        // Names after all edges, each in its grid's first corner, so that what lies in the middle stays to be seen.
+        // Names are drawn after all edges, each in its grid's first corner, so that the grid's middle stays
+        // visible.
         let height_px = (self.picture.height as f64 / 80.0).max(8.0);
         for grid in grids {
             if let Some(first) = self.pixels(&grid.edge).first() {
@@ -83,7 +85,7 @@ impl View<'_> {
         Ok(())
     }
 
-    /// The part of the picture around the panel, with a scale bar and a legend.
+    /// Cuts out the part of the picture around the panel, and adds a scale bar and a legend.
     pub(super) fn framed(
         &self,
         canvas: Canvas,
@@ -138,8 +140,8 @@ impl View<'_> {
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }
 
-    /// What broke, tinted and outlined, what was not seen, outlined, if that is known yet, and failed grids with a
-    /// thick rim.
+    /// Draws the broken area, tinted and outlined; the area not seen, outlined, if it is known yet; and failed
+    /// grids with a thick rim.
     ///
     /// # Errors
     /// As [`View::taught`].
@@ -196,7 +198,7 @@ impl View<'_> {
         self.framed(canvas, panel, &legend)
     }
 
-    /// The tool's paths over the panel, each with its first point ringed.
+    /// Draws the tool's paths over the panel, each with a ring around its first point.
     ///
     /// # Errors
     /// As [`View::taught`].

@@ -1,4 +1,4 @@
-//! One self-contained HTML page: verdict, numbers with their limits, pictures. No scripts, nothing fetched.
+//! One self-contained HTML page: verdict, numbers with their limits, pictures. It has no scripts and loads nothing.
 
 use crate::verdict::{Judgement, Verdict};
 use base64::Engine;
@@ -12,7 +12,7 @@ pub struct Page {
     pub first: String,
     /// Heading.
     pub title: String,
-    /// One line below it: what was done, with what.
+    /// One line below the title: the action and its object.
     pub subtitle: String,
     /// How it ended.
     pub judgement: Judgement,
@@ -27,7 +27,7 @@ pub struct Page {
 pub struct Section {
     /// Heading.
     pub heading: String,
-    /// A few sentences: what the pictures show.
+    /// A few sentences that explain the pictures.
     pub text: String,
     /// Numbers.
     pub rows: Vec<Row>,
@@ -47,7 +47,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// A row from its three texts.
+    /// Creates a row from its three texts.
     pub fn new(name: &str, value: impl Into<String>, allowed: impl Into<String>) -> Self {
         Row { name: name.to_owned(), value: value.into(), allowed: allowed.into() }
     }
@@ -56,7 +56,7 @@ impl Row {
 /// One picture.
 #[derive(Debug, Clone)]
 pub struct Figure {
-    /// What it shows, for those who see it and for those who do not.
+    /// The content of the picture, for readers who see it and for those who do not.
     pub caption: String,
     /// The picture, encoded as JPEG.
     pub jpeg: Vec<u8>,
@@ -70,7 +70,7 @@ font-variant-numeric:tabular-nums}td:nth-child(2){overflow-wrap:anywhere}td:nth-
 figcaption{color:#555;font-size:.9rem}@media print{figure{break-inside:avoid}}";
 
 impl Page {
-    /// The page as HTML text.
+    /// Returns the page as HTML text.
     pub fn html(&self) -> String {
         let page = html! {
             (DOCTYPE)

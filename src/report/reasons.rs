@@ -12,17 +12,17 @@ use crate::locate::{self, Fit};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
 use crate::verdict::{Judgement, Reason};
 
-/// Residuals with full colour, mm.
+/// Residual that has the full colour, mm.
 const FULL_MM: f64 = 0.5;
-/// Share of a dot's ink, the rest is the picture.
+/// Share of ink in a dot's colour; the rest is the picture's colour.
 const INK: f64 = 0.75;
-/// Half the side of a close picture, px, and its width when enlarged.
+/// Half the side of a close picture, px, then its width after the enlargement.
 const CLOSE_HALF_PX: usize = 24;
 const CLOSE_PX: usize = 720;
-/// Colours of things, largest first.
+/// Colours of objects, largest first.
 const THINGS: [Ink; 5] = [Ink::ORANGE, Ink::BLUE, Ink::GREEN, Ink::YELLOW, Ink::VERMILLION];
 
-/// A reason that dots on the taught surface show.
+/// A reason that is shown by dots on the taught surface.
 struct Dots {
     codes: &'static [&'static str],
     caption: &'static str,
@@ -77,13 +77,13 @@ const DOTS: [Dots; 4] = [
 pub struct ReasonPicture {
     /// The reason's code.
     pub code: String,
-    /// What the picture shows.
+    /// The content of the picture.
     pub caption: &'static str,
     /// The picture.
     pub picture: Result<ColorPicture, ImagingError>,
 }
 
-/// The pictures of a localization's reasons, over the scan's picture; none for reasons that no scan shows.
+/// Draws the pictures of a localization's reasons over the scan's picture; none for reasons that no scan shows.
 pub fn reason_pictures(
     panel: &TaughtPanel,
     (picture, seen): (&ColorPicture, &locate::View<'_>),
@@ -100,7 +100,7 @@ pub fn reason_pictures(
     judgement.reasons.iter().filter_map(drawn).collect()
 }
 
-/// The colour of what was found at a place.
+/// Returns the colour of the result at a place of the outline.
 fn ink(mark: OutlineMark) -> Ink {
     match mark {
         OutlineMark::Found => Ink::GREEN,
@@ -172,7 +172,7 @@ impl View<'_> {
         })
     }
 
-    /// Dots over the picture, with the outline.
+    /// Draws dots over the picture, with the outline.
     fn dots(&self, panel: &TaughtPanel, explained: &Explained, dots: &Dots) -> Drawn {
         let full = FULL_MM.to_string();
         let words: Vec<String> = dots.legend.iter().map(|(_, words)| words.replace("{full}", &full)).collect();
@@ -215,7 +215,8 @@ impl View<'_> {
         legend: &[(Ink, &str)],
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(&picture)?;
-        // A run of one mark is one line; another one begins elsewhere, as a window's outline does.
+        // Successive points with the same mark form one line. A new line begins at a larger distance, as at a
+        // window's outline.
         let apart_px = 12.0 * explained.block_px.max(1) as f64;
         let goes_on =
             |a: &(Pixel, OutlineMark), b: &(Pixel, OutlineMark)| a.1 == b.1 && a.0.distance_px(b.0) < apart_px;
@@ -245,7 +246,7 @@ impl View<'_> {
 
     fn fixture(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
         let mut picture = self.picture.clone();
-        // The edges lie close together: rims or crosses would hide their colours.
+        // The edges lie close together, so rims or crosses would hide their colours.
         let side_px = usize::try_from(4 * self.line_px()).unwrap_or(4) + 1;
         for (pixel, mark) in &explained.fixture {
             let ink = match mark {
@@ -277,7 +278,7 @@ impl View<'_> {
         self.framed(canvas, panel, &[(Ink::ORANGE, "the place found"), (Ink::VERMILLION, &meaning)])
     }
 
-    /// The panel at the place found and at another.
+    /// Draws the panel at the found pose and at another pose.
     fn twice(
         &self,
         panel: &TaughtPanel,
@@ -300,7 +301,7 @@ impl View<'_> {
         canvas.with_legend(&legend)?.finish()
     }
 
-    /// A line from the panel's middle to the first corner of its first grid, which has a ring.
+    /// Draws a line from the panel's middle to the first corner of its first grid, and a ring at this corner.
     fn hand(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
         let first = panel.grids.first().and_then(|grid| grid.edge.first());
         let ends: Vec<Point<Panel>> = first.into_iter().copied().chain([panel.centre()]).collect();
@@ -326,7 +327,8 @@ impl View<'_> {
     }
 }
 
-/// From a scan behind the surface over one on it to one before it: blue, white, vermillion.
+/// Returns the colour of a residual: blue for a scan behind the surface, white on the surface, vermillion in front
+/// of it.
 fn residual_ink(mark: SurfaceMark) -> Option<Ink> {
     let SurfaceMark::On(mm) = mark else { return None };
     let share = (mm / FULL_MM).clamp(-1.0, 1.0);
@@ -334,7 +336,7 @@ fn residual_ink(mark: SurfaceMark) -> Option<Ink> {
     Some(Ink::WHITE.mixed(end, share.abs()))
 }
 
-/// A square of ink about a pixel.
+/// Draws a square of ink around a pixel.
 fn dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: Ink) {
     let first = |n: f64| (n - (side_px as f64 - 1.0) / 2.0).round() as i64;
     let (left, top) = (first(at.u), first(at.v));
@@ -353,7 +355,8 @@ fn dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: Ink) {
 mod tests {
     use super::*;
 
-    /// By hand: a quarter of a millimetre before the surface is half way from white to vermillion (213, 94, 0).
+    /// Calculated by hand: a quarter of a millimetre in front of the surface is half-way from white to vermillion
+    /// (213, 94, 0).
     #[test]
     fn residuals_have_their_colours() {
         assert_eq!(residual_ink(SurfaceMark::On(0.25)), Some(Ink([234, 175, 128])));
@@ -361,7 +364,7 @@ mod tests {
         assert_eq!([SurfaceMark::Missing, SurfaceMark::Near].map(residual_ink), [None; 2]);
     }
 
-    /// By hand: a square of two pixels about (0, 1) reaches from −0.5, out of the picture, to 0.5.
+    /// Calculated by hand: a square of two pixels around (0, 1) reaches from −0.5, outside the picture, to 0.5.
     #[test]
     fn a_dot_stays_in_its_picture() {
         let mut picture = ColorPicture::filled(4, 3, [0; 3]);

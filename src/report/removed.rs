@@ -12,7 +12,7 @@ use crate::panel::Region;
 use crate::surface::Field;
 use crate::words::fixed;
 
-/// Nothing, and as much as is allowed.
+/// Colours of depth 0 and of the largest allowed depth.
 const DEPTHS: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
 const NOTHING: Ink = Ink::WHITE;
 const TOO_DEEP: Ink = Ink::VERMILLION;
@@ -71,7 +71,7 @@ mod tests {
     use crate::recipe::Recipe;
     use crate::surface::GridField;
 
-    /// A square of 60 mm, one grid of 2 × 2 samples: 10, 30, none and 80 µm of 30 wanted and 60 allowed.
+    /// A square of 60 mm, one grid of 2 × 2 samples: 10, 30, none and 80 µm, with a target of 30 and a limit of 60.
     #[test]
     fn each_depth_has_its_colour() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [60, 0], [60, 60], [0, 60]]\nrows = 1\ncolumns = 1\n\
@@ -82,7 +82,7 @@ mod tests {
         let grid = GridField { id: GridId { row: 1, column: 1 }, columns: 2, values };
         let field = Field { grids: vec![grid], sides_mm: [60.0, 60.0] };
         let map = removal_map(&field, &region, [30.0, 60.0]).expect("drawn");
-        // By hand: 900 px for 60 mm below the legend; the middles of the four samples.
+        // Calculated by hand: 900 px for 60 mm below the legend; the middles of the four samples.
         let top = map.height - 900;
         let at = |x: usize, y: usize| map.rgb[(top + y) * map.width + x];
         assert_eq!(at(225, 225), DEPTHS[0].mixed(DEPTHS[1], 1.0 / 6.0).0);

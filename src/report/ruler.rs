@@ -1,4 +1,4 @@
-//! A ruler of a picture's pixels, from which a place in it is read.
+//! A ruler of a picture's pixels, from which the pixel position of a place can be read.
 
 use super::canvas::{Canvas, FONT, Ink, Pen, drawn, lettering};
 use crate::geometry::Pixel;
@@ -6,12 +6,13 @@ use crate::imaging::ImagingError;
 use opencv::core::{Mat, MatTraitConst, MatTraitManual};
 use opencv::imgproc;
 
-/// Distances between the numbers of a ruler, px, and how many numbers it has at most.
+/// Possible distances between the numbers of a ruler, px, and the largest number of labels.
 const RULER_STEPS_PX: [usize; 6] = [20, 50, 100, 200, 500, 1000];
 const MAX_NUMBERS: usize = 20;
 
 impl Canvas {
-    /// The picture with a ruler of its pixels above and beside it, and faint lines across it at the ruler's numbers.
+    /// Adds a ruler of the picture's pixels above and beside it, and faint lines across the picture at the ruler's
+    /// numbers.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
@@ -21,7 +22,7 @@ impl Canvas {
         let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MAX_NUMBERS);
         let step = step.unwrap_or(width.max(height));
         self.lines_at(step)?;
-        // As wide as the largest number, and a tick; a tick ends before its rim would touch the picture.
+        // The band is as wide as the largest number and a tick; a tick ends before its rim would touch the picture.
         let (scale, weight) = lettering(text_px);
         let widest = drawn(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
         let band = widest.width + (1.6 * text_px).ceil() as i32;

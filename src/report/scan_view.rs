@@ -4,13 +4,13 @@ use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Frame, Mask, OrganizedCloud, Pixel};
 use crate::imaging::ImagingError;
 
-/// The pixels of a scan that have no point.
+/// Returns the pixels of a scan that have no point.
 pub fn missing<F: Frame>(scan: &OrganizedCloud<F>) -> Mask {
     let inside = (0..scan.width() * scan.height()).map(|index| scan.point_at(index).is_none()).collect();
     Mask { width: scan.width(), height: scan.height(), inside }
 }
 
-/// The share of a scan's pixels that have no point, 0…1.
+/// Returns the share of a scan's pixels that have no point, 0…1.
 pub fn missing_share<F: Frame>(scan: &OrganizedCloud<F>) -> f64 {
     missing(scan).count() as f64 / (scan.width() * scan.height()) as f64
 }
@@ -42,7 +42,8 @@ pub fn region_in_scan<F: Frame>(
         let number = index + 1;
         let (ink, word) = if wrong.contains(&number) { (Ink::VERMILLION, " wrong") } else { (Ink::BLUE, "") };
         canvas.cross(*corner, size_px, Pen { ink, width_px: width_px + 1 })?;
-        // In white: coloured letters of this size are hard to read. The cross has the colour, the text the word.
+        // The text is white, because coloured letters of this size are hard to read. The cross has the colour, and
+        // the text contains the word for it.
         let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
         canvas.label(Pixel::at(corner.u + size_px, corner.v - size_px), &text, text_px, Ink::WHITE)?;
     }
@@ -79,8 +80,8 @@ mod tests {
         OrganizedCloud::new(1000, 300, points.collect(), vec![[100; 3]; 1000 * 300]).expect("organised")
     }
 
-    /// By hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the way from 100
-    /// to it (163, 158, 85).
+    /// Calculated by hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the
+    /// way from 100 to it gives (163, 158, 85).
     #[test]
     fn missing_points_are_counted_and_tinted() {
         assert!((missing_share(&scan()) - 0.25).abs() < 1e-12);
@@ -97,7 +98,7 @@ mod tests {
         let picture = region_in_scan(&scan(), &corners, &[4]).expect("drawn");
         let (left, top) = (picture.width - 1000, picture.height - 300);
         let at = |u: usize, v: usize| picture.rgb[(top + v) * picture.width + left + u];
-        // The edges of what is drawn are smoothed, so a pixel may be lighter than its ink.
+        // The drawn edges are smoothed, so a pixel may be lighter than its ink.
         let off =
             |found: [u8; 3], ink: Ink| -> u32 { (0..3).map(|i| u32::from(found[i].abs_diff(ink.0[i]))).sum() };
         let is_blue = |pixel: [u8; 3]| 3 * off(pixel, Ink::BLUE) < off(pixel, Ink::VERMILLION);

@@ -10,9 +10,9 @@ use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;
 use crate::surface::{DeviationMap, MapPixel};
 
-/// Deviation that has full colour, mm.
+/// Deviation that has the full colour, mm.
 const FULL_MM: f64 = 0.1;
-/// The mean is over a square of 2 n + 1 pixels.
+/// Half the width n of the square over which the mean is calculated: 2 n + 1 pixels.
 const MEAN_RADIUS_PX: usize = 3;
 const OUTSIDE: Ink = Ink([245, 245, 245]);
 const MISSING: Ink = Ink([204, 121, 167]);
@@ -79,7 +79,8 @@ fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     both.into_iter().map(|[sum, count]| if count > 0.0 { sum / count } else { 0.0 }).collect()
 }
 
-/// Sums over 2 n + 1 values along each of `lines` lines of `length` values, the lines and their values so far apart.
+/// Calculates the sums over 2 n + 1 values along each of `lines` lines of `length` values; the last argument states
+/// the distances between lines and between values.
 fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step): (usize, usize)) -> Vec<[f64; 2]> {
     let mut summed = vec![[0.0; 2]; values.len()];
     for line in 0..lines {
@@ -95,7 +96,7 @@ fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step):
     summed
 }
 
-/// White at 0, the front's colour at 1, the back's at −1.
+/// Returns white at 0, the colour for the front at 1, and the colour for the back at −1.
 fn shade(share: f64) -> Ink {
     let full = if share >= 0.0 { IN_FRONT } else { BEHIND };
     Ink::WHITE.mixed(full, share.abs().min(1.0))
@@ -105,12 +106,12 @@ fn shade(share: f64) -> Ink {
 mod tests {
     use super::*;
 
-    /// By hand: of a row with 0.3, nothing, 0.1 the mean around each is 0.2.
+    /// Calculated by hand: in a row with 0.3, nothing, 0.1 the mean around each value is 0.2.
     #[test]
     fn a_mean_is_over_what_is_there() {
         let row = [MapPixel::Fits { mm: 0.3 }, MapPixel::Missing, MapPixel::Fits { mm: 0.1 }];
         assert!(means_mm(3, &row).iter().all(|mean| (mean - 0.2).abs() < 1e-7));
-        // Two rows far apart in a column do not mix; the squares are seven high.
+        // Two distant rows in a column do not affect each other; the squares are seven high.
         let mut column = vec![MapPixel::Outside; 9];
         (column[0], column[8]) = (MapPixel::Fits { mm: 1.0 }, MapPixel::Fits { mm: -1.0 });
         assert_eq!(means_mm(1, &column), [1.0, 1.0, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0]);

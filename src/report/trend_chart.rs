@@ -17,27 +17,27 @@ const LEFT: f64 = 78.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 54.0;
-/// Texts below the chart at most.
+/// Largest number of dates below the chart.
 const MAX_DATES: usize = 6;
 
 /// The words of a chart, in the reader's language.
 #[derive(Debug, Clone, Copy)]
 pub struct ChartWords<'w> {
-    /// Below the horizontal axis.
+    /// Text below the horizontal axis.
     pub cycle: &'w str,
-    /// A value that is as usual.
+    /// Text for a normal value.
     pub usual: &'w str,
-    /// A value that breaks a rule of Western Electric.
+    /// Text for a value that violates a Western Electric rule.
     pub unusual: &'w str,
-    /// A value beyond its limit.
+    /// Text for a value beyond its limit.
     pub beyond: &'w str,
-    /// The line of the limits.
+    /// Text for the line of the limits.
     pub limit: &'w str,
-    /// The line of the mean.
+    /// Text for the line of the mean.
     pub mean: &'w str,
 }
 
-/// What a value is.
+/// The kind of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mark {
     Usual,
@@ -45,7 +45,7 @@ enum Mark {
     Beyond,
 }
 
-/// The drawing; a value leads to the page of its cycle. Without a value there is an empty frame.
+/// Draws the chart; each value links to the page of its cycle. Without a value, the frame is empty.
 pub fn trend_chart(trend: &Trend, words: ChartWords<'_>) -> Markup {
     let limits = trend.points.iter().filter_map(|point| point.limit.bound());
     let values = trend.points.iter().map(|point| point.value).chain(limits);
@@ -88,7 +88,7 @@ pub fn trend_chart(trend: &Trend, words: ChartWords<'_>) -> Markup {
     }
 }
 
-/// A place in the drawing, to a tenth.
+/// Formats a coordinate in the drawing, to a tenth.
 fn at(place: f64) -> String {
     fixed(place, 1).to_string()
 }
@@ -112,7 +112,7 @@ fn line(points: &[TrendPoint], vertical: &Axis) -> String {
     points.iter().enumerate().map(place).collect()
 }
 
-/// The limits as steps, as long as they stay the same; one path for each stretch.
+/// Returns the limits as steps; each stretch with a constant limit is one path.
 fn limit_paths(points: &[TrendPoint], vertical: &Axis) -> Vec<String> {
     let half = (across(1, points.len()) - across(0, points.len())) / 2.0;
     let mut paths = Vec::new();
@@ -193,7 +193,7 @@ mod tests {
         }
     }
 
-    /// Twelve values about 0.05, one far off and one beyond its limit; the limit changes once.
+    /// Draws twelve values about 0.05, one value far off and one beyond its limit; the limit changes once.
     fn drawn() -> String {
         let mut points: Vec<TrendPoint> = (1..=12)
             .map(|cycle| point(cycle, if cycle % 2 == 0 { 0.05 } else { 0.06 }, Limit::AtMost(0.25)))
@@ -208,7 +208,7 @@ mod tests {
     fn each_kind_of_value_has_its_own_sign_and_each_limit_its_line() {
         let svg = drawn();
         let count = |text: &str| svg.matches(text).count();
-        // One of each in the key.
+        // One mark in the chart and one in the key.
         assert_eq!(count("class=\"beyond\""), 2);
         assert!(count("class=\"unusual\"") >= 2, "0.20 is within 0.25 and unusual");
         assert_eq!(count("class=\"limit\""), 3, "two stretches and the key");

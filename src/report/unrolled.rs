@@ -1,27 +1,28 @@
-//! The unrolled region: grids as boxes over its unit square, as large as the panel is through its middle.
+//! The unrolled region: grids as boxes over its unit square, with the dimensions of the panel along its middle
+//! lines.
 
 use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
 use crate::panel::{GridId, Region};
 
-/// Pixels along the region's longer side.
+/// Number of pixels along the region's longer side.
 const PICTURE_PX: usize = 900;
 
-/// How large the region is drawn.
+/// The size at which the region is drawn.
 pub(super) struct Unrolled {
     px_per_mm: f64,
     size_px: [f64; 2],
 }
 
 impl Unrolled {
-    /// Of a region so long along u and along v, mm.
+    /// Creates the drawing size of a region with these lengths along u and v, mm.
     pub fn new(sides_mm: [f64; 2]) -> Self {
         let px_per_mm = PICTURE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
         Unrolled { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
     }
 
-    /// The picture with the edges and names of these grids, a scale bar and a legend.
+    /// Completes the picture with the edges and names of these grids, a scale bar and a legend.
     pub fn finished(
         &self,
         picture: &ColorPicture,
@@ -47,7 +48,8 @@ impl Unrolled {
     }
 }
 
-/// Paints each pixel of some grids in the colour of its sample; a grid is its name, its samples along u, and all of them.
+/// Paints each pixel of some grids in the colour of its sample. A grid consists of its name, the number of samples
+/// along u, and all samples.
 pub(super) fn painted(
     unrolled: &Unrolled,
     (region, grids): (&Region, &[(GridId, usize, usize)]),

@@ -2,17 +2,17 @@
 
 use crate::config::{Problem, line_of_key};
 
-/// What is to be done with a cell.
+/// The intended use of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// One function of the robot at a time.
+    /// A single function of the robot.
     Robot,
-    /// A cycle, or its path in the air.
+    /// A cycle, or the cycle's path in the air.
     Cycle,
 }
 
 impl Purpose {
-    /// The commands that do it.
+    /// Returns the commands for this use.
     pub fn commands(self) -> &'static str {
         match self {
             Purpose::Robot => "`panelprep robot` and `mock-robot`",
@@ -26,18 +26,18 @@ impl Purpose {
 pub struct Unmet {
     /// The key with its tables, `poses.park.a1_deg`.
     pub key: String,
-    /// What was found, what is needed, what to do.
+    /// The value found, the value needed, and the action.
     pub message: String,
-    /// What is the matter.
+    /// The kind of the problem.
     pub lack: Lack,
 }
 
-/// In what a cell's file falls short.
+/// The kind of problem in a cell's file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lack {
-    /// A value is not there, or cannot be done.
+    /// A value is missing or not possible.
     Value,
-    /// A file that it names is not there: it may still be made.
+    /// A file that the cell's file names is missing: it may still be created.
     MissingFile,
     /// A file that it names exists and is not right.
     WrongFile,
@@ -49,7 +49,7 @@ impl Unmet {
     }
 }
 
-/// What a file with this text falls short of, each at the line of its key, in the order of the lines.
+/// Returns the problems of a file with this text, each at the line of its key, in the order of the lines.
 pub fn problems_of(text: &str, unmet: Vec<Unmet>) -> Vec<Problem> {
     let problem = |Unmet { key, message, .. }| Problem { line: line_of_key(text, &key), key, message };
     let mut problems: Vec<Problem> = unmet.into_iter().map(problem).collect();

@@ -22,14 +22,14 @@ pub enum NamedFile {
     Missing,
     /// The file exists and cannot be read: the reason.
     Unreadable(String),
-    /// The reader looks at no file.
+    /// The reader did not look for the file.
     NotLookedAt,
 }
 
 /// Reads a named file.
 pub type ReadNamed<'a> = &'a dyn Fn(&Path) -> NamedFile;
 
-/// Looks at no file.
+/// Returns [`NamedFile::NotLookedAt`] for any file.
 pub fn not_looked_at(_: &Path) -> NamedFile {
     NamedFile::NotLookedAt
 }
@@ -65,7 +65,7 @@ pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<U
     named(cell).into_iter().filter(|(key, _)| needs(key)).filter_map(judge).collect()
 }
 
-/// The files with their keys.
+/// Lists the named files with their keys.
 fn named(cell: &Cell) -> Vec<(String, &Path)> {
     let calibrations =
         cell.calibration().named().into_iter().map(|(key, file)| (format!("calibration.{key}"), file));
@@ -79,9 +79,9 @@ fn named(cell: &Cell) -> Vec<(String, &Path)> {
 
 /// The file of the arm's correction.
 enum Correction {
-    /// Its hash, by which calibrations name it; none if the cell names no such file.
+    /// The file's hash, by which calibrations name it; `None` if the cell names no such file.
     Known(Option<String>),
-    /// It was not read.
+    /// The file was not read.
     Unknown,
 }
 
@@ -98,12 +98,12 @@ impl Correction {
 /// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by
 /// its hash. If this cell has no correction, the mount must have been measured without one.
 pub fn is_measured_with<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
-    // What a person wrote by hand was not measured with the robot.
+    // A mount that a person wrote by hand was not measured with the robot.
     let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
     !is_measured || mount.robot_correction.as_deref() == correction
 }
 
-/// Checks a file by the key that names it.
+/// Checks a file according to the key that names it.
 fn check(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
     if let Some((_, usage)) = SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
         return ZividSettings::check(name, text, usage).map(drop);
@@ -132,7 +132,7 @@ fn mounted<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<
     Err(problem(name, text, format!("{}.robot_correction", M::TABLE), message))
 }
 
-/// A tool's point is not enough for a cycle.
+/// Checks a tool's file: the tool's point is not enough for a cycle, its axis must also be measured.
 fn tool(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
     if mounted::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
         return Ok(());
@@ -147,7 +147,7 @@ fn problem(name: &str, text: &str, key: String, message: &str) -> Problems {
     Problems { file: name.to_owned(), list: vec![problem] }
 }
 
-/// The first problem with its file and line, and how many there are.
+/// Returns the first problem with its file and line, and the number of problems.
 fn first(problems: &Problems) -> String {
     let all = problems.to_string();
     let first = all.lines().next().unwrap_or_default().to_owned();
@@ -186,7 +186,7 @@ mod tests {
         assert!(unreadable[0].1.ends_with("which cannot be read: line 1 is not UTF-8"), "{unreadable:?}");
     }
 
-    /// Calibrations of the arm as it is drawn, in a cell that corrects it.
+    /// Calibrations of the nominal arm, in a cell that corrects the arm.
     #[test]
     fn a_mount_measured_with_another_correction_is_not_right() {
         let cell = "[calibration]\nrobot_correction = \"arm.toml\"\nflange_from_tool = \"tool.toml\"\n";

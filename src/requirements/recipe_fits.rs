@@ -8,35 +8,35 @@ use crate::recipe::Recipe;
 use crate::removal::model::UNKNOWN;
 use crate::words::{fixed, plain};
 
-/// Recipe and tool do not agree on a force.
+/// The recipe and the tool do not match in the force.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForceMismatch {
-    /// A compliant tool without a force.
+    /// The tool is compliant, but the recipe states no force.
     #[error("the recipe states no [path] force_n; the cell's compliant tool needs the force with which it presses")]
     NoForce,
-    /// A force that nothing presses with.
+    /// The recipe states a force, but the tool cannot apply it.
     #[error(
         "the recipe states [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; remove \
          the key, or use a cell with a compliant tool"
     )]
     ForceOfSpring {
-        /// What is stated, N.
+        /// The stated force, N.
         found_n: f64,
     },
-    /// More than the tool has.
+    /// The stated force exceeds the tool's force.
     #[error(
         "the recipe states [path] force_n = {found_n}; with its band of {band_n} N and the weight of its payload, {} N, which \
          a tool that points up lifts as well, it exceeds [tool] max_force_n, {most_n}",
         fixed(*weight_n, 1)
     )]
     TooMuchForce {
-        /// What is stated, N.
+        /// The stated force, N.
         found_n: f64,
         /// The band, N.
         band_n: f64,
-        /// The weight of what hangs on it, N.
+        /// The weight of the tool's payload, N.
         weight_n: f64,
-        /// The tool's strongest push, N.
+        /// The largest force of the tool, N.
         most_n: f64,
     },
 }
@@ -51,7 +51,7 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
         (Some(_), None) => Err(ForceMismatch::NoForce),
         (None, Some(found_n)) => Err(ForceMismatch::ForceOfSpring { found_n }),
         (Some(tool), Some(found_n)) => {
-            // Pointing up it lifts its payload as well.
+            // When the tool points up, it lifts its payload as well.
             let (band_n, weight_n, most_n) = (tool.band_n, Weight::from(tool).presses_n(1.0), tool.max_force_n);
             match found_n + band_n + weight_n > most_n {
                 true => Err(ForceMismatch::TooMuchForce { found_n, band_n, weight_n, most_n }),
@@ -72,10 +72,10 @@ pub fn unfit(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<Unmet> {
     force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(outside).collect()
 }
 
-/// Whether the feed is no faster than the cell allows.
+/// Checks that the feed is not higher than the cell allows.
 ///
 /// # Errors
-/// The key, what is stated, and the limit.
+/// The key, the stated feed, and the limit.
 pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), Unmet> {
     let (found, limit) = (recipe.path().feed_mm_s(), cell.limits().max_speed_mm_s());
     if found <= limit {
@@ -86,10 +86,10 @@ pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), Unmet> {
     Err(Unmet::new("path.feed_mm_s", message))
 }
 
-/// Reads a recipe, and refuses one that no cell could do: with its box in metres.
+/// Reads a recipe, and refuses a recipe that no cell could execute: with its box in metres.
 ///
 /// # Errors
-/// Its problems.
+/// The problems of the recipe.
 pub fn plausible(name: &str, text: &str) -> Result<Recipe, Problems> {
     let recipe = Recipe::check(name, text)?;
     let locate = recipe.locate();
@@ -100,7 +100,7 @@ pub fn plausible(name: &str, text: &str) -> Result<Recipe, Problems> {
     }
 }
 
-/// The size of the scanner's picture, as its calibration states it.
+/// Returns the size of the scanner's picture, as its calibration states it.
 fn picture_px(cell: &Cell, read: ReadNamed<'_>) -> Option<[usize; 2]> {
     let file = cell.calibration().scanner.as_deref()?;
     let NamedFile::Text(text) = read(file) else { return None };

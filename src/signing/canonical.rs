@@ -7,7 +7,7 @@ use super::error::SigningError;
 use serde::Serialize;
 use serde_json::Value;
 
-/// The largest whole number of which a double has every digit, and that of its neighbours too.
+/// The largest whole number that a double, like its neighbours, represents exactly.
 const MAX_EXACT_INTEGER: u64 = (1 << 53) - 1;
 
 /// Returns the bytes that are signed.
@@ -20,8 +20,8 @@ pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
     serde_json_canonicalizer::to_vec(&value).map_err(json)
 }
 
-/// The same value with the texts of large whole numbers as numbers again, in the fields of these names, which hold
-/// numbers alone.
+/// Converts the texts of large whole numbers back to numbers, in the fields with these names, which contain only
+/// numbers.
 pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
     match value {
         Value::Array(values) => Value::Array(values.into_iter().map(|value| numbers_again(value, names)).collect()),

@@ -7,16 +7,16 @@ use super::statement::{BEGIN, SignedHead, Statement, StatementContent, hash};
 use crate::record::CycleId;
 use std::collections::BTreeMap;
 
-/// A statement with its signature, as it was found.
+/// A statement and its signature, as they were found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Signed {
-    /// What it is called in messages, such as its file.
+    /// Name of the statement in messages, such as its file.
     pub name: String,
     /// Its bytes.
     pub bytes: Vec<u8>,
     /// The 64 bytes of its signature.
     pub signature: Vec<u8>,
-    /// What its name claims.
+    /// The claim that the statement's name makes.
     pub claim: Claim,
 }
 
@@ -34,7 +34,7 @@ pub enum Claim {
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Verified {
-    /// What is not what was signed, in words.
+    /// Differences from what was signed, in words.
     pub found: Vec<String>,
     /// Missing statement numbers before the last one, as ranges (first, last). They are a finding if the set must
     /// be complete, and none if only a part of the chain was handed on.
@@ -123,7 +123,7 @@ fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
     (!is_there).then(|| words(statement.number, statement.cycle()))
 }
 
-/// Numbers that are not there, from the first of the cell to the last that is.
+/// Returns the missing numbers, from the first number of the cell to the last one present.
 fn gaps(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<(u64, u64)> {
     let before = std::iter::once(0).chain(whole.keys().copied());
     let between = before.zip(whole.keys()).filter(|(before, number)| before + 1 < **number);
@@ -206,7 +206,7 @@ fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     found
 }
 
-/// What the head has and the statements have not.
+/// Lists what the head contains but the statements do not.
 fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey]) -> Vec<String> {
     let name = &signed.name;
     if !keys.iter().any(|key| key.verifies(&signed.bytes, &signed.signature)) {

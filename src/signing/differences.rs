@@ -5,16 +5,18 @@ use serde_json::Value;
 /// The requests: more may follow while the cell rests in its result, and a request that only the journal had gets
 /// its answer.
 const ASKED: &str = "/asked";
-/// Motions: one that was open when an aborted cycle was signed gets its end later, from the robot or from a person.
+/// Motions: a motion that was open when an aborted cycle was signed gets its end later, from the robot or from a
+/// person.
 const MOTION: &str = "/motions/";
-/// Counts that grow so.
+/// Fields with counts that may grow after signing.
 const COUNTING: [&str; 1] = ["/events"];
 /// The most differences that are reported; the first ones are enough.
 const MAX_DIFFERENCES: usize = 5;
 
-/// The places at which `now` does not hold what was `signed`, such as `/findings/2/numbers/0/value`, each with both values.
+/// Lists the places at which `now` differs from what was `signed`, such as `/findings/2/numbers/0/value`, each with
+/// both values.
 ///
-/// What only `now` has is no difference: a later program may keep more of a cycle.
+/// A field that only `now` has is not a difference: a later version of the program may record more of a cycle.
 pub fn differences(signed: &Value, now: &Value) -> Vec<String> {
     let mut found = Vec::new();
     compare("", signed, now, &mut found);

@@ -1,6 +1,6 @@
-//! Why something cannot be signed or read.
+//! Errors in signing, and in reading signed statements.
 
-/// What is wrong with a key or a statement.
+/// The problem of a key or a statement.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SigningError {
     /// No private key.
@@ -9,7 +9,7 @@ pub enum SigningError {
          writes it"
     )]
     PrivateKey {
-        /// What does not fit.
+        /// The problem that was found.
         problem: String,
     },
     /// No public key.
@@ -18,21 +18,21 @@ pub enum SigningError {
          one file"
     )]
     PublicKey {
-        /// What does not fit.
+        /// The problem that was found.
         problem: String,
     },
-    /// No statement of this form.
+    /// The text is not a statement of this form.
     #[error(
         "this is not a signed record ({problem}); valid: an unchanged file that `panelprep record export` wrote"
     )]
     Form {
-        /// What does not fit.
+        /// The problem that was found.
         problem: String,
     },
-    /// JSON cannot hold it.
+    /// JSON cannot represent the value.
     #[error("the record cannot be written as JSON: {problem}")]
     Json {
-        /// What does not fit.
+        /// The problem that was found.
         problem: String,
     },
 }

@@ -1,9 +1,9 @@
 //! An exported record: a folder of statements with their signatures, and the files that they name.
 //!
-//! The names are `cycle-7.json` with `cycle-7.sig`, `cycle-7-signature-12.json` with its `.sig` for what a person
-//! signed (12 is its number), `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which name its SHA-256, and
-//! `files/` with each file under its SHA-256. What cameras gave is not exported: it is large, and the store keeps
-//! it.
+//! The names are `cycle-7.json` with `cycle-7.sig`; `cycle-7-signature-12.json` with its `.sig` for a statement
+//! that a person signed (12 is its number); `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which name its
+//! SHA-256; and `files/` with each file under its SHA-256. The cameras' original data is not exported: it is large,
+//! and the store keeps it.
 
 use super::chain::{Signed, Verified, verify};
 use super::key::PublicKey;
@@ -12,18 +12,19 @@ use super::page::wrong_pages;
 use super::statement::{SignedCycle, StatementContent, files_of};
 use std::collections::BTreeMap;
 
-/// What a folder has.
+/// The content of an exported folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Export {
     /// Bytes by name: the `.json` and `.sig` files.
     pub statements: BTreeMap<String, Vec<u8>>,
     /// SHA-256 of the files in `files/`, by name; `None` if there is no such folder, which is then not checked.
     pub files: Option<BTreeMap<String, String>>,
-    /// SHA-256 of the pages as PDF, by name.
+    /// SHA-256 of the PDF pages, by name.
     pub pdfs: BTreeMap<String, String>,
 }
 
-/// The files of a cycle that are exported: recipe, cell, calibrations, part, pictures; each with what it is and its hash.
+/// Lists the files of a cycle that are exported: recipe, cell, calibrations, part, pictures; each with its
+/// description and its hash.
 pub fn exported_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     files_of(cycle).into_iter().filter(|(name, _)| !name.starts_with("shot ")).collect()
 }

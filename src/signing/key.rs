@@ -1,4 +1,4 @@
-//! The key that signs for a cell, and the public key that verifies.
+//! The key that signs for a cell, and the public key that verifies the signatures.
 
 use super::error::SigningError;
 use crate::files::hex;
@@ -18,7 +18,7 @@ impl std::fmt::Debug for CellKey {
 }
 
 impl CellKey {
-    /// A key from 32 random bytes, which the operating system gives.
+    /// Creates a key from 32 random bytes of the operating system.
     pub fn of_random(bytes: &[u8; 32]) -> Self {
         CellKey(SigningKey::from_bytes(bytes))
     }
@@ -43,12 +43,12 @@ impl CellKey {
         Ok(pem.to_string())
     }
 
-    /// The key that verifies what this one signs.
+    /// Returns the key that verifies the signatures of this key.
     pub fn public(&self) -> PublicKey {
         PublicKey(self.0.verifying_key())
     }
 
-    /// The signature of these bytes: the same for the same bytes.
+    /// Signs these bytes; the signature is always the same for the same bytes.
     pub fn sign(&self, bytes: &[u8]) -> [u8; 64] {
         self.0.sign(bytes).to_bytes()
     }
@@ -104,7 +104,7 @@ impl PublicKey {
         pem.map_err(|error| SigningError::PublicKey { problem: error.to_string() })
     }
 
-    /// Whether this key's private half signed these bytes.
+    /// Returns whether this key's private half signed these bytes.
     pub fn verifies(&self, bytes: &[u8], signature: &[u8]) -> bool {
         Signature::from_slice(signature).is_ok_and(|signature| self.0.verify_strict(bytes, &signature).is_ok())
     }

@@ -1,9 +1,9 @@
-//! The names of the files of an export.
+//! The file names of an export.
 
 use super::chain::Claim;
 use crate::record::CycleId;
 
-/// The name without its ending, of the cell's statement of a cycle.
+/// Returns the name, without its extension, of the cell's statement of a cycle.
 pub fn cycle_stem(cycle: CycleId) -> String {
     format!("cycle-{cycle}")
 }
@@ -13,12 +13,12 @@ pub fn person_stem(cycle: CycleId, number: u64) -> String {
     format!("cycle-{cycle}-signature-{number}")
 }
 
-/// The same of the signed page of a cycle.
+/// Returns the name, without its extension, of the signed page of a cycle.
 pub fn page_stem(cycle: CycleId) -> String {
     format!("cycle-{cycle}-page")
 }
 
-/// The name of the page of a cycle as PDF.
+/// Returns the name of a cycle's page as PDF.
 pub fn pdf_name(cycle: CycleId) -> String {
     format!("cycle-{cycle}.pdf")
 }
@@ -34,7 +34,7 @@ pub(super) fn cycle_of_pdf(name: &str) -> Option<CycleId> {
     name.strip_suffix(".pdf")?.strip_prefix("cycle-")?.parse().ok().map(CycleId)
 }
 
-/// What the name of a statement claims, without its ending.
+/// Returns the claim of a statement's name, given without its extension.
 pub(super) fn claim(stem: &str) -> Claim {
     let Some(rest) = stem.strip_prefix("cycle-") else { return Claim::Nothing };
     match rest.split_once("-signature-") {

@@ -16,7 +16,7 @@ use crate::record::CycleId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The form of a signed page.
+/// Identifier of the format of a signed page.
 const FORM: &str = "panelprep-page-1";
 
 /// The cell's statement about a page.
@@ -29,13 +29,14 @@ pub struct SignedPage {
     pub cycle: CycleId,
     /// SHA-256 of the cell's record of the cycle.
     pub record_hash: String,
-    /// The number of the last record of this cycle that the page shows: the cell's, or one that a person signed.
+    /// The number of the last record of this cycle that the page shows: the cell's record, or one that a person
+    /// signed.
     pub shows_number: u64,
     /// SHA-256 of the PDF.
     pub pdf_sha256: String,
-    /// When it was signed, ms since 1970.
+    /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
-    /// Which key signed it, 64 hexadecimal digits.
+    /// The key that signed the page, 64 hexadecimal digits.
     pub public_key: String,
 }
 
@@ -74,9 +75,9 @@ impl SignedPage {
     }
 }
 
-/// What is not as it was signed of the pages of an export: each PDF has its signed page, which names this PDF and
-/// the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256 of each
-/// PDF by name.
+/// Lists the pages of an export that differ from what was signed. Each PDF needs a signed page that names this PDF
+/// and the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256 of
+/// each PDF by name.
 pub(super) fn wrong_pages(
     pages: &BTreeMap<&str, &[u8]>,
     pdfs: &BTreeMap<String, String>,

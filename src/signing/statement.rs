@@ -8,13 +8,13 @@ use crate::record::{CycleId, CycleRecord, PartNames};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// The form of a statement.
+/// Identifier of the format of a statement.
 pub const FORM: &str = "panelprep-record-1";
 /// Fields of a record that may have larger numbers than canonical JSON holds: the number of a plan.
 const LARGE: [&str; 1] = ["plan"];
-/// The form of a head.
+/// Identifier of the format of a head.
 pub const HEAD_FORM: &str = "panelprep-record-head-1";
-/// What the first statement of a cell names as the one before it.
+/// The hash that the first statement of a cell names as its predecessor.
 pub const BEGIN: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// One link of the chain of signed records.
@@ -23,13 +23,13 @@ pub const BEGIN: &str = "0000000000000000000000000000000000000000000000000000000
 pub struct Statement {
     /// [`FORM`].
     pub form: String,
-    /// Its place, from 1, without gaps over all cycles of the cell.
+    /// The statement's number in the chain, from 1, without gaps over all cycles of the cell.
     pub number: u64,
     /// SHA-256 of the statement before it; [`BEGIN`] if there is none.
     pub previous: String,
-    /// When it was signed, ms since 1970.
+    /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
-    /// Which key signed it, 64 hexadecimal digits.
+    /// The key that signed the statement, 64 hexadecimal digits.
     pub public_key: String,
     /// The position of the store's chain of all its rows at that time.
     pub store: StorePlace,
@@ -37,10 +37,10 @@ pub struct Statement {
     pub says: StatementContent,
 }
 
-/// A place in the store's chain of rows.
+/// A position in the store's chain of rows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StorePlace {
-    /// The link, from 1; 0 before the first.
+    /// Number of the link, from 1; 0 before the first link.
     pub link: i64,
     /// Its SHA-256.
     pub hash: String,
@@ -50,7 +50,7 @@ pub struct StorePlace {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StatementContent {
-    /// The cell: this is what happened in a cycle.
+    /// The cell's statement of what happened in a cycle.
     Cycle(SignedCycle),
     /// A person's statement about a cycle's record.
     Person(PersonSignature),
@@ -59,11 +59,12 @@ pub enum StatementContent {
 /// A cycle with its part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SignedCycle {
-    /// Its number in the store.
+    /// Number of the cycle in the store.
     pub id: CycleId,
     /// The part; `None` if none was named.
     pub part: Option<PartNames>,
-    /// The [`CycleRecord`]. It is no such type here, so that a record of another version of the program stays readable.
+    /// The [`CycleRecord`]. It is stored as a JSON value, so that a record of another version of the program stays
+    /// readable.
     pub record: Value,
 }
 
@@ -86,19 +87,19 @@ impl SignedCycle {
 pub struct PersonSignature {
     /// The cycle.
     pub cycle: CycleId,
-    /// SHA-256 of the cell's statement of that cycle: the signature is bound to this record alone.
+    /// SHA-256 of the cell's statement of that cycle: the signature is bound only to this record.
     pub record_hash: String,
     /// The person's printed name.
     pub name: String,
     /// The account by which the person was recognized.
     pub user: String,
-    /// What the signature means.
+    /// The meaning of the signature.
     pub meaning: Meaning,
-    /// What the person added; `None` for nothing.
+    /// The person's remark; `None` if there is none.
     pub remark: Option<String>,
 }
 
-/// What a person's signature means.
+/// The meaning of a person's signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Meaning {
@@ -113,7 +114,7 @@ pub enum Meaning {
 }
 
 impl Meaning {
-    /// All of them, in the order in which they are offered.
+    /// All meanings, in the order in which they are offered.
     pub const ALL: [Meaning; 4] = [
         Meaning::InspectedAndReleased,
         Meaning::InspectedAndNotReleased,
@@ -121,7 +122,7 @@ impl Meaning {
         Meaning::DeviationAccepted,
     ];
 
-    /// In words, as it is printed.
+    /// Returns the printed text of the meaning.
     pub fn words(self) -> &'static str {
         match self {
             Meaning::InspectedAndReleased => "inspected and released",
@@ -163,7 +164,7 @@ impl Statement {
         }
     }
 
-    /// The cycle that it is about.
+    /// Returns the cycle that the statement is about.
     pub fn cycle(&self) -> CycleId {
         match &self.says {
             StatementContent::Cycle(cycle) => cycle.id,
@@ -185,7 +186,7 @@ pub struct SignedHead {
     pub hash: String,
     /// When the head was written, ms since 1970.
     pub unix_ms: i64,
-    /// Which key signed it.
+    /// The key that signed the head.
     pub public_key: String,
 }
 
@@ -203,7 +204,7 @@ impl SignedHead {
     }
 }
 
-/// Reads what must be in canonical form.
+/// Reads a text that must be in canonical form.
 pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
     let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form)?;
     if canonical(&value)? != bytes {
@@ -212,7 +213,8 @@ pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, Si
     serde_json::from_value(value).map_err(SigningError::form)
 }
 
-/// The files that a cycle's statement names by their SHA-256: what it ran with, and every picture, each with what it is.
+/// Lists the files that a cycle's statement names by their SHA-256: the files used in the cycle and every picture,
+/// each with its description.
 pub fn files_of(cycle: &SignedCycle) -> Vec<(String, String)> {
     let text = |value: &Value, name: &str| value.get(name).and_then(Value::as_str).map(str::to_owned);
     let list = |value: &Value, name: &str| value.get(name).and_then(Value::as_array).cloned().unwrap_or_default();
@@ -234,7 +236,7 @@ pub fn files_of(cycle: &SignedCycle) -> Vec<(String, String)> {
     files
 }
 
-/// The hash by which the next statement, and a person, name these bytes.
+/// Returns the hash by which the next statement, or a person, identifies these bytes.
 pub(super) fn hash(bytes: &[u8]) -> String {
     content_hash(bytes)
 }

@@ -1,4 +1,4 @@
-//! How the panel looks: dark composite with a twill weave, darker under a film of water.
+//! The panel's appearance: dark composite with a twill weave, darker under a film of water.
 
 use super::cast::PixelHit;
 use super::noise::LEVEL;
@@ -7,17 +7,17 @@ use nalgebra::Vector3;
 /// Grey levels of the dry panel under perpendicular light of the lamp.
 const DRY: [f64; 3] = [77.0, 72.0, 68.0];
 
-/// What a film of water leaves of the dry colour, by channel.
+/// The share of the dry colour that remains under a film of water, by channel.
 const FILM: [f64; 3] = [0.63, 0.60, 0.58];
 
-/// Width of a tow of the weave, mm, and how much its yarns differ in brightness.
+/// Width of a tow of the weave, mm; `WEAVE_CONTRAST` is the difference in brightness of the yarns.
 const TOW_MM: f64 = 2.0;
 const WEAVE_CONTRAST: f64 = 0.05;
 
 /// A colour in 1/128 grey levels.
 pub(super) type Color = [u16; 3];
 
-/// The colour of one pixel, dry and under a full film; the same away from the panel.
+/// Computes the colour of one pixel, dry and under a full film. Away from the panel both are the same.
 pub(super) fn dry_and_wet(sight: &PixelHit) -> (Color, Color) {
     let background = sight.background.color;
     let Some((panel, share)) = sight.panel.map(|panel| (panel, panel.coverage)).filter(|(_, share)| *share > 0.0)
@@ -77,7 +77,8 @@ mod tests {
         PixelHit { ray: Vector3::z(), panel: Some(panel), background }
     }
 
-    /// On the edge itself a pixel is half panel, half background; a quarter pixel outside it is a quarter panel.
+    /// On the edge itself a pixel is half panel, half background; a quarter of a pixel outside the edge it is a
+    /// quarter panel.
     #[test]
     fn edge_pixels_mix_by_their_share() {
         let dry = |edge_px: f64| f64::from(dry_and_wet(&sight(edge_px)).0[0]);

@@ -8,18 +8,19 @@ use super::projector::Projector;
 use crate::geometry::{Board, Camera, Frame, GrayPicture, PinholeCamera, Pixel, Point, Rigid, Vector};
 use rayon::prelude::*;
 
-/// A marker in a square of the board.
+/// A marker in one square of the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Marker {
-    /// Column of its square, from the left.
+    /// Column of the marker's square, from the left.
     pub column: usize,
-    /// Row of its square, from the top.
+    /// Row of the marker's square, from the top.
     pub row: usize,
     /// Its cells with the black rim, row by row; true means white.
     pub cells: Vec<bool>,
 }
 
-/// What is printed: squares, and markers in some of them. The origin of frame `Board` is the first inner corner.
+/// The print of a board: squares, and markers in some of them. The origin of frame `Board` is the first inner
+/// corner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardPrint {
     /// Squares in a row.
@@ -44,7 +45,7 @@ const GROUND: f64 = 95.0;
 const RIM: f64 = 0.7;
 
 impl BoardPrint {
-    /// A chessboard by its inner corners.
+    /// Creates a chessboard from its number of inner corners.
     pub fn chessboard(columns: usize, rows: usize, square_mm: f64) -> Self {
         BoardPrint {
             columns: columns + 1,
@@ -77,7 +78,7 @@ impl BoardPrint {
         [[low, low], [right, low], [right, down], [low, down]].map(|[x, y]| Point::at(x, y, 0.0))
     }
 
-    /// Grey level at a place of the board; `None` beside it.
+    /// Returns the grey level at a point of the board; `None` beside the board.
     fn gray(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
         let (x, y) = (x_mm / self.square_mm + 1.0, y_mm / self.square_mm + 1.0);
         let (columns, rows) = (self.columns as f64, self.rows as f64);
@@ -97,7 +98,8 @@ impl BoardPrint {
         Some(if white { WHITE } else { BLACK })
     }
 
-    /// The marker's cell at a place of its square, 0…1 each way; `None` around the marker.
+    /// Returns the colour of the marker's cell at a point of its square, 0…1 in each direction; `None` around the
+    /// marker.
     fn cell(&self, marker: &Marker, x: f64, y: f64) -> Option<bool> {
         let side = (marker.cells.len() as f64).sqrt();
         let share = self.marker_mm / self.square_mm;
@@ -108,7 +110,7 @@ impl BoardPrint {
         Some(marker.cells[at(y)? * side as usize + at(x)?])
     }
 
-    /// A picture of the board; `shot` is its own seed.
+    /// Renders a picture of the board; `shot` is the picture's own seed.
     pub(super) fn picture<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -163,7 +165,7 @@ impl BoardPrint {
         points
     }
 
-    /// The columns and rows of the picture that the board may touch.
+    /// Returns the columns and rows of the picture that the board may cover.
     fn span<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -174,7 +176,7 @@ impl BoardPrint {
         let range = |value: fn(&Pixel) -> f64, size: usize| {
             let (low, high) =
                 rim.iter().map(value).fold((f64::INFINITY, 0.0_f64), |(l, h), n| (l.min(n), h.max(n)));
-            // The lens bends the rim's edges outwards by less than this.
+            // The lens bends the rim's edges outwards by less than 30 pixels.
             (low - 30.0).clamp(0.0, size as f64) as usize..(high + 30.0).clamp(0.0, size as f64) as usize
         };
         (range(|pixel| pixel.u, camera.width_px), range(|pixel| pixel.v, camera.height_px))
@@ -202,7 +204,7 @@ impl BoardPrint {
     }
 }
 
-/// The board's plane before the camera.
+/// The board's plane in front of the camera.
 struct Plane {
     origin: nalgebra::Vector3<f64>,
     axes: [nalgebra::Vector3<f64>; 3],

@@ -27,7 +27,7 @@ pub struct RobotNoise {
 /// One picture's poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardShot<C: Frame> {
-    /// Its number; it has noise of its own.
+    /// The picture's number; each number has its own noise.
     pub index: u64,
     /// The flange's pose that the robot reports.
     pub base_from_flange: Rigid<Base, Flange>,
@@ -35,7 +35,7 @@ pub struct BoardShot<C: Frame> {
     pub camera_from_board: Rigid<C, Board>,
 }
 
-/// A board before one of the cell's cameras.
+/// A board in front of one of the cell's cameras.
 #[derive(Debug, Clone)]
 pub struct BoardCell {
     seed: Seed,
@@ -48,15 +48,15 @@ pub struct BoardCell {
 /// The board on the flange. A bracket holds it beside the arm, facing back over the arm, because the fixed camera
 /// is behind the arm. The bracket does not hold it straight.
 fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
-    // The board's Z points away from the viewer, and so as the flange's does.
+    // The board's Z points away from the viewer, as the flange's Z does.
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
     held(Vector3::new(BRACKET_MM, -9.0, 55.0), turn, print)
 }
 
-/// From the flange's axis to the board's middle, mm: the arm does not hide it.
+/// Distance from the flange's axis to the board's middle, mm: at this distance the arm does not hide the board.
 const BRACKET_MM: f64 = 190.0;
 
-/// The board in the cell: before the robot, facing up.
+/// The board's pose in the cell: in front of the robot, facing up.
 fn base_from_board(print: &BoardPrint) -> Rigid<Base, Board> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(180.0, 0.0, 0.0).map(f64::to_radians))
         * UnitQuaternion::from_scaled_axis(Vector3::new(1.0, -2.0, 25.0).map(f64::to_radians));
@@ -77,23 +77,23 @@ fn organized(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &GrayPictur
 }
 
 const MAX_DRAWS: usize = 10_000;
-/// Pictures for the lens have noise of their own.
+/// First index of the pictures for the lens: they have their own noise.
 const LENS_INDEX: u64 = 1_000;
-/// So have scans for the 3D camera's own errors.
+/// First index of the scans for the 3D camera's own errors: they have their own noise.
 const SCANNER_INDEX: u64 = 2_000;
-/// How far from the axis the board's middle comes, as shares of its depth, across and down.
+/// Largest distance of the board's middle from the optical axis, as shares of its depth, across and down.
 const MIDDLE: [f64; 2] = [0.22, 0.14];
 const ALL_OVER: [f64; 2] = [0.42, 0.25];
 /// The rim keeps this distance from the picture's edge, px.
 const MARGIN_PX: f64 = 12.0;
 
 impl BoardCell {
-    /// A board of this print, with a robot that is this far off.
+    /// Creates a board cell with this print and a robot with these errors.
     pub fn new(seed: u64, print: BoardPrint, robot: RobotNoise) -> Self {
         BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)), reduction: 1 }
     }
 
-    /// The same with cameras of this many times fewer pixels each way.
+    /// Returns the same cell with cameras that have fewer pixels in each direction, by this factor.
     pub fn with_reduction(self, reduction: usize) -> Self {
         BoardCell { reduction, ..self }
     }
@@ -113,7 +113,7 @@ impl BoardCell {
         scene::base_from_camera()
     }
 
-    /// How the flange camera is truly mounted.
+    /// The true mount of the flange camera.
     pub fn flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
         scene::flange_from_camera()
     }
@@ -128,7 +128,7 @@ impl BoardCell {
         &self.print
     }
 
-    /// Shots of the fixed camera, the board on the flange.
+    /// Returns shots of the fixed camera with the board on the flange.
     pub fn fixed_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
         let flange_from_board = flange_from_board(&self.print);
         self.shots(count, 0, (&self.scanner(), 760.0, MIDDLE), |camera_from_board| {
@@ -136,7 +136,7 @@ impl BoardCell {
         })
     }
 
-    /// Shots of the fixed camera, the board held by hand all over its picture.
+    /// Returns shots of the fixed camera with the board held by hand at positions all over the picture.
     pub fn scanner_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
         let nowhere = |_: &Rigid<Camera, Board>| Rigid::claim(Isometry3::identity());
         let mut shots = self.shots(count, 3, (&self.scanner(), 700.0, ALL_OVER), nowhere);
@@ -144,7 +144,7 @@ impl BoardCell {
         shots
     }
 
-    /// Shots of the flange camera, the board in the cell.
+    /// Returns shots of the flange camera with the board in the cell.
     pub fn flange_shots(&self, count: usize) -> Vec<BoardShot<FlangeCamera>> {
         let base_from_board = base_from_board(&self.print);
         self.shots(count, 1, (&self.flange_camera(), 440.0, MIDDLE), |camera_from_board| {
@@ -160,14 +160,14 @@ impl BoardCell {
         BoardShot { index, base_from_flange, camera_from_board }
     }
 
-    /// What the flange camera sees from here, the board in the cell.
+    /// Returns the flange camera's shot of the board in the cell from this flange pose.
     pub fn flange_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<FlangeCamera> {
         let base_from_camera = base_from_flange * scene::flange_from_camera();
         let camera_from_board = base_from_camera.inverse() * base_from_board(&self.print);
         BoardShot { index, base_from_flange, camera_from_board }
     }
 
-    /// Pictures of the board held near this camera by hand, filling the picture: for the lens.
+    /// Returns pictures for the lens: the board is held by hand near this camera and fills the picture.
     pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
         // The whole rim fills about 0.8 of the picture's width if it faces the camera.
         let [low, right, ..] = self.print.rim();
@@ -178,7 +178,7 @@ impl BoardCell {
         shots
     }
 
-    /// The panel's middle, as the fixed camera sees it.
+    /// The panel's middle in the frame of the fixed camera.
     pub fn panel_middle(&self) -> Point<Camera> {
         scene::base_from_camera().inverse() * Point::new(super::shape::CENTRE_MM.into())
     }
@@ -227,13 +227,13 @@ impl BoardCell {
         unreachable!("a board of this size fits into the picture somewhere")
     }
 
-    /// The shot as a picture.
+    /// Renders the shot as a picture.
     pub fn picture<C: Frame>(&self, camera: &PinholeCamera, shot: &BoardShot<C>) -> GrayPicture {
         let seed = self.seed.child(Purpose::BoardPicture, shot.index);
         self.print.picture(camera, &shot.camera_from_board, (&self.pixels, seed))
     }
 
-    /// Its corners without rendering, with this much noise each way.
+    /// Computes the shot's corners without rendering, with noise of this size in each direction.
     pub fn corners<C: Frame>(
         &self,
         camera: &PinholeCamera,
@@ -251,7 +251,7 @@ impl BoardCell {
         corners.collect()
     }
 
-    /// The fixed camera's shot with the points it measures, with white noise along the ray.
+    /// Returns the fixed camera's shot with its measured points, with white noise along the ray.
     pub fn scan(&self, shot: &BoardShot<Camera>, noise_mm: f64) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let mut normal = Normal::new(self.seed.stream(Purpose::BoardScan, shot.index));
@@ -259,8 +259,8 @@ impl BoardCell {
         organized(&camera, points, &picture)
     }
 
-    /// The same with all errors of a panel's scan: white noise that grows with the depth, noise that is alike over
-    /// centimetres, and what this camera adds each time.
+    /// Returns the fixed camera's shot with all errors of a panel's scan: white noise that grows with the depth,
+    /// noise that is similar over centimetres, and this camera's constant distortion.
     pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let seed = self.seed.child(Purpose::BoardScan, shot.index);
@@ -273,7 +273,8 @@ impl BoardCell {
         distortion.bent(&organized(&camera, points, &picture))
     }
 
-    /// Places of the board as a person touches them with a pointer, with this much noise each way, in the base.
+    /// Returns the points of the board as a person touches them with a pointer, in the base, with noise of this
+    /// size along each axis.
     pub fn touched(
         &self,
         base_from_board: &Rigid<Base, Board>,

@@ -17,7 +17,8 @@ use std::ops::Range;
 
 /// The undistorted rays of a camera's pixels: exact every few pixels, linear between.
 ///
-/// With the lenses of this cell the second derivative of the distortion is below 0.5, so that the error stays below
+/// With the lenses of this cell the second derivative of the distortion is below 0.5. Therefore the error stays
+/// below
 /// 0.5 · (8 px)² / (8 f) = 0.002 px.
 #[derive(Debug, Clone)]
 pub(super) struct Rays {
@@ -41,7 +42,7 @@ impl Rays {
         Rays { columns, nodes: (0..columns * rows).map(node).collect() }
     }
 
-    /// The nodes of the lattice on one row of the picture.
+    /// Returns the nodes of the lattice on one row of the picture.
     fn row(&self, row: usize) -> Vec<[f64; 2]> {
         let (above, down) = (row / RAY_STEP_PX * self.columns, (row % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
         (above..above + self.columns).map(|i| lerp(self.nodes[i], self.nodes[i + self.columns], down)).collect()
@@ -56,7 +57,7 @@ fn lerp(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
 /// The intersection of a ray with the panel's surface, on the panel or just beside it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PanelHit {
-    /// Place on the sheet, mm.
+    /// Position on the sheet, mm.
     pub place: [f64; 2],
     /// Depth, mm.
     pub depth_mm: f64,
@@ -70,13 +71,13 @@ pub(super) struct PanelHit {
     pub coverage: f64,
     /// The width of one pixel on the panel here, mm.
     pub pixel_mm: f64,
-    /// What sanding made of the place.
+    /// The effect of sanding on the appearance at this position.
     pub look: Look,
 }
 
-/// The part of a square pixel on the inner side of a straight edge: `edge_px` from its centre to the edge, negative
-/// inside; `growth` the unit vector across the edge. By distance, the density of the pixel's area is a trapezoid of
-/// the widths |g_u| and |g_v|.
+/// Computes the part of a square pixel on the inner side of a straight edge. `edge_px` is the distance from its
+/// centre to the edge, negative inside; `growth` is the unit vector across the edge. As a function of distance, the
+/// density of the pixel's area is a trapezoid of the widths |g_u| and |g_v|.
 fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
     let (long, short) = (growth.abs().max(), growth.abs().min());
     let (reach, flat) = ((long + short) / 2.0, (long - short) / 2.0);
@@ -91,18 +92,18 @@ fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
     if edge_px > 0.0 { beyond } else { 1.0 - beyond }
 }
 
-/// What one pixel shows.
+/// The surfaces that one pixel shows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PixelHit {
     /// The undistorted ray (x, y, 1) in the camera's frame.
     pub ray: Vector3<f64>,
-    /// Present on the panel and up to some pixels beside it.
+    /// The panel at this pixel; present on the panel and up to some pixels beside it.
     pub panel: Option<PanelHit>,
-    /// What is behind the panel, or seen beside it.
+    /// The background behind the panel, or beside it.
     pub background: Background,
 }
 
-/// A camera somewhere in the cell, and perhaps a panel before it.
+/// A camera somewhere in the cell, and optionally a panel in front of it.
 pub(super) struct View<'a> {
     camera: &'a PinholeCamera,
     rays: &'a Rays,
@@ -111,7 +112,7 @@ pub(super) struct View<'a> {
     sanding: Option<&'a Sanding>,
 }
 
-/// A panel before a camera, or before what throws light as a camera sees.
+/// A panel in front of a camera or of a projector, which is treated as a camera.
 pub(super) struct PanelView<'a> {
     shape: &'a Shape,
     /// The camera's centre and axes in sheet coordinates.
@@ -122,7 +123,7 @@ pub(super) struct PanelView<'a> {
     rows: Range<usize>,
 }
 
-/// Beyond this distance from its edge, px, the panel is not looked for.
+/// The panel is not searched for beyond this distance from its edge, px.
 const EDGE_REACH_PX: f64 = 3.0;
 
 impl<'a> View<'a> {
@@ -140,7 +141,7 @@ impl<'a> View<'a> {
         View { camera, rays, base_from_camera: *base_from_camera.isometry(), panel, sanding: None }
     }
 
-    /// The same view of a panel that was sanded.
+    /// Returns the same view of a panel after sanding.
     pub fn sanded(self, sanding: &'a Sanding) -> Self {
         View { sanding: Some(sanding).filter(|sanding| !sanding.is_empty()), ..self }
     }
@@ -160,7 +161,7 @@ impl<'a> View<'a> {
         self.camera.fx_px
     }
 
-    /// Looks along one row of pixels, from left to right.
+    /// Visits one row of pixels, from left to right.
     pub fn look_along_row(&self, row: usize, mut seen: impl FnMut(usize, PixelHit)) {
         let nodes = self.rays.row(row);
         let origin = Point3::from(self.base_from_camera.translation.vector);
@@ -201,12 +202,12 @@ impl<'a> PanelView<'a> {
         }
     }
 
-    /// May this pixel show the panel?
+    /// Returns whether this pixel may show the panel.
     pub fn may_show(&self, column: usize, row: usize) -> bool {
         self.columns.contains(&column) && self.rows.contains(&row)
     }
 
-    /// A direction of the camera's frame in sheet coordinates.
+    /// Transforms a direction of the camera's frame to sheet coordinates.
     pub fn turned(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
     }
@@ -222,7 +223,7 @@ impl<'a> PanelView<'a> {
             let (s, t) = (o.x + depth * r.x, o.y + depth * r.y);
             let [height, slope_s, slope_t] = self.shape.height(s, t);
             let slope = r.z - slope_s * r.x - slope_t * r.y;
-            // Seen from behind or along the surface: nothing of the visible side.
+            // The ray meets the surface from behind or almost along it: the visible side is not seen.
             if slope > -0.02 * r.norm() {
                 return None;
             }
@@ -239,7 +240,8 @@ impl<'a> PanelView<'a> {
     fn sight(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelHit {
         let across = Vector3::new(-slopes[0], -slopes[1], 1.0);
         let (distance, growth) = self.shape.outline().distance(Vector2::new(place[0], place[1]));
-        // How the meeting point moves on the sheet when the ray moves by one pixel, staying on the surface.
+        // The shift of the ray's point on the sheet when the ray moves by one pixel and the point stays on the
+        // surface.
         let per_px = |axis: usize| {
             let step = self.axes[axis] * (depth / self.focal_px[axis]);
             let moved = step - r * (across.dot(&step) / across.dot(r));
@@ -260,7 +262,7 @@ impl<'a> PanelView<'a> {
     }
 }
 
-/// The columns and rows that may show the panel: those around its projected outline.
+/// Returns the columns and rows that may show the panel: those around its projected outline.
 fn bounds(
     camera: &PinholeCamera,
     shape: &Shape,
@@ -270,7 +272,7 @@ fn bounds(
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for place in shape.outline().polyline(10.0) {
         let point = camera_from_sheet * Point3::new(place.x, place.y, shape.height(place.x, place.y)[0]);
-        // A lens model holds only near its picture; a panel that reaches far outside is looked for everywhere.
+        // A lens model is valid only near its picture; a panel that extends far outside is searched for everywhere.
         let wide = point.x.abs().max(point.y.abs()) > 1.2 * point.z;
         let Some(pixel) = camera.project(crate::geometry::Point::<Camera>::new(point)).filter(|_| !wide) else {
             return everything;
@@ -292,8 +294,8 @@ mod tests {
     use super::super::scene;
     use super::*;
 
-    /// A place of the panel, projected by the camera model, is what the nearest pixel sees, and the edge's distance
-    /// in the picture is the projected one to a hundredth of a pixel.
+    /// A point of the panel, projected by the camera model, is the point that the nearest pixel sees. The edge's
+    /// distance in the picture agrees with the projected distance to a hundredth of a pixel.
     #[test]
     fn pixels_see_what_projects_onto_them() {
         let camera = scene::scanner(2);
@@ -319,8 +321,9 @@ mod tests {
         }
     }
 
-    /// By hand: an upright edge a quarter of a pixel from the centre leaves ¾; a diagonal one through a corner of the
-    /// pixel, √½ away, leaves all, and half-way there cuts off a triangle of base √½ and height √⅛: ⅛.
+    /// Calculated by hand: an upright edge a quarter of a pixel from the centre leaves ¾. A diagonal edge through a
+    /// corner of the pixel, √½ away, leaves the whole pixel. Half-way there it cuts off a triangle of base √½ and
+    /// height √⅛: ⅛.
     #[test]
     fn shares_of_a_pixel_by_hand() {
         let diagonal = Vector2::new(1.0, -1.0).normalize();
@@ -331,7 +334,8 @@ mod tests {
         assert!((covered(0.0, diagonal) - 0.5).abs() < 1e-12);
     }
 
-    /// All shares together are the area of the projected outline: over its length, the edge is right to 0.01 px.
+    /// The sum of all shares is the area of the projected outline: averaged over its length, the edge is exact to
+    /// 0.01 px.
     #[test]
     fn the_edge_is_where_the_outline_projects() {
         let camera = scene::scanner(2);
@@ -351,7 +355,7 @@ mod tests {
         let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
         let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;
         assert!(length_px > 1_000.0 && error_px.abs() < 0.01, "{error_px} px");
-        // And row by row, away from corners: the length of the row inside is the sum of its shares.
+        // The same row by row, away from corners: the length of the row inside is the sum of its shares.
         for row in [240, 300, 360] {
             let crossings: Vec<f64> = (0..outline.len())
                 .map(|i| (outline[i], outline[(i + 1) % outline.len()]))

@@ -21,19 +21,19 @@ use crate::geometry::{
     Point, Rigid,
 };
 
-/// Which of the panel's two poses a camera looks at.
+/// The pose of the panel, one of two, that a camera looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PanelPosition {
     /// The taught panel at its nominal pose.
     Nominal,
-    /// The panel of the scene at its later pose, if there is one.
+    /// The panel of the scene at its displaced pose, if there is a panel.
     Displaced,
 }
 
-/// A region for the recipe: its corners in the taught scan's picture, and how many grids it holds.
+/// A region for the recipe: its corners in the taught scan's picture, and its number of grids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
-    /// Top left, top right, bottom right, bottom left.
+    /// The corners: top left, top right, bottom right, bottom left.
     pub corners_px: [Pixel; 4],
     /// Rows of grids.
     pub rows: usize,
@@ -41,7 +41,8 @@ pub struct Region {
     pub columns: usize,
 }
 
-/// A box of the base frame in which to search for the panel, mm: the panel's places lie inside, the fixture outside.
+/// A box of the base frame in which to search for the panel, mm: all poses of the panel lie inside, the fixture
+/// outside.
 pub const SEARCH_BOX_MM: [[f64; 3]; 2] = [[465.0, -240.0, 180.0], [638.0, 240.0, 540.0]];
 /// The region keeps this distance from the outline, mm.
 const REGION_INSET_MM: f64 = 15.0;
@@ -52,7 +53,7 @@ pub struct Cell {
     pub(super) seed: Seed,
     scene: Scene,
     taught: Shape,
-    /// The panel of the scene, unless there is none.
+    /// The panel of the scene; `None` if there is none.
     present: Option<Shape>,
     spots: Vec<Spot>,
     film: FilmSpec,
@@ -96,12 +97,12 @@ impl Cell {
         }
     }
 
-    /// The same cell with an arm that is not as it is drawn.
+    /// Returns the same cell with an arm that differs from the nominal geometry.
     pub fn with_arm(self, arm: Option<RealArm>) -> Self {
         Cell { arm, ..self }
     }
 
-    /// The same cell with a 3D camera that is not well calibrated.
+    /// Returns the same cell with a poorly calibrated 3D camera.
     pub fn with_distortion(self, distortion: Option<ScannerDistortion>) -> Self {
         Cell { distortion, ..self }
     }
@@ -134,12 +135,12 @@ impl Cell {
         Cell { base_from_panel: scene::displaced(self.seed, place), ..self }
     }
 
-    /// The 3D camera; its calibration finds these numbers.
+    /// The true intrinsic parameters of the 3D camera; its calibration estimates them.
     pub fn scanner(&self) -> &PinholeCamera {
         &self.scanner.0
     }
 
-    /// The colour camera on the flange; its calibration finds these numbers.
+    /// The true intrinsic parameters of the colour camera on the flange; its calibration estimates them.
     pub fn flange_camera(&self) -> &PinholeCamera {
         &self.flange_camera.0
     }
@@ -154,7 +155,7 @@ impl Cell {
         scene::calibrated(self.seed, 1, &scene::flange_from_camera())
     }
 
-    /// The scan of the taught panel at its nominal place.
+    /// The scan of the taught panel at its nominal pose.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         self.shot(Some((&self.taught, &scene::nominal())), 0)
     }
@@ -164,7 +165,8 @@ impl Cell {
         self.shot(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
     }
 
-    /// A scan with the scene's panel put elsewhere; `shot` distinguishes exposures, since each has its own noise.
+    /// Returns a scan with the scene's panel at another pose; `shot` distinguishes exposures, since each has its
+    /// own noise.
     pub fn scan_at(&self, base_from_panel: &Rigid<Base, Panel>, shot: u64) -> OrganizedCloud<Camera> {
         self.shot(self.present.as_ref().map(|shape| (shape, base_from_panel)), shot + 2)
     }
@@ -188,8 +190,8 @@ impl Cell {
         scene::corner_views(&self.taught)
     }
 
-    /// The taught flange pose carried to the panel's true place, changed by up to 5 mm and 1°: as a robot reaches it
-    /// after a rough localization.
+    /// Returns the taught flange pose, moved with the panel to its true pose and changed by up to 5 mm and 1°. A
+    /// robot reaches such a pose after a rough localization.
     pub fn displaced_corner_pose(&self, view: &CornerView) -> Rigid<Base, Flange> {
         let moved: Rigid<Base, Base> = Rigid::claim(*self.base_from_panel.isometry());
         scene::nearly(self.seed, Seed::index_of(view.corner.mm.coords.as_slice()), &(moved * view.base_from_flange))
@@ -203,7 +205,7 @@ impl Cell {
         }
     }
 
-    /// The flange camera's picture with the scene's panel put elsewhere.
+    /// Returns the flange camera's picture with the scene's panel at another pose.
     pub fn flange_picture_at(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -212,7 +214,7 @@ impl Cell {
         self.flange_shot(base_from_flange, self.present.as_ref().map(|shape| (shape, base_from_panel)))
     }
 
-    /// The same of a wet panel, with drops on it.
+    /// Returns the flange camera's picture of a wet panel, with drops on it, at another pose.
     pub fn wet_flange_picture_at(
         &self,
         base_from_flange: &Rigid<Base, Flange>,
@@ -246,7 +248,7 @@ impl Cell {
         self.film_of(&self.spots)
     }
 
-    /// The same test with other spots: an abraded one is left out.
+    /// Returns the water-break test of the panel with other spots, for example without an abraded spot.
     pub fn film_of(&self, spots: &[Spot]) -> Film {
         self.film_as(spots, &self.film, 0)
     }
@@ -259,7 +261,7 @@ impl Cell {
         Film::new(&view, OnPanel { spots, stained: spots, washed: false }, spec, &self.pixels, seed)
     }
 
-    /// A test after sanding: what is left of the grease, and the stains of all that was there.
+    /// Returns a test after sanding: with the grease that is left, and with the stains of all earlier grease.
     pub fn film_sanded(&self, left: &[Spot], sanding: &Sanding, index: u64) -> Film {
         self.film_sanded_as((left, &self.spots), sanding, &self.film, index)
     }
@@ -292,7 +294,8 @@ impl Cell {
         sanding.add_quads(&quads, (self.seed, look));
     }
 
-    /// Truth: the pixels of the taught scan that show a place which was sanded, or lies nearer to one than `margin_mm`.
+    /// Returns the ground truth: the pixels of the taught scan that show a sanded point, or a point nearer to it
+    /// than `margin_mm`.
     pub fn sanded_in_taught(&self, sanding: &Sanding, margin_mm: f64) -> Mask {
         let view = self.scanner_view(Some((&self.taught, &scene::nominal())));
         let mut mask = Mask::empty(view.width(), view.height());
@@ -305,7 +308,7 @@ impl Cell {
         mask
     }
 
-    /// Other grease on this panel than its scene's; `index` distinguishes the drawings of one cell.
+    /// Draws other grease on this panel than its scene has; `index` distinguishes the random draws of one cell.
     pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         spots::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
@@ -319,7 +322,8 @@ impl Cell {
     /// A region of grids of 42 to 50 mm, 15 mm inside the taught panel's outline.
     pub fn region(&self) -> Region {
         let inner = self.taught.outline().inset_corners(REGION_INSET_MM);
-        // The outline's corners run from the bottom left; the fifth is the top left, the third ends the right side.
+        // The outline's corners are listed from the bottom left; the fifth is the top left, the third is the end of
+        // the right side.
         let corners_px = [4, 3, 1, 0].map(|index: usize| {
             let seen =
                 scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(inner[index].into()));
@@ -331,7 +335,7 @@ impl Cell {
         Region { corners_px, rows: 4, columns: 6 }
     }
 
-    /// What is true of this cell.
+    /// The ground truth of this cell.
     pub fn truth(&self) -> Truth {
         Truth::new(
             (self.seed.0, self.scene),

@@ -1,30 +1,31 @@
-//! Objects beside and before the panel: flat slabs somewhere in the cell, which do not move with it.
+//! Objects beside and in front of the panel: flat slabs at fixed poses in the cell, which do not move with the
+//! panel.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// A flat rectangle; its frame's z is its normal.
+/// A flat rectangle; the z axis of its frame is its normal.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slab {
     pub base_from_slab: Isometry3<f64>,
-    /// Half its width and height, mm.
+    /// Half the slab's width and height, mm.
     pub half_mm: [f64; 2],
     /// Grey levels.
     pub color: [f64; 3],
 }
 
-/// What a ray meets on a slab.
+/// The point where a ray meets a slab.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Met {
     /// Length along the ray in units of its direction.
     pub depth_mm: f64,
     pub cos_incidence: f64,
-    /// The share of the pixel that it fills, 0…1.
+    /// The share of the pixel that the slab fills, 0…1.
     pub share: f64,
     pub color: [f64; 3],
 }
 
 impl Slab {
-    /// A slab that faces a direction.
+    /// Creates a slab that faces a direction.
     pub fn facing(
         centre: Point3<f64>,
         normal: Vector3<f64>,
@@ -61,7 +62,8 @@ fn up(normal: &Vector3<f64>) -> Vector3<f64> {
 mod tests {
     use super::*;
 
-    /// By hand: a slab of 40 × 20 mm, 500 mm ahead along X and square to it; 20 mm aside is its edge, half a pixel.
+    /// Calculated by hand: a slab of 40 × 20 mm, 500 mm ahead along X and square to it. Its edge is 20 mm aside;
+    /// there it fills half a pixel.
     #[test]
     fn a_slab_ahead_is_met_up_to_its_edge() {
         let slab = Slab::facing(Point3::new(500.0, 0.0, 0.0), -Vector3::x(), 0.0, [20.0, 10.0], [100.0; 3]);

@@ -23,9 +23,9 @@ use rand::RngExt;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// How fast the new film thins out, s.
+/// Time constant of the thinning of a new film, s.
 const THINS_S: f64 = 12.0;
-/// How much a drop darkens beyond the film.
+/// Additional darkening by a drop, compared with the film.
 const DROP_THICKNESS: f32 = 1.2;
 
 /// The pixels of one row that show the panel.
@@ -35,7 +35,7 @@ struct Row {
     wetted: Vec<Wetted>,
 }
 
-/// A clip of one panel at one place.
+/// A clip of one panel at one pose.
 #[derive(Debug, Clone)]
 pub struct Film {
     width: usize,
@@ -51,7 +51,7 @@ pub struct Film {
     seed: Seed,
 }
 
-/// What lies on the panel when its film begins.
+/// The content of the panel's surface when its film begins.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OnPanel<'a> {
     /// The grease now.
@@ -85,7 +85,7 @@ impl Film {
                 let (dry_color, wet) = dry_and_wet(&sight);
                 dry[column] = exposed(dry_color, spec.exposure);
                 let Some(panel) = sight.panel.filter(|panel| panel.coverage > 0.0) else { return };
-                // What only a part of the pixel shows changes by that part.
+                // A pixel that shows the panel only in part changes only by that part.
                 let stained = 1.0 + panel.coverage * (stains.at(panel.place) - 1.0);
                 let dusty = 1.0 + panel.coverage * most_dust * dust.at(panel.place).clamp(-1.0, 1.0);
                 let [washed, wet] = [dry_color, wet].map(|color| exposed(color, spec.exposure * stained));
@@ -94,7 +94,7 @@ impl Film {
                 if row.wetted.is_empty() {
                     row.first_column = column;
                 }
-                // Outlines are convex, so a row's pixels of the panel are neighbours; a gap would be dry.
+                // Outlines are convex, so the panel's pixels in a row are neighbours; a gap would be dry.
                 row.wetted.resize(column - row.first_column, Wetted::beside(washed));
                 row.wetted.push(water.at(panel.place, panel.pixel_mm, colors));
             });
@@ -116,7 +116,7 @@ impl Film {
         }
     }
 
-    /// What happens at this time.
+    /// Returns the phase of the film at this time.
     pub fn phase(&self, time_s: f64) -> Phase {
         if time_s < SPRAY_FROM_S {
             Phase::Dry
@@ -208,7 +208,8 @@ impl Film {
         mask
     }
 
-    /// Truth: the colours of each pixel, dry and under a whole film, grey levels; alike beside the panel.
+    /// Returns the ground truth: the colours of each pixel, dry and under a whole film, grey levels. Both are equal
+    /// beside the panel.
     pub fn dry_and_wet_levels(&self) -> Vec<[[f64; 3]; 2]> {
         let levels = |color: Color| color.map(|level| f64::from(level) / f64::from(super::noise::LEVEL));
         let mut both: Vec<[[f64; 3]; 2]> = self.dry.iter().map(|dry| [levels(*dry); 2]).collect();
@@ -232,13 +233,13 @@ impl Film {
     }
 }
 
-/// Places that grease has stained, each with the factor of its brightness.
+/// Stains of grease on the panel, each with the factor of its brightness.
 struct Stains<'a>(Vec<(&'a Spot, f64)>);
 
 impl<'a> Stains<'a> {
     fn new(spots: &'a [Spot], spec: &FilmSpec, seed: Seed) -> Self {
         let factor = |(index, spot): (usize, &'a Spot)| {
-            // The same stain in each film of a cell: it belongs to the spot.
+            // A spot has the same stain in each film of a cell: the stain belongs to the spot.
             let [s, t] = spot.centre_mm();
             let mut random = seed.stream(Purpose::Condition, Seed::index_of(&[s, t]) ^ index as u64);
             (spot, 1.0 + spec.stain * random.random_range(-1.0..1.0))
@@ -267,7 +268,7 @@ fn shown(color: [f32; 3], row_noise: &[i16], column: usize) -> [u8; 3] {
     std::array::from_fn(|channel| to_byte(color[channel] as u16, row_noise[3 * column + channel]))
 }
 
-/// The light of glints and the cover of drops on one row of the panel.
+/// Computes the light of glints and the coverage by drops on one row of the panel.
 fn travelling(row: &Row, index: usize, glints: &[Spotted], drops: &[Spotted]) -> (Vec<f32>, Vec<f32>) {
     let (mut shine, mut covered) = (vec![0.0; row.wetted.len()], vec![0.0; row.wetted.len()]);
     glints.iter().for_each(|glint| glint.shine(index, row.first_column, &mut shine));

@@ -3,26 +3,26 @@
 use super::noise::{Purpose, Seed};
 use rand::RngExt;
 
-/// How hard a film is to read. Everything drawn comes from the film's seed; these are the extents.
+/// The difficulty of reading a film. All random values come from the film's seed; the fields are their limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilmSpec {
-    /// Brightness of the whole picture; at 1 the dry panel has about 72 grey levels.
+    /// Brightness of the whole picture; if it is 1, the dry panel has about 72 grey levels.
     pub exposure: f64,
-    /// The lamp drifts from its light at the beginning by up to this share, up or down.
+    /// The lamp drifts from its initial light by up to this share, up or down.
     pub drift: f64,
-    /// It flickers from picture to picture by up to this share.
+    /// The lamp flickers from picture to picture by up to this share.
     pub flicker: f64,
     /// A shadow with soft edges passes and removes this share of the light; 0 is none.
     pub shadow: f64,
-    /// When the shadow's middle is at the panel's centre, s.
+    /// Time at which the shadow's middle is at the panel's centre, s.
     pub shadow_at_s: f64,
-    /// Glints on the film at a time: bright, additive, travelling.
+    /// Number of glints on the film at a time: bright, additive, travelling.
     pub glints: usize,
-    /// Drops that run down the panel at a time.
+    /// Number of drops at a time that run down the panel.
     pub drops: usize,
     /// Beads that stay on each place with a broken film.
     pub beads: usize,
-    /// How much more the film darkens when it is new than later, as a share.
+    /// Additional darkening by a new film compared with an older film, as a share.
     pub thinning: f64,
     /// A place with a broken film returns to at least this share of its dry brightness: 1 is wholly dry.
     pub damp: f64,
@@ -30,12 +30,13 @@ pub struct FilmSpec {
     pub droplets: f64,
     /// Dust on the panel before the first water, which washes it off: it changes the brightness by up to this share.
     pub dust: f64,
-    /// Grease makes its place darker or lighter by up to this share, dry or wet, also after it was sanded off.
+    /// Grease makes its spot darker or lighter by up to this share, dry or wet, also after the grease was sanded
+    /// off.
     pub stain: f64,
 }
 
 impl FilmSpec {
-    /// Steady light, no glints: the run-off alone.
+    /// Steady light, no glints: only the run-off.
     pub const CALM: FilmSpec = FilmSpec {
         exposure: 1.0,
         drift: 0.0,
@@ -52,7 +53,7 @@ impl FilmSpec {
         stain: 0.0,
     };
 
-    /// A good cell on a common day.
+    /// A typical film of a good cell.
     pub const USUAL: FilmSpec = FilmSpec {
         exposure: 1.0,
         drift: 0.05,
@@ -69,8 +70,8 @@ impl FilmSpec {
         stain: 0.04,
     };
 
-    /// A film as hard as they come, by its seed: exposures from dark to bright, ±15 % of drift, a shadow in every
-    /// second one, places that stay damp, droplets, dust and stains.
+    /// Draws a film of the highest difficulty from its seed: exposures from dark to bright, ±15 % of drift, a
+    /// shadow in every second film, places that stay damp, droplets, dust and stains.
     pub fn hard(seed: u64) -> FilmSpec {
         let mut random = Seed(seed).stream(Purpose::Light, 1);
         let mut between = |low: f64, high: f64| random.random_range(low..high);

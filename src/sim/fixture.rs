@@ -21,7 +21,7 @@ const BOARDS: [Board; 3] = [
     Board { x_mm: 665.0, y_mm: [-520.0, 520.0], z_mm: [-20.0, 740.0], color: [186.0, 188.0, 184.0] },
 ];
 
-/// Its parts as things in the way of light.
+/// Returns the fixture's parts as objects that block light.
 pub(super) fn slabs() -> [Slab; 3] {
     BOARDS.map(|board| {
         let middle = |[low, high]: [f64; 2]| (low + high) / 2.0;
@@ -31,10 +31,10 @@ pub(super) fn slabs() -> [Slab; 3] {
     })
 }
 
-/// What is seen beyond the fixture: the hall, out of focus and too far for points.
+/// Colour of the hall behind the fixture: out of focus, and too far away for points.
 const HALL: [f64; 3] = [52.0, 55.0, 60.0];
 
-/// What a ray that misses the panel ends on.
+/// The surface that a ray meets if it misses the panel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Background {
     /// Length along the ray in units of its direction; `None` in the hall.
@@ -94,7 +94,8 @@ mod tests {
         assert!((post.depth_mm.expect("a post") - 650.0).abs() < 1e-9 && post.color[0] < 170.0);
     }
 
-    /// A slab's frame has its x along the base's Y and its y upwards: corners of a part are corners of its slab.
+    /// The x of a slab's frame is the base's Y, and its y points upwards: corners of a part are corners of its
+    /// slab.
     #[test]
     fn parts_are_slabs_of_their_size() {
         for (board, slab) in BOARDS.iter().zip(slabs()) {

@@ -1,14 +1,14 @@
 //! The light over time: a drift of the lamp, its flicker, and a shadow that passes.
 //!
 //!     gain(u, v, t) = (1 + d sin(2π t / T)) (1 + f ξ_t) (1 − s p(x)),   p = smoothstep from 1 at |x| = w to 0 at |x| = w + e,
-//! x the distance across the shadow's band, which travels over the picture; d, f, s as the film's spec has them.
+//! x is the distance across the shadow's band, which travels over the picture; d, f, s are set in the film's spec.
 
 use super::film_spec::FilmSpec;
 use super::noise::{Purpose, Seed, smoothstep};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
-/// The lamp and what passes before it.
+/// The lamp and the shadow that passes.
 #[derive(Debug, Clone)]
 pub(super) struct Lamp {
     drift: f64,
@@ -33,13 +33,13 @@ struct Shadow {
 /// The light at one time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lit {
-    /// Of the whole picture.
+    /// Gain of the whole picture.
     gain: f64,
     shadow: Option<(Shadow, f64)>,
 }
 
 impl Lamp {
-    /// `centre_px` is the panel's middle in a picture of `width_px`.
+    /// Draws the lamp from the seed. `centre_px` is the panel's middle in a picture of `width_px`.
     pub fn new(spec: &FilmSpec, seed: Seed, centre_px: [f64; 2], width_px: f64) -> Self {
         let mut random = seed.stream(Purpose::Light, 0);
         let mut between = |low: f64, high: f64| random.random_range(low..high);
@@ -72,7 +72,7 @@ impl Lamp {
 }
 
 impl Lit {
-    /// The light on one pixel.
+    /// Returns the light on one pixel.
     pub fn gain(&self, column: usize, row: usize) -> f32 {
         let Some((shadow, come_px)) = self.shadow else { return self.gain as f32 };
         let (du, dv) = (column as f64 - shadow.centre_px[0], row as f64 - shadow.centre_px[1]);
@@ -86,7 +86,7 @@ impl Lit {
 mod tests {
     use super::*;
 
-    /// By hand: in the middle of a shadow of 0.3 the light is 0.7 of what it is far from it.
+    /// Calculated by hand: in the middle of a shadow of 0.3, the light is 0.7 of the light far from the shadow.
     #[test]
     fn a_shadow_passes_and_the_drift_keeps_its_bounds() {
         let spec = FilmSpec { drift: 0.15, shadow: 0.3, shadow_at_s: 10.0, ..FilmSpec::CALM };

@@ -1,9 +1,10 @@
-//! Random numbers of the simulated cell: one stream for each purpose and index, so that a new consumer shifts none.
+//! Random numbers of the simulated cell: one stream for each purpose and index, so that a new consumer changes no
+//! other stream.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// What a stream of random numbers is for. The order is part of every rendered picture: append only.
+/// The purpose of a stream of random numbers. The order affects every rendered picture: append only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     Shape,
@@ -32,22 +33,22 @@ pub(super) enum Purpose {
     Condition,
 }
 
-/// The seed from which everything is drawn.
+/// The seed of all random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Seed(pub u64);
 
 impl Seed {
-    /// A generator of its own for this purpose and index.
+    /// Creates a separate generator for this purpose and index.
     pub fn stream(self, purpose: Purpose, index: u64) -> Pcg64 {
         Pcg64::seed_from_u64(mixed(mixed(mixed(self.0) ^ purpose as u64) ^ index))
     }
 
-    /// A seed of its own for this purpose and index, to be split further.
+    /// Creates a separate seed for this purpose and index, from which other seeds can be derived.
     pub fn child(self, purpose: Purpose, index: u64) -> Seed {
         Seed(self.stream(purpose, index).random())
     }
 
-    /// An index from numbers that name a shot, such as the pose it was taken from.
+    /// Computes an index from numbers that identify a shot, such as its pose.
     pub fn index_of(numbers: &[f64]) -> u64 {
         numbers.iter().fold(0, |index, number| mixed(index ^ number.to_bits()))
     }
@@ -68,7 +69,7 @@ pub(super) fn normal_pair(random: &mut Pcg64) -> [f64; 2] {
     [radius * cos, radius * sin]
 }
 
-/// A stream of standard normal numbers, which wastes none of a pair.
+/// A stream of standard normal numbers, which uses both numbers of each pair.
 pub(super) struct Normal {
     random: Pcg64,
     spare: Option<f64>,
@@ -95,8 +96,8 @@ impl Normal {
 
 /// Value noise: normal numbers at the nodes of a square lattice, smoothstep between them.
 ///
-/// With weights w = 3x² − 2x³ the mean of w² + (1 − w)² over a cell is 26/35, once for each axis: the noise has
-/// 26/35 = 0.743 of the nodes' standard deviation overall.
+/// With weights w = 3x² − 2x³ the mean of w² + (1 − w)² over a cell is 26/35 for each axis. Overall, the noise
+/// therefore has 26/35 = 0.743 of the nodes' standard deviation.
 #[derive(Debug, Clone)]
 pub(super) struct ValueNoise {
     spacing_mm: f64,
@@ -106,7 +107,7 @@ pub(super) struct ValueNoise {
 }
 
 impl ValueNoise {
-    /// Noise of 1 rms at the nodes on the square −`half_width_mm`…`half_width_mm`, with a random phase.
+    /// Creates noise of 1 rms at the nodes on the square −`half_width_mm`…`half_width_mm`, with a random phase.
     pub fn new(random: Pcg64, spacing_mm: f64, half_width_mm: f64) -> Self {
         let mut normal = Normal::new(random);
         let corner_mm = [0, 1].map(|_| -half_width_mm - spacing_mm * normal.share());
@@ -150,7 +151,7 @@ pub(super) const PIXEL_NOISE_GRAY: f64 = 2.0;
 
 const TABLE_LENGTH: usize = 1 << 18;
 
-/// Pixel noise from a table: each row of each picture reads it from a place of its own.
+/// Pixel noise from a table: each row of each picture starts at its own position in the table.
 #[derive(Debug, Clone)]
 pub(super) struct PixelNoise {
     table: Vec<i16>,
@@ -163,7 +164,7 @@ impl PixelNoise {
         PixelNoise { table: (0..TABLE_LENGTH).map(|_| (normal.next() * level).round() as i16).collect() }
     }
 
-    /// The noise of one row, three numbers a pixel.
+    /// Returns the noise of one row, three numbers per pixel.
     pub fn row(&self, picture: Seed, row: usize, width: usize) -> &[i16] {
         let last = TABLE_LENGTH - 3 * width;
         let start = picture.stream(Purpose::Pixels, row as u64).random_range(0..=last);
@@ -171,13 +172,13 @@ impl PixelNoise {
     }
 }
 
-/// The 8-bit value of a colour in 1/128 grey levels with its noise.
+/// Returns the 8-bit value of a colour in 1/128 grey levels with its noise.
 #[inline]
 pub(super) fn to_byte(color: u16, noise: i16) -> u8 {
     ((i32::from(color) + i32::from(noise) + 64) >> 7).clamp(0, 255) as u8
 }
 
-/// A pixel's colour with its share of the row's noise.
+/// Returns the 8-bit colour of a pixel with its part of the row's noise.
 pub(super) fn to_bytes(color: [u16; 3], row_noise: &[i16], column: usize) -> [u8; 3] {
     std::array::from_fn(|channel| to_byte(color[channel], row_noise[3 * column + channel]))
 }
@@ -214,7 +215,7 @@ mod tests {
         assert_ne!(noise.row(Seed(2), 5, 10), noise.row(Seed(3), 5, 10));
     }
 
-    /// By hand: 70 + 2.5 = 72.5 rounds up to 73; nothing leaves a byte.
+    /// Calculated by hand: 70 + 2.5 = 72.5 rounds up to 73; no value exceeds the range of a byte.
     #[test]
     fn bytes_are_rounded_and_saturate() {
         assert_eq!(to_byte(70 * 128, 320), 73);

@@ -11,19 +11,19 @@ struct Edge {
     offset_mm: f64,
 }
 
-/// A convex outline, corners counter-clockwise as seen from outside the panel.
+/// A convex outline, with its corners counter-clockwise as seen from outside the panel.
 #[derive(Debug, Clone)]
 pub(super) struct Outline {
     corners: Vec<Vector2<f64>>,
     rounding_mm: f64,
     edges: Vec<Edge>,
     core: Vec<Vector2<f64>>,
-    /// Windows, and what is cut off.
+    /// Windows and cut-off parts.
     cuts: Vec<Outline>,
 }
 
 impl Outline {
-    /// An outline from the corners at which its straight edges, made longer, would meet.
+    /// Creates an outline from the corners at which its extended straight edges would meet.
     pub fn new(corners: Vec<Vector2<f64>>, rounding_mm: f64) -> Self {
         let edges: Vec<Edge> = pairs(&corners)
             .map(|(a, b)| {
@@ -36,7 +36,7 @@ impl Outline {
         Outline { corners, rounding_mm, edges, core, cuts: Vec::new() }
     }
 
-    /// The same without what lies inside of another outline.
+    /// Returns the same outline without the area inside another outline.
     pub fn without(mut self, cut: Outline) -> Self {
         self.cuts.push(cut);
         self
@@ -47,13 +47,13 @@ impl Outline {
         &self.corners
     }
 
-    /// The corners of the same polygon with every edge moved inwards.
+    /// Returns the corners of the same polygon with every edge moved inwards.
     pub fn inset_corners(&self, by_mm: f64) -> Vec<Vector2<f64>> {
         inset(&self.edges, by_mm)
     }
 
-    /// Signed distance to the outline, negative inside, mm; and the direction in which it grows. Beside cuts it is the
-    /// distance to the nearest of all edges.
+    /// Returns the signed distance to the outline, negative inside, mm, and the direction in which the distance
+    /// grows. With cuts, it is the distance to the nearest of all edges.
     pub fn distance(&self, point: Vector2<f64>) -> (f64, Vector2<f64>) {
         let outer = self.outer_distance(point);
         self.cuts.iter().fold(outer, |farthest, cut| {
@@ -92,13 +92,13 @@ impl Outline {
         nearest
     }
 
-    /// The outline as a closed polyline with this distance between its points, at most.
+    /// Returns the outline as a closed polyline; its points are at most this distance apart.
     pub fn polyline(&self, spacing_mm: f64) -> Vec<Vector2<f64>> {
         let dense = pairs(&self.corners).flat_map(|(a, b)| {
             let steps = ((b - a).norm() / spacing_mm).ceil().max(1.0) as usize;
             (0..steps).map(move |i| a + (b - a) * (i as f64 / steps as f64))
         });
-        // Near a corner the straight edges lie outside of the rounding: step back along the distance's direction.
+        // Near a corner the straight edges lie outside the rounding: step back along the distance's direction.
         dense
             .map(|point| {
                 let (distance, direction) = self.outer_distance(point);
@@ -132,8 +132,8 @@ mod tests {
         Outline::new(corners.map(|(s, t)| Vector2::new(s, t)).to_vec(), 4.0)
     }
 
-    /// By hand, square of 20 mm with rounding 4 mm: the middle is 10 mm deep; (12, 0) is 2 mm outside; the corner
-    /// (10, 10) is √2·4 − 4 = 1.657 mm outside of the arc about (6, 6).
+    /// Calculated by hand for a square of 20 mm with rounding 4 mm: the middle is 10 mm inside; (12, 0) is 2 mm
+    /// outside. The corner (10, 10) is √2·4 − 4 = 1.657 mm outside the arc about (6, 6).
     #[test]
     fn distances_by_hand() {
         let at = |s, t| square().distance(Vector2::new(s, t)).0;
@@ -150,7 +150,8 @@ mod tests {
         }
     }
 
-    /// By hand: a window of 4 mm about the middle; (4, 0) is 2 mm from its edge, (0, 0) is 2 mm off the panel.
+    /// Calculated by hand for a window of 4 mm about the middle: (4, 0) is 2 mm from the window's edge, (0, 0) is 2
+    /// mm outside the panel's material.
     #[test]
     fn a_window_is_not_panel() {
         let window = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(|(s, t)| Vector2::new(s, t));

@@ -43,10 +43,11 @@ const LENS: PinholeCamera = PinholeCamera {
 const PLACE_MM: [f64; 3] = [111.2, 0.0, 9.7];
 const TURN_RAD: f64 = -0.113;
 
-/// What is nearer to the projector than a point by this share of its depth throws a shadow on it.
+/// An object that is nearer to the projector than a point by this share of the point's depth throws a shadow on the
+/// point.
 pub(super) const SHADOW_SHARE: f64 = 0.005;
 
-/// From the camera's lens to the projector's, mm.
+/// Distance from the camera's lens to the projector's lens, mm.
 pub(super) fn baseline_mm() -> f64 {
     Vector3::from(PLACE_MM).norm()
 }
@@ -80,13 +81,13 @@ impl<'a> Projector<'a> {
         Projector { panel, screens, ..Projector::alone() }
     }
 
-    /// The projector with nothing before it.
+    /// Creates the projector with no object in front of it.
     pub fn alone() -> Self {
         Projector { projector_from_camera: camera_from_projector().inverse(), panel: None, screens: Vec::new() }
     }
 
-    /// Does its light fall on this point of the camera's frame? `on_panel` is what the camera sees there if it is
-    /// the panel.
+    /// Returns whether the projector's light reaches this point of the camera's frame. If the point is on the
+    /// panel, `on_panel` is the panel as the camera sees it there.
     pub fn lights(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
         let Some((column, row)) = inside(&point) else { return false };
@@ -103,14 +104,14 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// The pixel of the projector's picture that a point of its frame lies in.
+/// Returns the pixel of the projector's picture that contains a point of the projector's frame.
 fn inside(point: &Point3<f64>) -> Option<(usize, usize)> {
     let Pixel { u, v } = LENS.project(Point::<Camera>::new(*point))?;
     let within = u >= 0.0 && v >= 0.0 && u < LENS.width_px as f64 && v < LENS.height_px as f64;
     within.then_some((u as usize, v as usize))
 }
 
-/// A flat rectangle in the projector's way, in its frame.
+/// A flat rectangle that blocks the projector's light, in the projector's frame.
 struct Screen {
     centre: Vector3<f64>,
     axes: [Vector3<f64>; 3],
@@ -147,9 +148,9 @@ pub(super) mod tests {
     use super::super::scene;
     use super::*;
 
-    /// By hand, with sin 0.113 = 0.11276 and cos 0.113 = 0.99362: the point (0, 210, 700) is (210, 698.4) down and along
-    /// in the projector's frame, v = 360 + 1170 · 210 / 698.4 = 711.8 of 720; 220 mm down it is 728.5. The point
-    /// (−370, 0, 700) is (−400.3, 740.2) across and along, u = 7.2; at −380 it is −7.5.
+    /// Calculated by hand, with sin 0.113 = 0.11276 and cos 0.113 = 0.99362: the point (0, 210, 700) is (210,
+    /// 698.4) down and along in the projector's frame. Its v is 360 + 1170 · 210 / 698.4 = 711.8 of 720; 220 mm
+    /// down, v is 728.5. The point (−370, 0, 700) is (−400.3, 740.2) across and along, u = 7.2; at −380, u is −7.5.
     #[test]
     fn the_frustum_by_hand() {
         let lit = |x: f64, y: f64| Projector::alone().lights(&Vector3::new(x, y, 700.0), None);
@@ -158,15 +159,16 @@ pub(super) mod tests {
         assert!(!Projector::alone().lights(&Vector3::new(0.0, 0.0, -700.0), None), "behind");
     }
 
-    /// A camera at (−35, 0, 360) that looks straight at the plate, 700 mm away; its x is the base's −Y.
+    /// A camera pose at (−35, 0, 360) that looks straight at the plate, 700 mm away; the camera's x is the base's
+    /// −Y.
     pub fn before_the_plate() -> Rigid<Base, Camera> {
         let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(crate::geometry::Vector::new);
         Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
     }
 
-    /// By hand: a thing of ±40 mm, 100 mm before the plate. The line from the projector by its left edge ends on
-    /// the plate at x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, that from the camera at −46.67; on the right the
-    /// line ends at 27.94, behind the thing.
+    /// Calculated by hand: an object of ±40 mm, 100 mm in front of the plate. The line from the projector past its
+    /// left edge meets the plate at x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, the line from the camera at
+    /// −46.67. On the right the projector's line meets the plate at 27.94, behind the object.
     #[test]
     fn a_shadow_by_hand() {
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
@@ -174,12 +176,12 @@ pub(super) mod tests {
         let lit = |x: f64| projector.lights(&Vector3::new(x, 0.0, 700.0), None);
         assert!(lit(-65.7) && !lit(-65.5) && !lit(-46.0) && !lit(27.8) && lit(28.1));
         assert!(projector.lights(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
-        // 3 mm of 700 are less than 0.5 %.
+        // 3 mm of 700 mm are less than 0.5 %.
         let thin = Slab::facing(Point3::new(662.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
         assert!(Projector::new(&before_the_plate(), None, &[thin]).lights(&Vector3::new(0.0, 0.0, 700.0), None));
     }
 
-    /// A thing with its edge to the viewer, between lens and projector, shows the lens its dark side.
+    /// An object between lens and projector, with its edge towards the camera, shows the lens its dark side.
     #[test]
     fn the_dark_side_of_a_thing_has_no_points() {
         let seen_from = |y_mm: f64| {
@@ -190,8 +192,8 @@ pub(super) mod tests {
         assert!(seen_from(50.0) && seen_from(-150.0));
     }
 
-    /// In a shadow on the plate beside the panel, the line to the projector passes the panel's inside; and the panel, which
-    /// has nothing before it, is lit all over, wherever it is put.
+    /// For a shadow on the plate beside the panel, the line to the projector passes through the panel's inside. The
+    /// panel has no object in front of it and is lit everywhere, at every pose.
     #[test]
     fn a_panel_is_lit_and_throws_its_shadow_to_the_left() {
         let base_from_camera = scene::base_from_camera();
@@ -203,7 +205,8 @@ pub(super) mod tests {
                 for at in shape.outline().polyline(10.0) {
                     assert!(projector.lights(&seen(at.into()), None), "seed {seed}: {at}");
                 }
-                // The plate as the lens sees it just beside the middles of the left and the right side.
+                // The points of the plate that the lens sees just beside the middles of the left and the right
+                // side.
                 let eye = base_from_camera.origin().mm;
                 let behind = |s: f64| {
                     let ray = (place * shape.point([s, 0.0])).mm - eye;

@@ -1,10 +1,10 @@
-//! An arm as it was built: it differs from its drawing by a stated error at the tool.
+//! An arm as it was built: it differs from its nominal geometry by a stated error at the tool.
 //!
-//! The simulated controller computes with the drawing of a KUKA KR 6 R700-2; this file gives the true pose of the
-//! flange. Errors of the links' lengths, axis zeros and twists are drawn for each seed. The weights of upper arm,
-//! forearm and wrist bend the drives of axes 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error.
-//! Sagging by moments and gear errors are not part of the model that a calibration of the arm estimates: it is
-//! judged on an arm that its model does not describe exactly.
+//! The simulated controller computes with the nominal geometry of a KUKA KR 6 R700-2; this file gives the true pose
+//! of the flange. Errors of the links' lengths, axis zeros and twists are drawn for each seed. The weights of upper
+//! arm, forearm and wrist bend the drives of axes 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error.
+//! Sagging by moments and gear errors are not part of the model that a calibration of the arm estimates. The
+//! calibration is therefore judged on an arm that its model does not describe exactly.
 //!
 //! Chain: with q = (−A1, A2 + 90°, A3, −A4, A5, −A6), each plus its zero, and small rotations Tᵢ,
 //!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)
@@ -17,20 +17,22 @@ use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector
 /// The distance of the simulated tool's pad from the flange, along the flange's axis, mm.
 pub const TOOL_LENGTH_MM: f64 = 120.0;
 
-/// a1, b, c1, c2, a2, c3, c4, mm.
+/// Nominal lengths a1, b, c1, c2, a2, c3, c4, mm.
 const DRAWN_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
-/// How far an arm of this class is off before it is scaled to its size: zeros and twists, rad, lengths, mm.
+/// Largest errors of an arm of this class before they are scaled to the stated error: zeros (rad), then twists
+/// (rad) and lengths (mm).
 const ZERO_RAD: f64 = 8.7e-4;
 const TWIST_RAD: f64 = 5e-4;
 const LENGTH_MM: f64 = 0.4;
-/// Weights of upper arm, forearm, and wrist with tool, N, and how far the drives of axes 2, 3 and 5 give way, rad/(N mm).
+/// Weights of upper arm, forearm, and wrist with tool, N. `COMPLIANCE` is that of the drives of axes 2, 3 and 5,
+/// rad/(N mm).
 const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
 const COMPLIANCE: f64 = 6e-9;
-/// The gears' error, rad, and how many of its periods there are in a turn of the axis.
+/// Amplitude of the gears' error, rad; `GEAR_PERIODS` is the number of its periods in one turn of each axis.
 const GEAR_RAD: f64 = 3e-5;
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 
-/// What the controller reports of a pose of the flange.
+/// The controller's report of a pose of the flange.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reported {
     /// The flange's pose that the controller reports.
@@ -50,7 +52,7 @@ pub struct RealArm {
 }
 
 impl RealArm {
-    /// The arm of this seed with this error of its tool, rms over poses before the panel, mm.
+    /// Creates the arm of this seed. `error_mm` is the error of its tool, rms over poses in front of the panel, mm.
     pub fn new(seed: u64, error_mm: f64) -> Self {
         let mut normal = Normal::new(Seed(seed).stream(Purpose::Arm, 0));
         let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;
@@ -75,7 +77,7 @@ impl RealArm {
         }
     }
 
-    /// How far a tool of 120 mm is off, rms over poses before the panel, mm.
+    /// The error of a tool of 120 mm, rms over poses in front of the panel, mm.
     pub fn error_mm(&self) -> f64 {
         let tip = nalgebra::Point3::new(0.0, 0.0, TOOL_LENGTH_MM);
         let mut off_mm2 = Vec::new();
@@ -158,7 +160,7 @@ impl RealArm {
     }
 }
 
-/// Each axis in work, lowest and highest angle: some degrees within the limits of a KR 6 R700-2.
+/// Lowest and highest working angle of each axis: some degrees within the limits of a KR 6 R700-2.
 const IN_WORK_DEG: [[f64; 2]; 6] =
     [[-160.0, 160.0], [-180.0, 40.0], [-60.0, 150.0], [-120.0, 120.0], [-115.0, 115.0], [-340.0, 340.0]];
 
@@ -171,11 +173,11 @@ const STARTS: [[f64; 6]; 4] = [
     [-30.0, -80.0, 110.0, 40.0, 60.0, 60.0],
 ];
 
-/// A rotation counts as what it moves at this distance, mm.
+/// Lever arm that converts a rotation to a distance, mm.
 const LEVER_MM: f64 = 300.0;
 const STEPS: usize = 100;
 const CONVERGENCE_MM: f64 = 1e-7;
-/// An axis turns by no more in a step.
+/// Largest turn of an axis in one step.
 const MAX_STEP_DEG: f64 = 15.0;
 
 /// The flange's pose according to the drawing: the pose that the controller reports.
@@ -188,12 +190,12 @@ fn turns_rad(joints: &Joints) -> [f64; 6] {
     [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(f64::to_radians)
 }
 
-/// Moments of the weights about axes 2, 3 and 5, N mm; along these axes' own sense of rotation.
+/// Computes the moments of the weights about axes 2, 3 and 5, N mm, each in its axis's own sense of rotation.
 fn moments(q: &[f64; 6]) -> [f64; 3] {
     let [_, _, _, c2, a2, c3, c4] = DRAWN_MM;
     let lean = q[1] + q[2];
     let (elbow, wrist) = (c2 * q[1].sin(), a2 * lean.cos() + c3 * lean.sin());
-    // The wrist's weight hangs from the flange, as far forward as axes 4 and 5 put it.
+    // The wrist's weight acts at the flange; axes 4 and 5 determine how far forward this is.
     let tool = c4 * (lean.sin() * q[4].cos() + lean.cos() * q[4].sin() * q[3].cos());
     let [upper, fore, hand] = WEIGHTS_N;
     let about_3 = fore * wrist / 2.0 + hand * (wrist + tool);
@@ -235,7 +237,7 @@ fn chain(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rig
 mod tests {
     use super::*;
 
-    /// By hand: upper arm upright, forearm level: x = 25 + 365 + 90, z = 400 + 335 + 25.
+    /// Calculated by hand: upper arm upright, forearm level: x = 25 + 365 + 90, z = 400 + 335 + 25.
     #[test]
     fn the_drawing_is_the_kr_6() {
         let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
@@ -243,7 +245,8 @@ mod tests {
         assert_eq!(RealArm::new(1, 1.0).scaled(0.0).base_from_flange(&home), drawn_flange(&home));
     }
 
-    /// By hand, at home the upper arm bears nothing to turn it; the forearm 60 N at 182.5 mm, the hand 45 N at 455 mm.
+    /// Calculated by hand: in the home position no moment acts on the upper arm. The forearm has 60 N at 182.5 mm,
+    /// the wrist 45 N at 455 mm.
     #[test]
     fn weights_turn_the_axes_as_levers_do() {
         let [about_2, about_3, about_5] = moments(&turns_rad(&Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])));

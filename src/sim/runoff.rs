@@ -5,14 +5,15 @@
 use super::noise::{Normal, Purpose, Seed, smoothstep};
 use super::timing::WET_FROM_S;
 
-/// The pattern repeats after this many cells; powers of two. A cell is 1 mm wide and 1 mm high.
+/// The pattern repeats after this number of columns, and after `STREAK_ROWS` rows; both are powers of two. A cell
+/// is 1 mm wide and 1 mm high.
 const STREAK_COLUMNS: usize = 512;
 const STREAK_ROWS: usize = 1_024;
-/// How much thicker the film is in a streak at first, and later.
+/// Additional thickness of the film in a streak at first; `STREAK_LAST` is the later value.
 const STREAK_FIRST: f32 = 0.14;
 const STREAK_LAST: f32 = 0.05;
 const STREAK_FADES_S: f32 = 12.0;
-/// How fast the two copies travel, mm/s.
+/// Speeds of the two copies, mm/s.
 const STREAK_SPEEDS: [f64; 2] = [17.0, 41.0];
 
 /// The pattern.
@@ -29,7 +30,7 @@ pub(super) struct Drift<'a> {
 }
 
 impl Runoff {
-    /// Narrow across, long down.
+    /// Draws the pattern: narrow across, long down.
     pub fn new(seed: Seed) -> Self {
         const ACROSS: usize = 4;
         const DOWN: usize = 64;
@@ -52,12 +53,12 @@ impl Runoff {
         Runoff { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }
     }
 
-    /// Column and row of the pattern for a place of the sheet; rows grow upwards.
+    /// Returns the column and row of the pattern for a point of the sheet; rows grow upwards.
     pub fn place([s, t]: [f64; 2]) -> [u16; 2] {
         [s, t].map(|mm| (mm + 256.0).round().clamp(0.0, 511.0) as u16)
     }
 
-    /// The pattern as far as it has come at this time of the film, s.
+    /// Returns the pattern as moved until this time of the film, s.
     pub fn at(&self, time_s: f64) -> Drift<'_> {
         let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
         let amplitude = STREAK_LAST + (STREAK_FIRST - STREAK_LAST) * (-since_wet_s / STREAK_FADES_S).exp();
@@ -67,7 +68,7 @@ impl Runoff {
 }
 
 impl Drift<'_> {
-    /// How much the film darkens here, about 1.
+    /// Returns the factor by which the film darkens here, about 1.
     pub fn thickness(&self, [column, row]: [u16; 2]) -> f32 {
         let (column, row) = (usize::from(column), usize::from(row));
         let cell = |column: usize, shift: usize| {
@@ -82,7 +83,8 @@ impl Drift<'_> {
 mod tests {
     use super::*;
 
-    /// By hand: after one second the first copy has come down by 17 mm: what was at row 100 is at row 83.
+    /// Calculated by hand: after one second the first copy has moved down by 17 mm: the value of row 100 is now at
+    /// row 83.
     #[test]
     fn streaks_travel_down_and_thin_out() {
         let runoff = Runoff::new(Seed(1));

@@ -8,25 +8,26 @@
 use super::noise::{Purpose, Seed};
 use rand::RngExt;
 
-/// The lattice of the sheet: a cell is 1 mm wide, from −256 to 256 mm in both directions.
+/// Number of cells along each side of the sheet's lattice: a cell is 1 mm wide, from −256 to 256 mm in both
+/// directions.
 const CELLS: usize = 512;
 const HALF_MM: f64 = 256.0;
-/// The look changes over this width at the edge of what the disc covered, mm.
+/// Width of the transition of the look at the edge of the area that the disc covered, mm.
 const SOFT_MM: f64 = 0.8;
 
-/// The look of one place against the panel as it was made.
+/// The look of one point compared with the panel as made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Look {
     /// Factor of the dry brightness, by channel.
     pub albedo: [f64; 3],
     /// Share of the weave's contrast that is left.
     pub weave: f64,
-    /// A film leaves its usual share to this power.
+    /// Exponent for the usual share of light that a film leaves.
     pub film: f64,
 }
 
 impl Look {
-    /// Nothing was done to it.
+    /// The look of an untreated point.
     pub const AS_MADE: Look = Look { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
 
     fn mixed(self, other: &Look, share: f64) -> Look {
@@ -42,7 +43,7 @@ impl Look {
 /// One pass of the disc: its place and its effect.
 #[derive(Debug, Clone)]
 struct Pass {
-    /// Distance to the edge of what the disc covered, mm, positive inside; row by row from the lower left.
+    /// Distance to the edge of the area that the disc covered, mm, positive inside; row by row from the lower left.
     depth_mm: Vec<f32>,
     middle: Look,
     rim: Look,
@@ -63,7 +64,7 @@ pub struct SandedLook {
 }
 
 impl SandedLook {
-    /// What is expected of a real disc.
+    /// The expected look of a real disc's work.
     pub const USUAL: SandedLook = SandedLook { albedo: [0.7, 1.4] };
     /// From less than half of the brightness to almost twice the brightness.
     pub const WORST: SandedLook = SandedLook { albedo: [0.4, 1.8] };
@@ -117,12 +118,12 @@ impl Sanding {
         self.passes.is_empty()
     }
 
-    /// Whether the disc was at this place of the sheet, or nearer to it than `margin_mm`.
+    /// Returns whether the disc was at this point of the sheet, or nearer to it than `margin_mm`.
     pub(super) fn touched(&self, place: [f64; 2], margin_mm: f64) -> bool {
         self.passes.iter().any(|pass| pass.depth_at(place) > -margin_mm)
     }
 
-    /// How a place of the sheet looks now: a later pass covers the earlier ones.
+    /// Returns the present look of a point of the sheet: a later pass covers the earlier passes.
     pub(super) fn look(&self, place: [f64; 2]) -> Look {
         self.passes.iter().fold(Look::AS_MADE, |look, pass| {
             let depth = pass.depth_at(place);
@@ -133,14 +134,14 @@ impl Sanding {
 }
 
 impl Pass {
-    /// Between the centres of four cells.
+    /// Interpolates the depth between the centres of four cells.
     fn depth_at(&self, place: [f64; 2]) -> f64 {
         let [(column, across), (row, up)] = place.map(|mm| {
             let at = (mm + HALF_MM - 0.5).clamp(0.0, (CELLS - 2) as f64);
             (at as usize, at.fract())
         });
         let cell = |dc: usize, dr: usize| {
-            // Far from the disc the depth is that of no disc at all: any negative number serves.
+            // Far from the disc the depth is the same as without a disc: any negative number is correct.
             f64::from(self.depth_mm[(row + dr) * CELLS + column + dc].max(-1_000.0))
         };
         let low = cell(0, 0) + across * (cell(1, 0) - cell(0, 0));
@@ -149,7 +150,7 @@ impl Pass {
     }
 }
 
-/// Distance of a place to the nearest side of a convex quadrilateral, positive inside.
+/// Returns the distance of a point to the nearest side of a convex quadrilateral, positive inside.
 fn depth_in(quad: &[[f64; 2]; 4], [s, t]: [f64; 2]) -> f64 {
     let area: f64 = (0..4).map(|i| cross(quad[i], quad[(i + 1) % 4])).sum();
     let side = |i: usize| {

@@ -19,7 +19,7 @@ const CORRELATED_MM: f64 = 0.06;
 const LATTICE_MM: std::ops::Range<f64> = 50.0..85.0;
 /// Half the side of the square that the lattice covers: more than the largest panel.
 pub(super) const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
-/// How near to the panel's edge a pixel sees both sides, px.
+/// A pixel nearer than this to the panel's edge sees both sides, px.
 const EDGE_PX: f64 = 1.0;
 const FLYING_SHARE: f64 = 0.10;
 const EDGE_MISSING_SHARE: f64 = 0.75;
@@ -40,15 +40,16 @@ pub struct NoiseFigures {
     pub edge_missing_share: f64,
     /// Share of all other pixels without a point.
     pub drop_out_share: f64,
-    /// From the camera to its projector, mm: what the one sees and the other does not has no points.
+    /// Distance from the camera to its projector, mm: a surface that only one of the two sees has no points.
     pub projector_baseline_mm: f64,
-    /// What is nearer to the projector than a point by this share of its depth throws a shadow on it.
+    /// An object that is nearer to the projector than a point by this share of the point's depth throws a shadow on
+    /// the point.
     pub projector_shadow_share: f64,
     /// Pixel noise of both cameras, grey levels.
     pub pixel_gray: f64,
 }
 
-/// The noise that every rendered shot has.
+/// The noise of every rendered shot.
 pub fn noise_in_force() -> NoiseFigures {
     NoiseFigures {
         range_white_mm: WHITE_MM,
@@ -92,20 +93,21 @@ pub(super) fn capture(
     }
 }
 
-/// The correlated noise of a shot, in units of its rms: on a lattice of this spacing, mm, or of the camera's usual one.
+/// Draws the correlated noise of a shot, in units of its rms, on a lattice of this spacing, mm. `None` selects the
+/// camera's usual spacing.
 pub(super) fn correlated(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
     let usual_mm = || shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
     let lattice_mm = spacing_mm.unwrap_or_else(usual_mm);
     ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
 }
 
-/// The range error of a pixel that looks square at a surface, by its white and its correlated noise in units of
-/// their rms, mm.
+/// Computes the range error of a pixel that looks square at a surface, mm, from its white and its correlated noise
+/// in units of their rms.
 pub(super) fn range_error_mm(white: f64, depth_mm: f64, correlated: f64) -> f64 {
     white * WHITE_MM * (depth_mm / WHITE_AT_MM).powi(2) + CORRELATED_MM * correlated
 }
 
-/// A lit surface that a ray may end on.
+/// A lit surface on which a ray may end.
 struct Surface {
     depth_mm: f64,
     cos_incidence: f64,
@@ -136,14 +138,14 @@ impl Surface {
     }
 }
 
-/// The point that a pixel measures of what it sees.
+/// Returns the point that a pixel measures.
 pub(super) fn measured(
     sight: &PixelHit,
     projector: &Projector<'_>,
     correlated: &ValueNoise,
     normal: &mut Normal,
 ) -> Option<[f32; 3]> {
-    // Drawn for every pixel, so that what one pixel sees does not shift the noise of the next.
+    // Drawn for every pixel, so that the surface seen by one pixel does not change the noise of the next.
     let (white, chance, between) = (normal.next(), normal.share(), normal.share());
     let near = sight.panel.filter(|panel| panel.edge_px < EDGE_PX);
     let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_PX);

@@ -22,18 +22,18 @@ pub struct ScannerDistortion {
 }
 
 impl ScannerDistortion {
-    /// A camera of its own for each seed.
+    /// Creates a camera's error; each seed gives a different camera.
     pub fn new(seed: u64, depth_mm: f64) -> Self {
         ScannerDistortion { depth_mm, phase: (seed % 628) as f64 / 100.0 }
     }
 
-    /// c at a direction (X/Z, Y/Z), mm.
+    /// Computes c for a direction (X/Z, Y/Z), mm.
     pub fn at_mm(&self, [x, y]: [f64; 2]) -> f64 {
         let (x, y) = (x / HALF[0], y / HALF[1]);
         self.depth_mm * (x * x - 0.6 * y * y + 0.5 * (2.2 * x + 1.3 * y + self.phase).sin())
     }
 
-    /// The scan as this camera measures it.
+    /// Returns the scan as this camera measures it.
     pub fn bent(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         scan.along_rays(|[x, y, z]| 1.0 / (1.0 - z * self.at_mm([x / z, y / z]) / (AT_MM * AT_MM)))
     }

@@ -18,7 +18,7 @@ pub enum Scene {
     Clean,
     /// The fixture alone.
     NoPanel,
-    /// Another panel than the taught one.
+    /// A panel other than the taught panel.
     WrongPanel,
 }
 
@@ -26,7 +26,7 @@ impl Scene {
     /// Every scene.
     pub const ALL: &'static [Scene] = <Self as VariantArray>::VARIANTS;
 
-    /// The word that users script against.
+    /// The scene's keyword, which users use in scripts.
     pub fn word(self) -> &'static str {
         self.into()
     }
@@ -102,7 +102,7 @@ pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
 const MOUNT_ERROR_MM: f64 = 0.1;
 const MOUNT_ERROR_DEG: f64 = 0.01;
 
-/// What a calibration finds instead of the true mount. `index` distinguishes the mounts of a cell.
+/// Returns the mount that a calibration would find, with its error. `index` distinguishes the mounts of a cell.
 pub(super) fn calibrated<To: Frame, C: Frame>(seed: Seed, index: u64, true_mount: &Rigid<To, C>) -> Rigid<To, C> {
     let mut normal = Normal::new(seed.stream(Purpose::Calibration, index));
     let shift = direction(&mut normal) * MOUNT_ERROR_MM;
@@ -114,14 +114,15 @@ fn direction(normal: &mut Normal) -> Vector3<f64> {
     Vector3::from_fn(|_, _| normal.next()).normalize()
 }
 
-/// The panel's nominal place: its frame is the base's (thesis 3.8).
+/// The panel's nominal pose: its frame is the base's (thesis 3.8).
 pub(super) fn nominal() -> Rigid<Base, Panel> {
     Rigid::claim(Isometry3::identity())
 }
 
 const MAX_SHIFT_MM: f64 = 25.0;
 const MAX_TURN_DEG: f64 = 8.0;
-/// The panel moves less along its normal than aside, and so stays clear of the fixture.
+/// Factor of the shift along the panel's normal: it is smaller than sideways, so that the panel stays clear of the
+/// fixture.
 const SHIFT_ALONG_NORMAL: f64 = 0.6;
 
 /// The panel's displaced pose: shifted by up to 25 mm and turned by up to 8° about its centre; different for each
@@ -136,21 +137,21 @@ pub(super) fn displaced(seed: Seed, place: u32) -> Rigid<Base, Panel> {
     Rigid::claim(Isometry3::from_parts(Translation3::from(centre + shift - turned * centre), turned))
 }
 
-/// A corner of the panel as the flange camera is taught to see it.
+/// The view of a panel's corner in which it is taught to the flange camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerView {
-    /// Which corner the picture shows: the direction from the panel's inside towards it.
+    /// The name of the corner in the picture: the direction from the panel's inside to the corner.
     pub name: &'static str,
     /// The corner: the intersection of its two extended straight edges, on the surface.
     pub corner: Point<Panel>,
-    /// The flange's pose at the panel's nominal place.
+    /// The flange's pose for the panel at its nominal pose.
     pub base_from_flange: Rigid<Base, Flange>,
 }
 
 /// Distance from which the flange camera looks at a corner, mm.
 const CORNER_DISTANCE_MM: f64 = 235.0;
 
-/// Two corners, far apart, in the order in which they are to be used.
+/// Returns two corners, far apart, in the order in which they are to be used.
 pub(super) fn corner_views(shape: &Shape) -> Vec<CornerView> {
     let corners = shape.outline().corners();
     let named = [("top-left", corners.len() - 1, [9.0, -6.0]), ("bottom-right", 1, [-7.0, 5.0])];
@@ -162,14 +163,14 @@ fn corner_view(shape: &Shape, name: &'static str, place: [f64; 2], aside_mm: [f6
     let forward = -normal.mm;
     let right = (-Vector3::z()).cross(&forward).normalize();
     let down = forward.cross(&right);
-    // Not quite central: nothing may depend on the corner being in the middle.
+    // The corner is not quite central: no result may depend on a corner in the middle.
     let eye = corner.mm - forward * CORNER_DISTANCE_MM + right * aside_mm[0] + down * aside_mm[1];
     let base_from_camera: Rigid<Base, FlangeCamera> =
         Rigid::from_axes([right, down, forward].map(Vector::new), Point::new(eye));
     CornerView { name, corner, base_from_flange: base_from_camera * flange_from_camera().inverse() }
 }
 
-/// A flange pose as a robot and a rough localization reach it: changed by up to 5 mm and 1°.
+/// Returns the flange pose, changed by up to 5 mm and 1°, as a robot reaches it after a rough localization.
 pub(super) fn nearly(seed: Seed, index: u64, base_from_flange: &Rigid<Base, Flange>) -> Rigid<Base, Flange> {
     let mut normal = Normal::new(seed.stream(Purpose::FlangePose, index));
     let shift = direction(&mut normal) * (5.0 * (0.2 + 0.8 * normal.share()));
@@ -181,7 +182,8 @@ pub(super) fn nearly(seed: Seed, index: u64, base_from_flange: &Rigid<Base, Flan
 mod tests {
     use super::*;
 
-    /// By hand: the panel's centre is √(660² + 250² + 340²) = √613700 = 783.39 mm before the camera, in its middle.
+    /// Calculated by hand: the panel's centre is √(660² + 250² + 340²) = √613700 = 783.39 mm in front of the
+    /// camera, in the middle of its picture.
     #[test]
     fn the_scanner_looks_at_the_panels_centre() {
         let centre = base_from_camera().inverse() * Point::<Base>::at(560.0, 0.0, 360.0);

@@ -14,7 +14,7 @@ use rand_pcg::Pcg64;
 /// The panel's centre, in the panel's frame: its place in front of the robot if that frame is the base.
 pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 
-/// From the middle of the taught panel to its ends along s, mm, about.
+/// Distance from the middle of the taught panel to its ends along s, mm, approximate.
 const HALF_LENGTH_MM: f64 = 165.0;
 
 /// Radius of the outline's corners, mm.
@@ -78,27 +78,27 @@ impl Relief {
     }
 }
 
-/// How a panel is bent since it was taught: its middle lies in front of both its ends, and a wave runs over it.
+/// The bend of a panel since it was taught: its middle lies in front of both its ends, with a wave over the panel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Bend {
-    /// How far the middle lies in front of the ends, mm.
+    /// Distance of the middle in front of the ends, mm.
     pub bow_mm: f64,
-    /// From the middle to the ends, mm.
+    /// Distance from the middle to the ends, mm.
     pub half_mm: f64,
     /// The direction from end to end on the sheet, from its s axis, rad.
     pub along_rad: f64,
     /// Half the wave's height, mm.
     pub wave_mm: f64,
-    /// From crest to crest, mm.
+    /// Wavelength from crest to crest, mm.
     pub length_mm: f64,
-    /// The direction in which it runs, from the s axis, rad.
+    /// The wave's direction, from the s axis, rad.
     pub runs_rad: f64,
     /// The wave's phase at the panel's centre, rad.
     pub phase_rad: f64,
 }
 
 impl Bend {
-    /// Height and its two slopes at a place of the sheet.
+    /// Returns the height and its two slopes at a point of the sheet.
     fn height(&self, [s, t]: [f64; 2]) -> [f64; 3] {
         let (mut height, mut slope_s, mut slope_t) = (0.0, 0.0, 0.0);
         if self.half_mm > 0.0 {
@@ -129,7 +129,7 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// The panel that is taught; curvatures and outline vary with the seed.
+    /// Draws the taught panel; curvatures and outline vary with the seed.
     pub fn taught(seed: Seed) -> Self {
         let mut random = seed.stream(Purpose::Shape, 0);
         let mut about = |middle: f64, share: f64| middle * random.random_range(1.0 - share..1.0 + share);
@@ -150,19 +150,19 @@ impl Shape {
         Shape::new(relief, &corners, &mut random)
     }
 
-    /// The same panel bent: its middle lies this far in front of its ends along s, mm.
+    /// Returns the same panel bent: its middle lies in front of its ends along s by this distance, mm.
     pub fn bowed(self, bow_mm: f64) -> Self {
         let bend_ss = self.relief.bend_ss - 2.0 * bow_mm / HALF_LENGTH_MM.powi(2);
         let relief = Relief { bend_ss, lift_mm: self.relief.lift_mm + bow_mm, ..self.relief };
         Shape { relief, ..self }
     }
 
-    /// The same panel bent since it was taught.
+    /// Returns the same panel, bent since it was taught.
     pub fn bent_by(self, bend: Bend) -> Self {
         Shape { bend: Some(bend), ..self }
     }
 
-    /// Another panel: other outline, other curvatures.
+    /// Draws another panel, with another outline and other curvatures.
     pub fn wrong(seed: Seed) -> Self {
         let mut random = seed.stream(Purpose::Shape, 1);
         let mut about = |middle: f64, share: f64| middle * random.random_range(1.0 - share..1.0 + share);
@@ -190,7 +190,7 @@ impl Shape {
         Shape::from_parts(relief, Outline::new(corners, ROUNDING_MM))
     }
 
-    /// A panel from its parts.
+    /// Creates a panel from its parts.
     pub fn from_parts(relief: Relief, outline: Outline) -> Self {
         let [x, y, z] = CENTRE_MM;
         let axes = Rotation3::from_basis_unchecked(&[-Vector3::y(), Vector3::z(), -Vector3::x()]);
@@ -204,12 +204,12 @@ impl Shape {
         &self.outline
     }
 
-    /// From sheet coordinates to the panel's frame.
+    /// The transformation from sheet coordinates to the panel's frame.
     pub fn panel_from_sheet(&self) -> &Isometry3<f64> {
         &self.panel_from_sheet
     }
 
-    /// Height above the sheet and its two slopes ∂h/∂s, ∂h/∂t.
+    /// Returns the height above the sheet and its two slopes ∂h/∂s, ∂h/∂t.
     pub fn height(&self, s: f64, t: f64) -> [f64; 3] {
         let r = &self.relief;
         let bent = self.bend.map_or([0.0; 3], |bend| bend.height([s, t]));
@@ -228,12 +228,12 @@ impl Shape {
         std::array::from_fn(|n| taught[n] + bent[n])
     }
 
-    /// The place on the surface above a place of the sheet.
+    /// Returns the point of the surface above a point of the sheet.
     pub fn point(&self, [s, t]: [f64; 2]) -> Point<Panel> {
         Point::new(self.panel_from_sheet * Point3::new(s, t, self.height(s, t)[0]))
     }
 
-    /// The outward normal there, of length 1.
+    /// Returns the outward normal above a point of the sheet, of length 1.
     pub fn normal(&self, [s, t]: [f64; 2]) -> Vector<Panel> {
         Vector::new(self.panel_from_sheet * self.sheet_normal([s, t]))
     }
@@ -289,7 +289,7 @@ mod tests {
         }
     }
 
-    /// The visible side looks to the robot; a point 2 mm before the surface is 2 mm away.
+    /// The visible side faces the robot; a point 2 mm in front of the surface has the distance 2 mm.
     #[test]
     fn distance_is_measured_along_the_outward_normal() {
         let shape = Shape::taught(Seed(3));

@@ -17,11 +17,11 @@ pub struct Spot {
     centre: Vector2<f64>,
     half_axes_mm: Vector2<f64>,
     turn: Rotation2<f64>,
-    /// Share and phase of two, three and five waves around the outline.
+    /// Count, share and phase of the waves around the outline: two, three and five waves.
     waves: [(f64, f64, f64); 3],
-    /// When the film opens at the centre, s of the film.
+    /// Time at which the film opens at the centre, s of the film.
     pub breaks_at_s: f64,
-    /// How long the break grows until it fills the outline, s.
+    /// Time in which the break grows from the centre to the outline, s.
     pub grows_s: f64,
     /// When the film closes over it again, s of the film; infinite if it does not.
     pub closes_at_s: f64,
@@ -29,37 +29,38 @@ pub struct Spot {
     pub kind: SpotKind,
 }
 
-/// How a place is greasy.
+/// The behaviour of the film on a greasy spot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpotKind {
-    /// Its film breaks while it is watched.
+    /// The spot's film breaks while it is watched.
     Breaks,
-    /// It becomes wet and dries half a second later, under the spray.
+    /// The spot becomes wet and dries half a second later, during the spray.
     UnderSpray,
-    /// Water never stays on it.
+    /// Water never stays on the spot.
     NeverWets,
 }
 
 /// The grease of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Grease {
-    /// This many places from 25 to 600 mm², of every kind; the film of the last ones breaks at this time, s of the film.
+    /// Spots from 25 to 600 mm², of every kind: `count` of them. The film of the last ones breaks at `until_s`, s
+    /// of the film.
     Mixed {
         /// Places.
         count: usize,
-        /// When the last one is all broken.
+        /// Time at which the last film is completely broken, s of the film.
         until_s: f64,
     },
-    /// One place of this share of the panel, 0…1.
+    /// One spot that covers this share of the panel, 0…1.
     Share {
         /// The share.
         share: f64,
-        /// How it is greasy.
+        /// The kind of the spot.
         kind: SpotKind,
     },
 }
 
-/// Places keep this far from the panel's outline beyond their own radius, mm, and so inside the region.
+/// Distance of the spots from the panel's outline, in addition to their own radius, mm: they lie inside the region.
 const MIXED_EDGE_MM: f64 = 18.0;
 
 /// The places that `grease` specifies on this panel; its film is whole from `wet_from_s` on.
@@ -111,7 +112,8 @@ fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f
 }
 
 fn covering(share: f64, kind: SpotKind) -> Spot {
-    // The panel is about 334 × 228 mm less a corner; from nine tenths on the ellipse is larger than the panel.
+    // The panel is about 334 × 228 mm without a corner; for shares from nine tenths, the ellipse is larger than the
+    // panel.
     const PANEL_MM2: f64 = 73_000.0;
     const ASPECT: f64 = 1.45;
     let area_mm2 = if share < 0.9 { share * PANEL_MM2 } else { 6.0 * PANEL_MM2 };
@@ -127,7 +129,8 @@ fn covering(share: f64, kind: SpotKind) -> Spot {
     }
 }
 
-/// Spots stay this far from the panel's outline and from each other, mm, centre to edge and centre to centre.
+/// Minimum distance of a spot's centre from the panel's outline, mm; `SPOT_DISTANCE_MM` is that between two
+/// centres.
 const EDGE_DISTANCE_MM: f64 = 42.0;
 const SPOT_DISTANCE_MM: f64 = 52.0;
 
@@ -140,7 +143,7 @@ pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<Spot> {
         let centre = Vector2::new(random.random_range(-170.0..170.0), random.random_range(-120.0..120.0));
         let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > SPOT_DISTANCE_MM);
         if apart && shape.outline().distance(centre).0 < -EDGE_DISTANCE_MM {
-            // The first one breaks early, so that a short film shows one.
+            // The first spot breaks early, so that a short film shows a break.
             let latest_s = if spots.is_empty() { 6.0 } else { 25.0 };
             spots.push(spot(&mut random, centre, wet_from_s + 1.5, latest_s));
         }
@@ -163,12 +166,13 @@ fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) 
 }
 
 impl Spot {
-    /// Centre on the sheet, mm.
+    /// The spot's centre on the sheet, mm.
     pub(super) fn centre_mm(&self) -> [f64; 2] {
         self.centre.into()
     }
 
-    /// Share of the way from the centre to the outline, and the rest of that way in mm, negative outside.
+    /// Returns the position between centre and outline as a share of that way, and the rest of the way in mm,
+    /// negative outside.
     pub(super) fn reach(&self, place: [f64; 2]) -> (f64, f64) {
         let away = Vector2::from(place) - self.centre;
         let flat = (self.turn.inverse() * away).component_div(&self.half_axes_mm);
@@ -178,12 +182,13 @@ impl Spot {
         (reached, left_mm)
     }
 
-    /// When the film breaks at this share of the way to the outline, s of the film.
+    /// Returns the time at which the film breaks at this share of the way from the centre to the outline, s of the
+    /// film.
     pub(super) fn breaks_s(&self, reached: f64) -> f64 {
         self.breaks_at_s + self.grows_s * reached.powf(1.5)
     }
 
-    /// When the film breaks at such a place that water reaches at `wet_from_s`.
+    /// Returns the time at which the film breaks at a point of the spot that water reaches at `wet_from_s`.
     pub(super) fn breaks_where_wet_s(&self, reached: f64, wet_from_s: f64) -> f64 {
         const WET_FOR_S: f64 = 0.5;
         match self.kind {
@@ -193,17 +198,17 @@ impl Spot {
         }
     }
 
-    /// Largest distance of the outline from the centre, mm.
+    /// Largest distance of the spot's outline from its centre, mm.
     pub(super) fn radius_mm(&self) -> f64 {
         self.half_axes_mm.max() * (1.0 + self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 
-    /// Smallest distance of the outline from the centre, or a little less, mm.
+    /// Smallest distance of the spot's outline from its centre, or a slightly smaller value, mm.
     pub(super) fn least_radius_mm(&self) -> f64 {
         self.half_axes_mm.min() * (1.0 - self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 
-    /// The outline on the sheet as a closed polyline, mm.
+    /// The spot's outline on the sheet as a closed polyline, mm.
     pub(super) fn outline_mm(&self) -> Vec<[f64; 2]> {
         const POINTS: usize = 72;
         let point = |i: usize| {
@@ -247,7 +252,7 @@ mod tests {
         }
     }
 
-    /// By hand: a quarter of the way is reached after an eighth of the time, 0.25^1.5 = 0.125.
+    /// Calculated by hand: the break reaches a quarter of the way after an eighth of the time: 0.25^1.5 = 0.125.
     #[test]
     fn a_break_grows_from_the_centre() {
         let shape = Shape::taught(Seed(1));

@@ -1,6 +1,7 @@
-//! The stationary boards in the cell, on which the cameras' calibrations are verified day by day.
+//! The stationary boards in the cell, with which the cameras' calibrations are verified every day.
 //!
-//! There is one before each camera. Their known poses carry the error of a pointer that touched them.
+//! There is one board for each camera. The stated poses of the boards contain the error of the pointer that touched
+//! them.
 
 use super::board::BoardPrint;
 use super::cell::Cell;
@@ -9,10 +10,10 @@ use super::scene;
 use crate::geometry::{Base, Board, Flange, Frame, GrayPicture, PinholeCamera, Point, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// Error of the touched place of a board along each axis, mm.
+/// Error of the touched position of a board along each axis, mm.
 const TOUCH_NOISE_MM: f64 = 0.03;
 
-/// A board before a camera.
+/// A board in front of a camera.
 #[derive(Debug, Clone)]
 pub struct Target {
     /// Its true pose.
@@ -21,12 +22,12 @@ pub struct Target {
     pub known_base_from_board: Rigid<Base, Board>,
     /// The flange's pose when its camera looks; without meaning for the fixed camera.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// What the camera sees.
+    /// The camera's picture of the board.
     pub picture: GrayPicture,
 }
 
 impl Target {
-    /// The board: 5 × 4 inner corners, 40 mm.
+    /// The print of the board: 5 × 4 inner corners, 40 mm.
     pub fn print() -> BoardPrint {
         BoardPrint::chessboard(5, 4, 40.0)
     }
@@ -40,7 +41,7 @@ impl Cell {
         self.target(0, &self.scanner.0, &camera_from_board, (base_from_board, Rigid::claim(Isometry3::identity())))
     }
 
-    /// The board that lies in the cell, and the flange camera over it.
+    /// Returns the board that lies in the cell, seen by the flange camera above it.
     pub fn flange_target(&self) -> Target {
         let base_from_board: Rigid<Base, Board> = held([540.0, 60.0, 200.0], [std::f64::consts::PI, 0.02, 0.0]);
         let camera_from_board = held([10.0, -8.0, 470.0], [0.2, 0.15, 0.1]);
@@ -49,7 +50,7 @@ impl Cell {
         self.target(1, &self.flange_camera.0, &camera_from_board, (base_from_board, base_from_flange))
     }
 
-    /// Places of a target's board as the tool's tip finds them, in the base.
+    /// Returns points of a target's board as measured with the tool's tip, in the base.
     pub fn touched_target(&self, target: &Target, places: &[Point<Board>]) -> Vec<Point<Base>> {
         let mut normal = Normal::new(self.seed.stream(Purpose::Touch, 2));
         let mut touch = |&place: &Point<Board>| {
@@ -78,7 +79,7 @@ impl Cell {
     }
 }
 
-/// The board with its middle at a place, turned by a vector of angles, rad.
+/// Returns the board's pose with its middle at a position, rotated by a rotation vector, rad.
 fn held<To: Frame>(middle_mm: [f64; 3], turn: [f64; 3]) -> Rigid<To, Board> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn));
     let shift = Vector3::from(middle_mm) - turn * Target::print().middle().mm.coords;

@@ -1,6 +1,6 @@
 //! The phases of a film and the times at which they begin.
 
-/// What happens to the panel at a time of the film.
+/// The phase of the film at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
@@ -8,18 +8,18 @@ pub enum Phase {
     Dry,
     /// Water runs down over the panel.
     Spray,
-    /// The whole panel has been reached; the film is watched.
+    /// Water has reached the whole panel; the film is watched.
     Wet,
 }
 
 impl Phase {
-    /// The word in `clip.csv`.
+    /// The phase's keyword in `clip.csv`.
     pub fn word(self) -> &'static str {
         self.into()
     }
 }
 
-/// When the panel is fully wet and its film is watched from, s.
+/// Time from which the panel is fully wet and its film is watched, s.
 pub const WET_FROM_S: f64 = 4.0;
-/// When the spray begins, s.
+/// Time at which the spray begins, s.
 pub const SPRAY_FROM_S: f64 = 1.0;

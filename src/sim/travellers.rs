@@ -1,6 +1,7 @@
-//! What moves over the film: glints, which are additive and bright, and drops, which are thick film that runs down.
+//! Objects that move over the film: glints, which are additive and bright, and drops, which are thick film that
+//! runs down.
 //!
-//! Each exists for a while and then appears elsewhere; its position is a function of time alone. Its speed varies
+//! Each exists for a while and then appears elsewhere; its position is a function of time only. Its speed varies
 //! periodically: x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
 
 use super::noise::{Purpose, Seed};
@@ -16,7 +17,7 @@ pub(super) struct Ground {
     pub px_per_mm: f64,
 }
 
-/// One traveller at one time.
+/// One glint or drop at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spotted {
     pub centre_px: [f32; 2],
@@ -39,7 +40,7 @@ impl Travellers {
         Travellers { seed, purpose, count, ground }
     }
 
-    /// All of them at this time, s.
+    /// Returns all glints or drops at this time, s.
     pub fn at(&self, time_s: f64) -> Vec<Spotted> {
         (0..self.count as u64).map(|index| self.one(index, time_s)).collect()
     }
@@ -57,7 +58,7 @@ impl Travellers {
         } else {
             (logarithmic(&mut random, 8.0, 60.0), random.random_range(0.9..2.2))
         };
-        // Glints go any way that is more down than up; drops run down.
+        // Glints move in any direction that is more down than up; drops run down.
         let aside_rad = if glint { random.random_range(-1.8..1.8) } else { random.random_range(-0.15..0.15) };
         let (swell, beat) = (random.random_range(0.0..0.9), TAU * random.random_range(0.3..1.5));
         let gone_px = speed_mm_s * self.ground.px_per_mm * (age_s + swell * (beat * age_s).sin() / beat);
@@ -76,7 +77,7 @@ fn logarithmic(random: &mut Pcg64, low: f64, high: f64) -> f64 {
 }
 
 impl Spotted {
-    /// A glint's light along one row: Gaussian.
+    /// Adds the light of a glint along one row: Gaussian.
     pub fn shine(&self, row: usize, first_column: usize, levels: &mut [f32]) {
         let (reach, dv) = (3.0 * self.radius_px, row as f32 - self.centre_px[1]);
         for (column, level) in self.columns(dv, reach, first_column, levels) {
@@ -85,7 +86,7 @@ impl Spotted {
         }
     }
 
-    /// A drop's share of the pixels of one row, 0…1.
+    /// Computes the share of each pixel of one row that a drop covers, 0…1.
     pub fn cover(&self, row: usize, first_column: usize, shares: &mut [f32]) {
         let dv = row as f32 - self.centre_px[1];
         for (column, share) in self.columns(dv, self.radius_px + 1.0, first_column, shares) {
@@ -123,12 +124,12 @@ mod tests {
             .iter()
             .zip(&soon)
             .map(|(a, b)| (a.centre_px[0] - b.centre_px[0]).hypot(a.centre_px[1] - b.centre_px[1]));
-        // 40 mm/s at most, twice that while it swells: 1.6 px in 10 ms.
+        // At most 40 mm/s, and twice this speed at the peak of the variation: 1.6 px in 10 ms.
         assert!(steps.clone().filter(|step| *step < 1.6).count() >= 29 && steps.clone().any(|step| step > 0.0));
         assert_eq!(glints.at(7.0), now);
     }
 
-    /// By hand: a pixel beside the centre has exp(−1/8) of the peak with a radius of 2 px.
+    /// Calculated by hand: with a radius of 2 px, a pixel beside the centre has exp(−1/8) of the peak.
     #[test]
     fn a_glint_is_a_bell_and_a_drop_a_disc() {
         let spotted = Spotted { centre_px: [10.0, 5.0], radius_px: 2.0, peak_gray: 100.0 };

@@ -1,4 +1,4 @@
-//! The ground truth of a simulated cell: for scores and tests, never for a stage.
+//! The ground truth of a simulated cell: for scores and tests, never as input of a stage.
 
 use super::scene::{CornerView, Scene};
 use super::shape::Shape;
@@ -6,7 +6,7 @@ use super::spots::Spot;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid, Vector};
 use serde::{Deserialize, Serialize};
 
-/// The truth of a cell.
+/// The ground truth of a cell.
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// The seed of the cell.
@@ -17,7 +17,7 @@ pub struct Truth {
     pub base_from_panel: Rigid<Base, Panel>,
     /// The 3D camera's pose.
     pub base_from_camera: Rigid<Base, Camera>,
-    /// How the flange camera is mounted.
+    /// The true mount of the flange camera.
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// The corners of the taught views: the intersections of straight edges, on the surface.
     pub corners: Vec<CornerView>,
@@ -31,13 +31,13 @@ pub struct Truth {
 pub struct TrueSpot {
     /// The spot's centre on the surface.
     pub centre: Point<Panel>,
-    /// Its outline on the surface, closed, the last point not repeated.
+    /// The spot's outline on the surface, closed, the last point not repeated.
     pub outline: Vec<Point<Panel>>,
-    /// Its area on the surface, mm².
+    /// The spot's area on the surface, mm².
     pub area_mm2: f64,
-    /// When the film opens at its centre, s of the film.
+    /// Time at which the film opens at the spot's centre, s of the film.
     pub breaks_at_s: f64,
-    /// When the break fills the outline, s of the film.
+    /// Time at which the break fills the spot's outline, s of the film.
     pub grown_at_s: f64,
 }
 
@@ -54,27 +54,28 @@ impl Truth {
         Truth { seed, scene, base_from_panel, base_from_camera, flange_from_camera, corners, spots, shape }
     }
 
-    /// Signed distance of a point from the displaced panel's surface along the outward normal, mm.
+    /// Returns the signed distance of a point from the displaced panel's surface along the outward normal, mm.
     pub fn distance_mm(&self, point: Point<Panel>) -> f64 {
         self.shape.nearest(point).1
     }
 
-    /// The outward normal of the surface nearest to a point.
+    /// Returns the outward normal of the surface nearest to a point.
     pub fn normal(&self, point: Point<Panel>) -> Vector<Panel> {
         self.shape.normal(self.shape.nearest(point).0)
     }
 
-    /// Signed distance of a point from the panel's outline, negative inside, mm on the panel's flat sheet.
+    /// Returns the signed distance of a point from the panel's outline, negative inside, mm on the panel's flat
+    /// sheet.
     pub fn outline_distance_mm(&self, point: Point<Panel>) -> f64 {
         self.shape.outline().distance(self.shape.nearest(point).0.into()).0
     }
 
-    /// The panel's outline on its surface, a point each 5 mm.
+    /// The panel's outline on its surface, one point every 5 mm.
     pub fn outline(&self) -> Vec<Point<Panel>> {
         self.shape.outline().polyline(5.0).into_iter().map(|place| self.shape.point(place.into())).collect()
     }
 
-    /// Points of the surface on a lattice of 10 mm: an error of a place is its error over these.
+    /// Points of the surface on a lattice of 10 mm: the error of a pose is evaluated at these points.
     pub fn surface_points(&self) -> Vec<Point<Panel>> {
         let lattice = (-20..=20).flat_map(|j| (-20..=20).map(move |i| [f64::from(i) * 10.0, f64::from(j) * 10.0]));
         lattice
@@ -91,7 +92,7 @@ impl Truth {
         PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
     }
 
-    /// The truth as numbers, for a file.
+    /// Returns the ground truth as numbers, for a file.
     pub fn numbers(&self) -> TruthNumbers {
         let point = |point: Point<Panel>| point.mm.coords.into();
         TruthNumbers {
@@ -121,7 +122,7 @@ impl Truth {
     }
 }
 
-/// How far a found place is from the truth, over the panel's surface.
+/// The error of a found pose, over the panel's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacementError {
     /// Mean, mm.
@@ -135,13 +136,13 @@ pub struct PlacementError {
 pub struct TruthNumbers {
     /// The seed of the cell.
     pub seed: u64,
-    /// The word of its scene.
+    /// The keyword of the cell's scene.
     pub scene: String,
     /// The displaced panel's pose.
     pub base_from_panel: KukaPose,
     /// The 3D camera's pose.
     pub base_from_camera: KukaPose,
-    /// How the flange camera is mounted.
+    /// The true mount of the flange camera.
     pub flange_from_camera: KukaPose,
     /// The taught corners.
     pub corners: Vec<CornerNumbers>,
@@ -151,7 +152,7 @@ pub struct TruthNumbers {
     pub spots: Vec<SpotNumbers>,
 }
 
-/// A corner as it is written.
+/// A corner in the form for a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CornerNumbers {
     /// Which corner.
@@ -160,25 +161,25 @@ pub struct CornerNumbers {
     pub corner_mm: [f64; 3],
 }
 
-/// A greasy spot as it is written.
+/// A greasy spot in the form for a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SpotNumbers {
     /// Centre.
     pub centre_mm: [f64; 3],
     /// Outline.
     pub outline_mm: Vec<[f64; 3]>,
-    /// Area on the surface, mm².
+    /// The spot's area on the surface, mm².
     pub area_mm2: f64,
-    /// When the film opens, s of the film.
+    /// Time at which the film opens at the spot's centre, s of the film.
     pub breaks_at_s: f64,
-    /// When the break fills the outline, s of the film.
+    /// Time at which the break fills the spot's outline, s of the film.
     pub grown_at_s: f64,
 }
 
 fn true_spot(shape: &Shape, spot: &Spot) -> TrueSpot {
     let outline: Vec<Point<Panel>> = spot.outline_mm().into_iter().map(|place| shape.point(place)).collect();
     let centre = shape.point(spot.centre_mm());
-    // A fan about the centre: the surface is nearly flat within a spot.
+    // A fan of triangles about the centre: the surface is nearly flat within a spot.
     let next = outline.iter().cycle().skip(1);
     let area_mm2 =
         outline.iter().zip(next).map(|(&a, &b)| (a - centre).mm.cross(&(b - centre).mm).norm() / 2.0).sum();
@@ -191,7 +192,7 @@ mod tests {
     use super::super::Cell;
     use super::*;
 
-    /// By hand: shifting the found place by 0.3 mm shifts every point by 0.3 mm.
+    /// Calculated by hand: shifting the found pose by 0.3 mm shifts every point by 0.3 mm.
     #[test]
     fn the_error_of_a_place_is_measured_over_the_surface() {
         let truth = Cell::new(1, Scene::Good, 8).truth();

@@ -1,5 +1,6 @@
-//! Panels of many shapes: outlines of four to eight straight sides with windows and notches, surfaces from flat to deeply
-//! bent. Drawn from a seed; each has a corner cut off that no other has, so that no two placements are alike.
+//! Panels of many shapes: outlines of four to eight straight sides with windows and notches, surfaces from flat to
+//! deeply bent. They are drawn from a seed. On each panel one corner is cut off more than the others, so that only
+//! one placement fits.
 
 use super::noise::Seed;
 use super::outline::Outline;
@@ -8,24 +9,24 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Smallest and largest length and width, mm.
+/// Smallest and largest length, mm; `WIDTH_MM` is the same for the width.
 const LENGTH_MM: [f64; 2] = [140.0, 390.0];
 const WIDTH_MM: [f64; 2] = [100.0, 260.0];
-/// A surface bends up by no more than this at its ends, mm.
+/// Largest rise of a surface at its ends, mm.
 const MAX_RISE_MM: f64 = 22.0;
 
-/// A panel with what it was made from.
+/// A panel with the parts from which it was made.
 #[derive(Debug, Clone)]
 pub(super) struct Panel {
     relief: Relief,
     corners: Vec<Vector2<f64>>,
     cuts: Vec<Vec<Vector2<f64>>>,
-    /// Length and width of the rectangle that it was cut from, mm.
+    /// Length and width of the rectangle from which the panel was cut, mm.
     pub size_mm: [f64; 2],
 }
 
 impl Panel {
-    /// A panel of any shape.
+    /// Draws a panel of any shape.
     pub fn any(random: &mut Pcg64) -> Panel {
         let length = random.random_range(LENGTH_MM[0]..LENGTH_MM[1]);
         let width = random.random_range(WIDTH_MM[0]..WIDTH_MM[1]).min(0.95 * length);
@@ -44,7 +45,7 @@ impl Panel {
         panel
     }
 
-    /// A flat rectangle, which looks the same turned by half a turn.
+    /// Draws a flat rectangle, which looks the same after half a turn.
     pub fn symmetric(random: &mut Pcg64) -> Panel {
         let length = random.random_range(200.0..360.0);
         let width = random.random_range(120.0..180.0);
@@ -55,7 +56,7 @@ impl Panel {
         Panel { relief, corners, cuts: Vec::new(), size_mm: [length, width] }
     }
 
-    /// The same outline on a flat plate.
+    /// Returns the same outline on a flat plate.
     pub fn flattened(&self) -> Panel {
         Panel { relief: Relief::FLAT, ..self.clone() }
     }
@@ -69,7 +70,7 @@ impl Panel {
         Shape::from_parts(self.relief, outline)
     }
 
-    /// The same in a mirror.
+    /// Returns the mirror image of the panel.
     pub fn mirrored(&self) -> Panel {
         let mirror = |corners: &[Vector2<f64>]| {
             corners.iter().rev().map(|corner| Vector2::new(-corner.x, corner.y)).collect::<Vec<_>>()
@@ -82,12 +83,12 @@ impl Panel {
         }
     }
 
-    /// Its back, turned to the viewer.
+    /// Returns the panel's back, turned to the viewer.
     pub fn back(&self) -> Panel {
         Panel { relief: self.relief.mirrored().inverted(), ..self.mirrored() }
     }
 
-    /// The same outline made larger.
+    /// Returns the same outline, scaled.
     pub fn scaled(&self, factor: f64) -> Panel {
         let larger = |corners: &[Vector2<f64>]| corners.iter().map(|corner| corner * factor).collect::<Vec<_>>();
         Panel {
@@ -98,13 +99,13 @@ impl Panel {
         }
     }
 
-    /// The same, bent up at both ends of its length, mm.
+    /// Returns the same panel, bent up at both ends of its length, mm.
     pub fn bent(&self, rise_mm: f64) -> Panel {
         let bend = 8.0 * rise_mm / (self.size_mm[0] * self.size_mm[0]);
         Panel { relief: Relief { bend_ss: self.relief.bend_ss + bend, ..self.relief }, ..self.clone() }
     }
 
-    /// The same with a strip of its length cut off, mm.
+    /// Returns the same panel without a strip of its length, mm.
     pub fn trimmed(&self, cut_mm: f64) -> Panel {
         let [length, width] = self.size_mm;
         let reach = self.corners.iter().map(|corner| corner.x).fold(0.0, f64::max);
@@ -117,7 +118,7 @@ impl Panel {
 }
 
 fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
-    // One corner is cut off by more than any other.
+    // One corner is cut off more than the others.
     let marked = random.random_range(0..4);
     let mut corners = Vec::new();
     for (index, [s, t]) in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].into_iter().enumerate() {
@@ -141,13 +142,13 @@ fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     ordered(corners)
 }
 
-/// Counter-clockwise about the middle: convex outlines have one such order.
+/// Sorts the corners counter-clockwise about the middle: a convex outline has only one such order.
 fn ordered(mut corners: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
     corners.sort_by(|a, b| a.y.atan2(a.x).total_cmp(&b.y.atan2(b.x)));
     corners
 }
 
-/// An eight-sided window outside of the panel's middle.
+/// Draws an eight-sided window outside the panel's middle.
 fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let radius = random.random_range(7.0..0.09 * width);
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
@@ -158,7 +159,7 @@ fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// A notch in a long side.
+/// Draws a notch in a long side.
 fn notch(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
     let (middle, half) = (random.random_range(-0.3..0.3) * length, random.random_range(0.04..0.08) * length);
@@ -193,7 +194,7 @@ fn relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
     }
 }
 
-/// A generator for a trial's panel.
+/// Creates the generator for a trial's panel.
 pub(super) fn generator(seed: Seed, index: u64) -> Pcg64 {
     seed.stream(super::noise::Purpose::Trial, index)
 }
@@ -219,7 +220,8 @@ mod tests {
         }
     }
 
-    /// By hand: in the mirror the place (30, 10) has the height of (−30, 10); its back has minus that.
+    /// Calculated by hand: in the mirror image the point (30, 10) has the height of (−30, 10); the back has minus
+    /// that height.
     #[test]
     fn mirror_and_back() {
         let panel = Panel::any(&mut generator(Seed(3), 0));

@@ -10,13 +10,13 @@ use crate::geometry::ColorPicture;
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// Drops on each square of this side, mm, and their radii, mm.
+/// Side of the square that contains one drop, mm; `RADII_MM` are the radii of the drops.
 const SQUARE_MM: f64 = 9.0;
 const RADII_MM: std::ops::Range<f64> = 0.4..2.2;
-/// What a drop leaves of the film's brightness, and the level of its glint.
+/// Share of the film's brightness that remains in a drop; `GLINT` is the grey level of the drop's glint.
 const DARK: f64 = 0.75;
 const GLINT: f64 = 235.0;
-/// Beyond the panel's edge a drop reaches this share of its radius.
+/// Largest extent of a drop beyond the panel's edge, as a share of the drop's radius.
 const OVERHANG: f64 = 0.35;
 
 /// Takes a picture of the wet scene; `shot` is its own seed.
@@ -32,7 +32,7 @@ pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> Color
     picture
 }
 
-/// The colour with the drop that lies there, if one does.
+/// Applies the drop at this pixel to the colour, if there is a drop.
 fn dropped(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
     let Some(panel) = sight.panel else { return color };
     let cell = panel.place.map(|mm| (mm / SQUARE_MM).floor() as i64);

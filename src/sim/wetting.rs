@@ -1,9 +1,9 @@
-//! One pixel of the panel under water: when it becomes wet, when its film breaks there and closes again.
+//! One pixel of the panel under water: when it becomes wet, and when its film breaks and closes again.
 //!
-//! With r the share that water has reached, q that of the pixel which is greasy, b that of a bead or droplet on it,
-//! o and c how far the film has opened and closed, each 0…1 and linear in time, its film is  r (1 − q (1 − b) o (1
-//! − c)). What the film leaves open is the bare place: under dust until water has reached it, then washed, and damp
-//! by its spot's share.
+//! Let r be the share that water has reached, q the share of the pixel that is greasy, and b the share of a bead or
+//! droplet on it. Let o and c be how far the film has opened and closed. Each is 0…1 and linear in time. The film
+//! of the pixel is  r (1 − q (1 − b) o (1 − c)). The part without film is the bare surface: under dust until water
+//! has reached it, then washed, and damp by its spot's share.
 
 use super::appearance::Color;
 use super::film_spec::FilmSpec;
@@ -27,7 +27,7 @@ const MAX_DROPLETS: usize = 60;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wetted {
     pub wet: Color,
-    /// Washed and without its film: damp, if it is greasy.
+    /// Colour washed and without film: damp, if the pixel is greasy.
     pub bare: Color,
     wet_from_s: f32,
     /// Infinite if there is no grease.
@@ -61,12 +61,12 @@ impl Wetted {
         self.greasy >= 0.5
     }
 
-    /// How far water has come over this pixel at this time, 0…1.
+    /// Returns the share of this pixel that water has reached at this time, 0…1.
     pub fn reached(&self, time_s: f32) -> f32 {
         ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0)
     }
 
-    /// How much of this pixel has its film at this time, 0…1.
+    /// Returns the share of this pixel that has its film at this time, 0…1.
     pub fn film(&self, time_s: f32) -> f32 {
         let reached = self.reached(time_s);
         let open = ((time_s - self.breaks_at_s) / OPENING_S as f32 + 0.5).clamp(0.0, 1.0);
@@ -75,27 +75,27 @@ impl Wetted {
     }
 }
 
-/// A place that stays wet in a break.
+/// A small area that stays wet in a break.
 struct Bead {
     centre_mm: [f64; 2],
     radius_mm: f64,
 }
 
-/// The water on one panel: its front, and the grease that it meets.
+/// The water on one panel: its front, and the greasy spots.
 pub(super) struct Water<'a> {
     front: ValueNoise,
     spots: Vec<Greasy<'a>>,
 }
 
-/// A spot with what stays on it when its film has broken.
+/// A spot with the water that remains on it when its film has broken.
 struct Greasy<'a> {
     spot: &'a Spot,
     beads: Vec<Bead>,
-    /// Share of its dry brightness.
+    /// Brightness of the bare spot as a share of its dry brightness.
     damp: f64,
 }
 
-/// A pixel's colours under a whole film, and washed without one.
+/// A pixel's colours: wet, under a whole film, and washed, without film.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Colors {
     pub wet: Color,
@@ -113,7 +113,7 @@ impl<'a> Water<'a> {
         Water { front, spots: spots.iter().enumerate().map(greasy).collect() }
     }
 
-    /// What it does to the pixel that shows this place of the panel, mm, and is `pixel_mm` wide there.
+    /// Computes the wetting of the pixel that shows this point of the panel, mm, and is `pixel_mm` wide there.
     pub fn at(&self, place: [f64; 2], pixel_mm: f64, Colors { wet, washed }: Colors) -> Wetted {
         let wet_from_s = self.reached_s(place);
         let wetted = Wetted {
@@ -149,7 +149,7 @@ impl<'a> Water<'a> {
         wetted
     }
 
-    /// When the spray's front comes to a place, s.
+    /// Returns the time at which the spray's front reaches a point, s.
     fn reached_s(&self, place: [f64; 2]) -> f64 {
         const TOP_MM: f64 = 130.0;
         const HEIGHT_MM: f64 = 260.0;

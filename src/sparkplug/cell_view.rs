@@ -3,7 +3,7 @@
 use crate::cycle::{Robot, State};
 use crate::packml::{UnitMode, UnitState};
 
-/// What the cell shows. What is not known is `None`.
+/// The published values of the cell. Unknown values are `None`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CellView {
     /// The loop's present values.
@@ -19,19 +19,19 @@ pub struct LoopView {
     pub table: Option<State>,
     /// The phase, or the phase in which a held cycle continues.
     pub phase: Option<String>,
-    /// The cycle that runs, or ran last since the service started.
+    /// The cycle that runs, or the last cycle since the service started.
     pub cycle: Option<i64>,
     /// Its panel.
     pub panel: Option<String>,
-    /// Its abrasions so far.
+    /// The number of abrasions in this cycle so far.
     pub pass: Option<u8>,
-    /// How long the film was watched, s, and how long it is to be watched.
+    /// How long the film was watched, s.
     pub film_s: Option<f64>,
-    /// How long it is to be watched, s.
+    /// How long the film is to be watched, s.
     pub film_total_s: Option<f64>,
-    /// Waypoints executed of the path that is under way.
+    /// Number of executed waypoints of the present path.
     pub waypoint: Option<u32>,
-    /// All of its waypoints.
+    /// Number of all waypoints of the present path.
     pub waypoints: Option<u32>,
 }
 
@@ -42,29 +42,29 @@ pub struct StoreView {
     pub serial: Option<String>,
     /// Its work order.
     pub work_order: Option<String>,
-    /// The grids on which the film broke last in the newest cycle; `None` before its first valid film.
+    /// The grids on which the film broke in the last film of the newest cycle; `None` before its first valid film.
     pub failed_grids: Option<Vec<String>>,
-    /// The newest cycle that is over.
+    /// The newest cycle that has ended.
     pub last_cycle: Option<i64>,
     /// Its verdict.
     pub last_verdict: Option<&'static str>,
     /// Alarms that last.
     pub active_alarms: Option<usize>,
-    /// The code of the one that was raised last.
+    /// The code of the alarm that was raised last.
     pub newest_alarm: Option<String>,
     /// Whole hours since the last verification of the 3D camera.
     pub scanner_verified_h: Option<i64>,
-    /// … of the flange camera.
+    /// Whole hours since the last verification of the flange camera.
     pub flange_camera_verified_h: Option<i64>,
-    /// … of the tool.
+    /// Whole hours since the last verification of the tool.
     pub tool_verified_h: Option<i64>,
-    /// What the disc in use has swept, mm².
+    /// Area that the disc in use has swept, mm².
     pub disc_worn_mm2: Option<f64>,
-    /// Free room on the store's disk, MB.
+    /// Free space on the store's disk, MB.
     pub free_mb: Option<u64>,
-    /// Cycles that are over.
+    /// Number of cycles that have ended.
     pub cycles: Option<i64>,
-    /// … of them with the verdict pass.
+    /// Number of ended cycles with the verdict pass.
     pub passed: Option<i64>,
     /// Abrasions that began.
     pub abrasions: Option<i64>,
@@ -75,7 +75,7 @@ pub(super) fn unit_state(now: &LoopView) -> Option<UnitState> {
     now.table.map(|state| UnitState::from_state(state.at))
 }
 
-/// The unit's mode; not known while nothing is heard from the robot.
+/// Returns the unit's mode; `None` while the robot sends no reports.
 pub(super) fn unit_mode(now: &LoopView) -> Option<UnitMode> {
     let state = now.table.filter(|state| !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost))?;
     Some(UnitMode::from_state(&state))

@@ -20,7 +20,7 @@ pub enum NodeCommand {
 }
 
 impl NodeCommand {
-    /// The name of its metric.
+    /// The name of the command's metric.
     pub fn name(self) -> &'static str {
         match self {
             NodeCommand::Rebirth => "Node Control/Rebirth",
@@ -30,7 +30,7 @@ impl NodeCommand {
         }
     }
 
-    /// Its word in the audit trail.
+    /// The command's keyword in the audit trail.
     pub fn word(self) -> &'static str {
         match self {
             NodeCommand::Rebirth => "rebirth",
@@ -40,7 +40,7 @@ impl NodeCommand {
         }
     }
 
-    /// The alias of its metric; the specification wants none for a rebirth.
+    /// The alias of the command's metric; the specification requires a rebirth to have none.
     pub fn alias(self) -> Option<u64> {
         match self {
             NodeCommand::Rebirth => None,
@@ -67,42 +67,42 @@ impl NodeCommand {
     }
 }
 
-/// Why something in a command's message is refused.
+/// Why a part of a command message is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
-    /// No payload of Sparkplug B.
+    /// The message is no payload of Sparkplug B.
     #[error("the message is no Sparkplug B payload: {problem}")]
     NotAPayload {
-        /// What is wrong with it.
+        /// The error in the message.
         problem: String,
     },
-    /// Too much in one message.
+    /// The message has too many metrics.
     #[error("the message has {found} metrics (limit {MAX_METRICS})")]
     TooMany {
-        /// How many it has.
+        /// Number of metrics in the message.
         found: usize,
     },
     /// It contains no request.
     #[error("the message has no metric; write true to one of: {allowed}")]
     Empty {
-        /// What may be written to.
+        /// The metrics that may be written.
         allowed: String,
     },
-    /// A metric that is none, or that is only read.
+    /// The metric does not exist, or is read-only.
     #[error("found the metric {found}; valid: {allowed}")]
     NotWritten {
-        /// Its name or alias.
+        /// The metric's name or alias.
         found: String,
-        /// What may be written to.
+        /// The metrics that may be written.
         allowed: String,
     },
-    /// A command that the cell's file does not allow.
+    /// The cell's file does not allow the command.
     #[error("{name} is not allowed here, as [sparkplug] commands in the cell's file states")]
     NotPermitted {
         /// Its metric.
         name: &'static str,
     },
-    /// Another value than true.
+    /// The value is not true.
     #[error("{name} was written with another value; valid: the Boolean true")]
     NotTrue {
         /// Its metric.
@@ -110,7 +110,7 @@ pub enum CommandError {
     },
 }
 
-/// More metrics than a host has reason to write at once.
+/// Limit of metrics in one message; a host has no reason to write more at once.
 const MAX_METRICS: usize = 32;
 /// The most characters of a foreign name that are reported.
 const MAX_CHARACTERS: usize = 80;
@@ -154,7 +154,7 @@ fn allowed(commands_allowed: bool) -> String {
     NodeCommand::offered(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
 }
 
-/// A metric in a message for people: another's bytes go no further than to a limit.
+/// Describes a metric in a message for people; foreign text is cut at a limit.
 fn describe(metric: &Metric) -> String {
     let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
     match (&metric.name, metric.alias) {

@@ -5,9 +5,9 @@ use serde::Deserialize;
 /// A host's statement about itself on its STATE topic, as JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 pub struct HostState {
-    /// Whether it is online.
+    /// Whether the host is online.
     pub online: bool,
-    /// Of which connection it speaks, ms since 1970.
+    /// The connection to which the statement refers, as its time, ms since 1970.
     pub timestamp: u64,
 }
 
@@ -18,7 +18,7 @@ impl HostState {
     }
 }
 
-/// What is known of the primary host. A statement that is older than what was heard before speaks of an earlier
+/// The known state of the primary host. A statement that is older than an earlier received one refers to an earlier
 /// connection of the host and changes nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct PrimaryHost {

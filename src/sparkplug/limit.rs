@@ -8,10 +8,10 @@ use std::collections::BTreeMap;
 /// The shortest time between two passings of the same command, ms. An earlier one is passed on when that time is
 /// over: no stop is lost.
 const MIN_INTERVAL_MS: u64 = 1_000;
-/// Lines of the audit trail in a minute: of what was done, and of what was refused.
+/// Limits of lines in the audit trail per minute: for executed and for refused commands.
 pub(super) const LINES: MostLines = MostLines { done: 60, refused: 20 };
 
-/// When each command was passed on last, and which wait.
+/// The time when each command was last passed on, and whether it waits.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CommandLimit(BTreeMap<NodeCommand, Passed>);
 
@@ -22,7 +22,7 @@ struct Passed {
 }
 
 impl CommandLimit {
-    /// Whether this command is passed on now; else it waits.
+    /// Returns whether this command is passed on now; otherwise it waits.
     pub fn asked(&mut self, command: NodeCommand, now_ms: u64) -> bool {
         match self.0.get_mut(&command) {
             Some(passed) if now_ms.saturating_sub(passed.at_ms) < MIN_INTERVAL_MS => {
@@ -46,19 +46,19 @@ impl CommandLimit {
         due
     }
 
-    /// Whether this command waits.
+    /// Returns whether this command waits.
     pub fn waits(&self, command: NodeCommand) -> bool {
         self.0.get(&command).is_some_and(|passed| passed.waits)
     }
 
-    /// Nothing of this command is left to do.
+    /// Cancels the waiting of this command.
     pub fn forget(&mut self, command: NodeCommand) {
         if let Some(passed) = self.0.get_mut(&command) {
             passed.waits = false;
         }
     }
 
-    /// Nothing of any command is left to do. When each was passed on last stays known.
+    /// Cancels the waiting of all commands. The times when they were last passed on are kept.
     pub fn forget_all(&mut self) {
         for passed in self.0.values_mut() {
             passed.waits = false;

@@ -11,7 +11,7 @@ pub struct Definition {
     pub name: &'static str,
     /// Its type.
     pub datatype: DataType,
-    /// What it means, in a sentence for the manual.
+    /// The metric's meaning, in a sentence for the manual.
     pub meaning: &'static str,
     value: fn(&CellView) -> Value,
 }
@@ -27,7 +27,7 @@ const fn metric(
 
 use DataType::{Double, Int64, String};
 
-/// All metrics of the cell, without those that are written to.
+/// All metrics of the cell, except those that are written to.
 pub const METRICS: [Definition; 29] = [
     metric("Properties/program", String, "the program and its version", |_| {
         Value::Text(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned())
@@ -111,12 +111,12 @@ fn count(number: Option<usize>) -> Option<i64> {
     number.and_then(|number| i64::try_from(number).ok())
 }
 
-/// The value of each metric, in the order of the table.
+/// Returns the value of each metric, in the order of the table.
 pub fn values(view: &CellView) -> Vec<Value> {
     METRICS.iter().map(|metric| (metric.value)(view)).collect()
 }
 
-/// The alias of the metric in this place of the table.
+/// Returns the alias of the metric at this position of the table.
 pub(super) fn alias(place: usize) -> u64 {
     place as u64 + 1
 }

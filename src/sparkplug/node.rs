@@ -19,36 +19,37 @@ use super::value::{DataType, Value};
 use crate::accounts::LineLimit;
 use prost::Message as _;
 
-/// What a node is set up with.
+/// The configuration of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeSetup {
     /// Its names.
     pub ids: Ids,
-    /// Whether hold, stop and abort are taken.
+    /// Whether the commands hold, stop and abort are accepted.
     pub commands_allowed: bool,
-    /// Whether data go by alias. Some hosts know no aliases: then each message has names and types.
+    /// Whether data messages use aliases. Some hosts do not support aliases: then each message contains names and
+    /// types.
     pub aliases: bool,
 }
 
-/// The time, by the clock that people read and by one that never jumps.
+/// The present time, by the wall clock and by a monotonic clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Now {
-    /// ms since 1970, UTC.
+    /// Wall clock, ms since 1970, UTC.
     pub unix_ms: u64,
-    /// ms since any moment.
+    /// Monotonic clock, ms since an arbitrary moment.
     pub steady_ms: u64,
 }
 
-/// What happens to the node.
+/// An event for the node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event<'m> {
     /// A connection to the broker begins; its will is [`EdgeNode::will`] from here on.
     Connecting,
-    /// The broker has taken all subscriptions.
+    /// The broker has accepted all subscriptions.
     Subscribed,
-    /// The connection is gone.
+    /// The connection is lost.
     Lost,
-    /// The cell was looked at: the values in the order of [`METRICS`].
+    /// The cell's values were read: in the order of [`METRICS`].
     Seen(Vec<Value>),
     /// The broker delivered a message.
     Received {
@@ -56,14 +57,14 @@ pub enum Event<'m> {
         topic: &'m str,
         /// Its bytes.
         payload: &'m [u8],
-        /// Whether the broker had kept it: it may be old.
+        /// Whether the broker had retained the message: it may be old.
         is_retained: bool,
     },
     /// The program ends.
     Leaving,
 }
 
-/// What the node wants done.
+/// An action that the node requests.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Act {
     /// To publish a message, not retained.
@@ -92,12 +93,12 @@ pub struct Message {
     pub qos: u8,
 }
 
-/// A line of the audit trail, without time and place.
+/// A line of the audit trail, without time and location.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditNote {
     /// What was attempted.
     pub what: String,
-    /// What it was attempted on.
+    /// The object of the attempted action.
     pub subject: Option<String>,
     /// Why it was refused; `None` if it was done.
     pub refused: Option<String>,
@@ -106,7 +107,7 @@ pub struct AuditNote {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Session {
     Offline,
-    /// The subscriptions are there; nothing was published so far.
+    /// The subscriptions are accepted; nothing has been published yet.
     Waiting,
     Born,
 }
@@ -121,7 +122,7 @@ pub struct EdgeNode {
     /// The number of the next message.
     seq: u8,
     host: PrimaryHost,
-    /// As the cell was seen last.
+    /// The values of the cell when they were last read.
     seen: Option<Vec<Value>>,
     /// The values last published to the broker.
     told: Vec<Value>,
@@ -130,7 +131,7 @@ pub struct EdgeNode {
 }
 
 impl EdgeNode {
-    /// A node that is not connected.
+    /// Creates a node that is not connected.
     pub fn new(setup: NodeSetup) -> Self {
         EdgeNode {
             setup,
@@ -145,7 +146,7 @@ impl EdgeNode {
         }
     }
 
-    /// The topics to subscribe to, each with quality of service 1.
+    /// Returns the topics to subscribe to, each with quality of service 1.
     pub fn subscriptions(&self) -> Vec<String> {
         let ids = &self.setup.ids;
         [Some(ids.ncmd()), ids.state()].into_iter().flatten().collect()
@@ -166,7 +167,7 @@ impl EdgeNode {
         self.session == Session::Born
     }
 
-    /// Whether a rebirth is due, and data are kept back until then.
+    /// Returns whether a rebirth is due, and data are retained until then.
     pub fn waits_for_rebirth(&self) -> bool {
         self.commands.waits(NodeCommand::Rebirth)
     }
@@ -263,7 +264,7 @@ impl EdgeNode {
         Act::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
     }
 
-    /// The end of a session by the node itself.
+    /// Ends a session from the node's side.
     fn die(&mut self, now: Now) -> Vec<Act> {
         let was = std::mem::replace(&mut self.session, Session::Offline);
         let death = (was == Session::Born).then(|| Act::Publish(self.will(now)));

@@ -1,5 +1,5 @@
 //! The payload of Sparkplug B, as protobuf: the fields that a node without devices, templates and data sets sends,
-//! or reads in a command. What else a message holds is passed over when it is read.
+//! or reads in a command. Other fields of a message are skipped when it is read.
 
 use super::value::{DataType, Value};
 use prost::{Message, Oneof};
@@ -7,13 +7,13 @@ use prost::{Message, Oneof};
 /// A message: NBIRTH, NDATA, NDEATH or NCMD.
 #[derive(Clone, PartialEq, Message)]
 pub struct Payload {
-    /// When it was sent, ms since 1970, UTC.
+    /// Time at which the message was sent, ms since 1970, UTC.
     #[prost(uint64, optional, tag = "1")]
     pub timestamp: Option<u64>,
     /// Its metrics.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
-    /// Its number, 0 to 255; a death and a command have none.
+    /// The message's sequence number, 0 to 255; a death and a command have none.
     #[prost(uint64, optional, tag = "3")]
     pub seq: Option<u64>,
 }
@@ -27,13 +27,13 @@ pub struct Metric {
     /// The number that replaces the name after the birth.
     #[prost(uint64, optional, tag = "2")]
     pub alias: Option<u64>,
-    /// When the value was seen, ms since 1970, UTC.
+    /// Time at which the value was read, ms since 1970, UTC.
     #[prost(uint64, optional, tag = "3")]
     pub timestamp: Option<u64>,
     /// The number of a [`DataType`].
     #[prost(uint32, optional, tag = "4")]
     pub datatype: Option<u32>,
-    /// Whether there is no value.
+    /// Whether the metric has no value.
     #[prost(bool, optional, tag = "7")]
     pub is_null: Option<bool>,
     /// The value.
@@ -41,13 +41,13 @@ pub struct Metric {
     pub value: Option<Wire>,
 }
 
-/// A value as it goes over the wire.
+/// A value as it is encoded in a message.
 #[derive(Clone, PartialEq, Oneof)]
 pub enum Wire {
     /// Whole numbers of up to 32 bits.
     #[prost(uint32, tag = "10")]
     Int(u32),
-    /// Whole numbers of 64 bits; a negative one as its two's complement.
+    /// Whole numbers of 64 bits; a negative number as its two's complement.
     #[prost(uint64, tag = "11")]
     Long(u64),
     /// Single precision.
@@ -65,7 +65,7 @@ pub enum Wire {
 }
 
 impl Metric {
-    /// A metric with this value, seen at this time, without name, alias and type.
+    /// Creates a metric with this value, read at this time, without name, alias and type.
     pub(super) fn new(value: &Value, unix_ms: u64) -> Self {
         let wire = match value {
             Value::Null => None,
@@ -78,12 +78,12 @@ impl Metric {
         Metric { timestamp: Some(unix_ms), is_null, value: wire, ..Metric::default() }
     }
 
-    /// The same under its whole name.
+    /// Returns the same metric with its full name and type.
     pub(super) fn named(self, name: &str, datatype: DataType) -> Self {
         Metric { name: Some(name.to_owned()), datatype: Some(datatype.number()), ..self }
     }
 
-    /// The same with its alias.
+    /// Returns the same metric with its alias.
     pub(super) fn with_alias(self, alias: u64) -> Self {
         Metric { alias: Some(alias), ..self }
     }

@@ -8,7 +8,7 @@ const NAMESPACE: &str = "spBv1.0";
 pub struct Ids {
     /// The group of edge nodes.
     pub group_id: String,
-    /// The node in it.
+    /// The name of the edge node in its group.
     pub edge_node_id: String,
     /// The host application without which nothing is published.
     pub primary_host_id: Option<String>,

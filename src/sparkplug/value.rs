@@ -1,4 +1,4 @@
-//! Values of metrics, and the types that they have in Sparkplug.
+//! Values of metrics, and their types in Sparkplug.
 
 /// The types that this node uses, by their numbers in the specification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
@@ -19,7 +19,7 @@ impl DataType {
         self as u32
     }
 
-    /// Its name in the specification.
+    /// The type's name in the specification.
     pub fn word(self) -> &'static str {
         self.into()
     }
@@ -28,7 +28,7 @@ impl DataType {
 /// The value of a metric. An unknown value is `Null`, and never a number in its place.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Value {
-    /// Not known, or there is none now.
+    /// The value is not known, or there is none now.
     #[default]
     Null,
     /// A whole number.

@@ -1,4 +1,4 @@
-//! What of a contact path was executed, by the poses that the robot reported.
+//! The executed part of a contact path, from the poses that the robot reported.
 
 use super::removal::{Abrasive, Removed};
 use super::{Drawing, names};
@@ -20,13 +20,13 @@ const OFF_PATH_MM: f64 = 1.0;
 /// An executed grid may be covered by this share less than planned: reports are some millimetres apart.
 const SHORT_OF_PLAN: f64 = 0.01;
 
-/// A grid may be under the disc for this many times as long as planned before a person must look: bends and short lines are
-/// driven more slowly than their feed.
+/// Largest ratio of a grid's time under the disc to the planned time before a person must look: bends and short
+/// lines are driven more slowly than their feed.
 const LONGER_REVIEW: f64 = 1.35;
 /// From this factor on, the path's removal is not the planned one.
 const LONGER_REJECT: f64 = 1.6;
 
-/// How far a path was executed: waypoints are counted from the second one on.
+/// The executed part of a path: waypoints are counted from the second one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Waypoints of the path.
@@ -42,14 +42,14 @@ impl Progress {
     }
 }
 
-/// What a contact path did.
+/// The result of a contact path.
 #[derive(Debug, Clone)]
 pub struct Abraded {
     /// Grids that were abraded as planned.
     pub whole: Vec<GridId>,
-    /// Grids that were begun.
+    /// Grids that were begun but not completed.
     pub begun: Vec<GridId>,
-    /// What the disc swept, mm².
+    /// Area that the disc swept, mm².
     pub swept_mm2: f64,
     /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
     pub removed: Option<Removed>,
@@ -60,7 +60,7 @@ pub struct Abraded {
     longer: Option<Longer>,
 }
 
-/// The grid that was under the disc longest, beside its plan.
+/// The grid with the largest ratio of its time under the disc to its planned time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Longer {
     id: GridId,
@@ -68,7 +68,7 @@ struct Longer {
     ratio: f64,
 }
 
-/// Looks at what the disc did by way of these reports.
+/// Evaluates the work of the disc from these reports.
 pub fn abraded(
     plan: &Plan,
     (surface, region): (&BSplineSurface, &Region),
@@ -98,13 +98,14 @@ pub fn abraded(
     }
 }
 
-/// So far a measured pose may lie off the planned lines, mm: a rounded corner leaves them by less than its rounding.
+/// Returns the limit of a measured pose's distance from the planned lines, mm. At a rounded corner the distance is
+/// less than the rounding.
 pub fn off_limit_mm(settings: &recipe::Path) -> f64 {
     OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm()
 }
 
 impl Abraded {
-    /// How long, and how often, each place was under the disc.
+    /// Draws how long, and how often, each place was under the disc.
     pub fn drawn(&self, region: &Region) -> [Drawing; 2] {
         let time = "How long each place was under the disc, by the poses that the robot reported";
         let often = "How often the disc passed each place, by the same poses";
@@ -252,7 +253,7 @@ fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longe
     touched.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
-/// Of the areas that were begun, the grids that were covered as planned, and the others.
+/// Returns the grids of the begun areas in two lists: covered as planned, and the others.
 fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
     let executed = done as usize + 1;
     let mut before = 0;
@@ -264,7 +265,7 @@ fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) 
         for id in path.grids.iter().filter(|_| touched) {
             let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
             let found = dwell.of_grid(*id).map_or(0.0, |grid| grid.share());
-            // Of an area that was cut short, the grids that the disc did not come to.
+            // A grid of an interrupted area that the disc did not reach.
             if found <= 0.0 {
                 continue;
             }
@@ -279,7 +280,7 @@ fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) 
 mod tests {
     use super::*;
 
-    /// Four samples of 1 mm² with these times.
+    /// Creates a grid with four samples of 1 mm² and these times.
     fn grid(column: usize, dwell_s: [f32; 4]) -> GridDwell {
         let passes = dwell_s.map(|time| u16::from(time > 0.0)).to_vec();
         let id = GridId { row: 1, column };
@@ -290,7 +291,8 @@ mod tests {
         longest_beside(&[grid(1, executed)], &[grid(1, planned)]).map(|longer| longer.ratio)
     }
 
-    /// By hand: at an override of 50 % each place is under the disc twice as long. A stay at one of four places is
+    /// Calculated by hand: at an override of 50 % each place is under the disc twice as long. A stop at one of four
+    /// places gives
     /// 1.5 times the mean, and 3 times at that place.
     #[test]
     fn a_grid_is_held_against_its_own_plan() {
@@ -299,7 +301,7 @@ mod tests {
         assert_eq!(ratio([1.0, 1.0, 1.0, 3.0], [1.0; 4]), Some(3.0));
         assert_eq!(ratio([0.0; 4], [1.0; 4]), None, "the disc was not there");
         assert_eq!(ratio([0.5; 4], [0.0; 4]), Some(f64::INFINITY), "nothing was planned there");
-        // Of a path that was cut short the half that was done.
+        // For an interrupted path, the executed half counts.
         assert_eq!(ratio([1.0, 1.0, 0.0, 0.0], [1.0; 4]), Some(1.0));
     }
 }

@@ -26,7 +26,7 @@ pub fn most(limits: &recipe::Corner, taught: usize) -> usize {
     MAX_CORNERS.min(limits.max_moves() + 1).min(taught)
 }
 
-/// What corner pictures are held against.
+/// The reference with which corner pictures are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Taught<'a> {
     /// The taught corners, in the order of teaching.
@@ -39,10 +39,10 @@ pub struct Taught<'a> {
     pub limits: &'a recipe::Corner,
 }
 
-/// A taught corner as a picture shows it.
+/// A taught corner found in a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Sighting {
-    /// Its number among the taught ones, from 0.
+    /// Index of the corner among the taught corners, from 0.
     pub corner: usize,
     /// The corner as taught.
     pub taught: TaughtCorner,
@@ -50,14 +50,14 @@ pub struct Sighting {
     pub base_from_camera: Rigid<Base, FlangeCamera>,
     /// The corner's position in the picture.
     pub found_px: Pixel,
-    /// The place of the panel by which it was looked for.
+    /// The assumed pose of the panel with which the corner was searched for.
     pub looked_for: Rigid<Base, Panel>,
 }
 
-/// How far a loop of views is that goes nearer from picture to picture.
+/// The state of a loop of views that moves nearer from picture to picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
-    /// Moves after the first picture.
+    /// Number of moves after the first picture.
     pub moves: usize,
     /// A corner has not been seen yet.
     pub is_missing: bool,
@@ -106,7 +106,7 @@ impl Taught<'_> {
         Ok(correction.beside(self.outside_of_lens(sightings)))
     }
 
-    /// A corner that was found where the lens is not known, if there is one.
+    /// Returns a check for a corner that was found outside the calibrated part of the lens, if there is one.
     fn outside_of_lens(&self, sightings: &[Sighting]) -> Option<Check> {
         let outside = health::outside_of_lens(self.lens, sightings.iter().map(|sighting| sighting.found_px))?;
         let check = Check::new("corner where the lens is known", "", None);
@@ -162,15 +162,15 @@ impl Sighting {
     }
 }
 
-/// How far a corner's new place is from the one that the camera was sent to, at most, mm.
+/// Returns the largest distance between a corner's new position and its position under the assumed pose, mm.
 fn step_mm(refined: &Refined, sightings: &[Sighting]) -> f64 {
     let step_mm =
         |seen: &Sighting| refined.base_from_panel.distance_at_mm(seen.looked_for, seen.taught.point).abs();
-    // Without its sign what is not a number counts as the most.
+    // The absolute value makes a value that is not a number count as the largest.
     sightings.iter().map(step_mm).max_by(f64::total_cmp).unwrap_or(f64::NAN)
 }
 
-/// A loop of views after a picture.
+/// The state of a loop of views after a picture.
 #[derive(Debug, Clone, Copy)]
 struct Views {
     progress: Progress,
@@ -185,7 +185,7 @@ impl Views {
         self.step_mm <= limits.settled_mm()
     }
 
-    /// All corners have been seen from near.
+    /// Returns whether all corners have been seen at close range.
     fn is_done(self, limits: &recipe::Corner) -> bool {
         !self.progress.is_missing && self.is_settled(limits)
     }
@@ -225,7 +225,7 @@ fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
 /// A localization that was corrected by corner pictures.
 #[derive(Debug, Clone)]
 pub struct Correction {
-    /// The corrected place and what it rests on.
+    /// The corrected pose and its evidence.
     pub refined: Refined,
     /// Every number that was judged.
     pub checks: Vec<Check>,
@@ -244,7 +244,8 @@ impl Correction {
     ) -> Self {
         let is_done = views.is_none_or(|views| views.is_done(limits));
         let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
-        // What a corner finds is a finding once all have been seen from near; what is rejected is not looked at again.
+        // Corner deviations become findings only when all corners have been seen at close range. A check that
+        // rejects is not postponed to another view.
         let claims_mm = claims_mm.filter(|_| is_done);
         let is_open = |check: &Check| wants_another_view && check.severity < Severity::Reject;
         let of_corners: Vec<Check> = refine::checks(&refined, limits)
@@ -297,7 +298,7 @@ fn of_motion(refined: &Refined) -> [Check; 3] {
 pub struct Verification {
     /// The distance of each corner from its place according to the localization.
     pub checks: Vec<Check>,
-    /// How many corners were seen.
+    /// The number of corners that were seen.
     count: Check,
     /// The verdict.
     pub judgement: Judgement,
@@ -329,7 +330,7 @@ mod tests {
         Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// Two corners, each asking for 1 mm, of which 0.4 mm are left: more than the 0.3 mm of one rigid panel.
+    /// Two corners, each of which requires 1 mm, with 0.4 mm left: more than the 0.3 mm of one rigid panel.
     fn unlike() -> Refined {
         let expected_px = Pixel::at(0.0, 0.0);
         let report =
@@ -347,7 +348,8 @@ mod tests {
         judgement.reasons.iter().map(|reason| &*reason.code).collect()
     }
 
-    /// A doubt beside a place that does not come to rest: no person may accept that one away.
+    /// A review finding does not hide the rejection of a pose that does not settle: no person may accept such a
+    /// pose.
     #[test]
     fn a_doubt_hides_no_rejection() {
         let recipe = recipe();
@@ -376,7 +378,8 @@ mod tests {
         assert!(followed.finding(&[]).checks.iter().all(Check::is_kept));
     }
 
-    /// From afar a corner is read worse: while views are left, it is looked at from near before its doubts count.
+    /// A corner is measured less accurately from far: while views are left, it is viewed at close range before its
+    /// review findings count.
     #[test]
     fn another_view_is_wanted_until_all_corners_were_seen_from_near() {
         let recipe = recipe();

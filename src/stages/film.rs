@@ -1,5 +1,5 @@
-//! The water-break test: pictures go in one by one as the film is watched, or as a clip is read; after the last one the
-//! film is judged.
+//! The water-break test: pictures are added one by one while the film is watched, or while a clip is read. After
+//! the last picture the film is judged.
 
 use super::{Drawing, names, strip::Strip};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
@@ -12,10 +12,10 @@ use crate::report::{FailedGrid, View};
 use crate::words::fixed;
 use std::sync::Arc;
 
-/// What a film is watched with.
+/// The setup with which a film is watched.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup<'a> {
-    /// The panel as taught.
+    /// The taught panel.
     pub panel: &'a TaughtPanel,
     /// The camera that films.
     pub camera: &'a PinholeCamera,
@@ -23,7 +23,7 @@ pub struct Setup<'a> {
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// The taught pixels of places that were sanded since the dry picture was taken.
     pub sanded: Option<&'a Mask>,
-    /// How long the film is watched, and what fails.
+    /// How long the film is watched, and the criteria of failure.
     pub demands: Demands,
     /// The recipe.
     pub recipe: &'a Recipe,
@@ -38,7 +38,7 @@ pub struct Filming {
     opened: bool,
 }
 
-/// What a picture added to a film.
+/// The result of adding one picture to a film.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Added {
     /// The picture's time after the first fully wet one, s; `None` before that.
@@ -65,7 +65,7 @@ impl Filming {
         self.watch.assume_place();
     }
 
-    /// The film begins at this time, on the clock of its pictures: see [`Watch::begins`].
+    /// Sets the film's start to this time, on the clock of its pictures: see [`Watch::begins`].
     pub fn begins(&mut self, time_s: f64) {
         self.watch.begins(time_s);
     }
@@ -84,7 +84,8 @@ impl Filming {
         Ok(Added { since_wet_s: step.since_wet_s, opened_on })
     }
 
-    /// The newest picture, the pixels that broke so far and the grids that failed so far; `None` before the first picture.
+    /// Returns the newest picture, the pixels that have broken and the grids that have failed so far; `None` before
+    /// the first picture.
     pub fn so_far(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
         Some((self.last.clone()?, self.watch.mask(), self.watch.failed()))
     }
@@ -102,24 +103,24 @@ impl Filming {
 /// A film that was watched.
 #[derive(Debug)]
 pub struct Filmed {
-    /// What was found, with the verdict.
+    /// The inspection's result, with the verdict.
     pub inspection: Arc<Inspection>,
     /// The last picture.
     pub last: Option<Arc<ColorPicture>>,
     strip: Strip,
 }
 
-/// What was counted beside a film.
+/// Numbers that were measured besides the film's result.
 #[derive(Debug, Clone, Copy)]
 pub struct Counted {
-    /// From a decoded picture to its result, median.
+    /// Median time from a decoded picture to its result, ms.
     pub ms_per_picture: Option<f64>,
     /// Pictures of the camera that were not fetched in time, if the camera reports it.
     pub dropped: Option<u64>,
 }
 
 impl Filmed {
-    /// The film in time, and on its last picture what broke and when.
+    /// Draws the film over time, and on its last picture where and when the film broke.
     pub fn drawn(&self, setup: &Setup<'_>) -> Vec<Drawing> {
         let Some(last) = &self.last else { return Vec::new() };
         let inspection = &*self.inspection;

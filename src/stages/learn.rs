@@ -9,10 +9,10 @@ use crate::recipe;
 /// Why a corner could not be learnt.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CornerLearnError {
-    /// Its picture shows none.
+    /// The corner's picture shows no corner.
     #[error(transparent)]
     NotFound(#[from] CornerError),
-    /// It does not lie on the taught panel.
+    /// The corner does not lie on the taught panel.
     #[error(transparent)]
     NotOnPanel(#[from] LearnError),
 }

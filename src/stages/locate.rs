@@ -25,15 +25,15 @@ pub struct Located<'a> {
     prepared: Option<Prepared<'a>>,
 }
 
-/// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an
-/// error. The panel's model is for the range errors of this view.
+/// Finds the taught panel in a scan and judges the result. A panel that is not found is a verdict, not an error.
+/// The panel's model applies to the range errors of this view.
 pub fn locate<'a>(
     (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: View<'a>,
     recipe: &'a Recipe,
 ) -> Located<'a> {
-    // Only depths and the lens's rays count in what follows: a scan of another lens or frame would give a place all
-    // the same.
+    // The following steps use only depths and the lens's rays: a scan of another lens or frame would give a pose
+    // all the same.
     if let Err(error) = files::check_lens(view.scan, view.camera) {
         let judgement = Judgement::new(vec![Reason::new("other_scan", error.to_string())], vec![]);
         return Located { fit: None, checks: vec![], judgement, panel, view, prepared: None };
@@ -49,7 +49,7 @@ pub fn locate<'a>(
 }
 
 impl Located<'_> {
-    /// How far off the 3D camera's scans are taken to be.
+    /// The assumed range errors of the 3D camera's scans.
     pub fn range(&self) -> RangeErrors {
         self.view.range
     }
@@ -82,7 +82,7 @@ impl Located<'_> {
         drawn.into_iter().map(Drawing::from).collect()
     }
 
-    /// The result for the record; the verdict was known `elapsed_ms` after the scan was in memory.
+    /// Returns the result for the record; the verdict was available `elapsed_ms` after the scan was in memory.
     pub fn finding(&self, elapsed_ms: f64) -> Finding {
         let elapsed = Check::new(name::SCAN_TO_VERDICT, "ms", elapsed_ms);
         let finding = Finding::new(Kind::Locate, 0, self.judgement.clone());

@@ -27,10 +27,11 @@ use crate::record::{Finding, Kind};
 use crate::report::ReasonPicture;
 use crate::verdict::{Check, Judgement, Reason};
 
-/// A picture that explains a result to a person, or why it could not be drawn. It decides nothing.
+/// A picture that explains a result to a person, or the reason why it could not be drawn. The picture affects no
+/// decision.
 #[derive(Debug)]
 pub struct Drawing {
-    /// Its short name, `corner_before`.
+    /// The picture's short name, for example `corner_before`.
     pub name: String,
     /// What it shows.
     pub caption: String,
@@ -50,7 +51,7 @@ impl From<ReasonPicture> for Drawing {
     }
 }
 
-/// A phase that ended in a rejection for this reason before it measured anything.
+/// Returns the finding of a phase that ended in a rejection for this reason before it measured anything.
 pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![reason], vec![]))
 }
@@ -61,7 +62,7 @@ pub fn undone(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![], vec![reason]))
 }
 
-/// A phase that ended in a rejection by this check.
+/// Returns the finding of a phase that ended in a rejection by this check.
 pub fn rejected_by(kind: Kind, pass: u8, check: Check) -> Finding {
     Finding::new(kind, pass, Judgement::of_checks([&check])).with([check])
 }

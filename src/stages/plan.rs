@@ -1,4 +1,4 @@
-//! The path over some grids: laid on the surface, followed by the arm with its tool turned as that needs, and judged by
+//! The path over some grids: planned on the surface, followed by the arm with the best tool rotation, and judged by
 //! every gate.
 
 use super::removal::{self, Abrasive, Removed, RemovedBefore};
@@ -20,26 +20,26 @@ use crate::verdict::{Judgement, Reason, Severity};
 /// The pose from which the arm follows a plan.
 #[derive(Debug)]
 pub enum Reach<'a> {
-    /// It is not known which tool it has: reach is not looked at.
+    /// The arm's tool is not known: reach is not checked.
     Unknown,
     /// The arm's pose in front of the panel.
     From(ReachSetup<'a>),
-    /// It does not come there.
+    /// The arm does not reach this pose.
     Refused(Reason),
 }
 
 /// A plan with the verdict of every gate.
 #[derive(Debug, Clone)]
 pub struct Planned {
-    /// The paths in the panel's frame, the tool turned as the arm follows best.
+    /// The paths in the panel's frame, with the tool rotation that the arm follows best.
     pub plan: Plan,
     /// How the arm follows; `None` if it does not, or if that was not checked.
     pub reached: Option<Reached>,
-    /// What the path wears of the disc.
+    /// Wear of the disc by the path.
     pub disc: DiscUse,
     /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
     pub removed: Option<Removed>,
-    /// Every number that was judged.
+    /// Every judged number.
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
@@ -159,7 +159,7 @@ fn of_path(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgeme
     (checks, judgement)
 }
 
-/// How large a plan is.
+/// Returns checks of the plan's size.
 fn sizes(plan: &Plan) -> [Check; 4] {
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     [

@@ -28,14 +28,14 @@ use crate::verdict::Check;
 use crate::words::{apart, fixed};
 use feeds::AtBounds;
 
-/// Distance between the samples of a map, in radii of the disc, and its bounds, mm.
+/// Distance between the samples of a map, in radii of the disc; `SPACING_MM` are its limits, mm.
 const SPACING_RADII: f64 = 0.1;
 const SPACING_MM: [f64; 2] = [0.5, 1.5];
 
-/// Scheduled lines go so far beyond what is treated, in radii of the disc.
+/// Distance of scheduled lines beyond the treated area, in radii of the disc.
 const BEYOND_RADII: f64 = 0.4;
 
-/// What removal is computed with.
+/// The inputs of a removal calculation.
 #[derive(Debug, Clone, Copy)]
 pub struct Abrasive<'a> {
     /// What was taught.
@@ -46,16 +46,16 @@ pub struct Abrasive<'a> {
     pub recipe: &'a Recipe,
     /// The tool, with its removal model.
     pub tool: ToolState,
-    /// What earlier paths of this cycle removed.
+    /// Removal by earlier paths of this cycle.
     pub earlier: Option<&'a RemovalMap>,
-    /// And earlier cycles, of the same part.
+    /// Removal by earlier cycles on the same part.
     pub before: RemovedBefore,
 }
 
-/// What a path removes, and what that comes to with earlier ones over the same part.
+/// Removal by a path, and the total with earlier paths on the same part.
 #[derive(Debug, Clone)]
 pub struct Removed {
-    /// Place by place, with what earlier paths removed.
+    /// Removal by position, including earlier paths.
     pub map: RemovalMap,
     /// The numbers of the path, and the largest depths of the part; `None` if nothing is treated.
     pub figures: Option<Figures>,
@@ -75,7 +75,8 @@ impl<'a> Abrasive<'a> {
         self.known().filter(|(asked, ..)| asked.method() == RemovalMethod::Scheduled)
     }
 
-    /// How far the lines of a plan go beyond what is treated, mm: feeds alone cannot make it even up to its border.
+    /// Returns the distance of a plan's lines beyond the treated area, mm: feeds alone cannot make the removal even
+    /// up to its border.
     pub fn beyond_mm(&self) -> f64 {
         let radius_mm = self.recipe.path().disc_diameter_mm() / 2.0;
         self.wanted().map_or(0.0, |_| BEYOND_RADII * radius_mm)
@@ -125,7 +126,7 @@ impl<'a> Abrasive<'a> {
         let force_share = asked.force_error_percent() / 100.0;
         let on = (&self.fit.surface, &self.panel.region, &ground as Ground<'_>);
         let own = removed(on, grids, &all, (&model, force_share), spacing_mm);
-        // The target is that of a pass; what no place may come to is that of the part.
+        // The target applies to a pass; the limit at each position applies to the part.
         let of_pass = Figures::compute(&own, asked.target_um());
         let map = match self.earlier {
             Some(earlier) => own.and(earlier),
@@ -158,7 +159,7 @@ impl<'a> Abrasive<'a> {
 }
 
 impl Removed {
-    /// The map in µm.
+    /// Draws the map in µm.
     pub fn drawn(&self, panel: &TaughtPanel, (name, caption): (&str, &str)) -> Drawing {
         Drawing::new(name, caption, removal_map(&self.map.field(), &panel.region, self.limits_um))
     }
@@ -173,7 +174,7 @@ impl Removed {
         self.checks.iter().map(told).collect()
     }
 
-    /// Lines for a person.
+    /// Returns lines of text for a person.
     pub fn words(&self) -> Vec<String> {
         let [target_um, max_um] = self.limits_um;
         let Some(found) = &self.figures else { return vec!["removal            nothing is treated".to_owned()] };

@@ -1,4 +1,5 @@
-//! Pictures of a film that its strip may show, cut to the region: evenly spread, and close together once it opens.
+//! Pictures of a film for its strip, cut to the region: evenly distributed, and at short intervals once the film
+//! opens.
 
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::imaging::ImagingError;
@@ -6,15 +7,15 @@ use crate::inspect::{Inspection, Step};
 use crate::panel::TaughtPanel;
 use crate::report::{StripPicture, bounds, cut, film_strip, strip_times_s};
 
-/// Times this near are one, s.
+/// Times that differ by less than this are equal, s.
 const TIME_TOLERANCE_S: f64 = 1e-3;
 
-/// The pictures so far.
+/// The selected pictures so far.
 #[derive(Debug)]
 pub(super) struct Strip {
     /// The box around the region in the picture.
     bounds: [(usize, usize); 2],
-    /// How long the film will last, as far as is known, s.
+    /// The film's expected duration, as far as it is known, s.
     lasts_s: f64,
     opened_s: Option<f64>,
     cuts: Vec<(f64, ColorPicture)>,
@@ -51,7 +52,7 @@ impl Strip {
         }
     }
 
-    /// The strip: each picture with what had broken by then; `last` is the film's last picture.
+    /// Draws the strip: each picture with the area that had broken by then; `last` is the film's last picture.
     pub fn drawn(&self, inspection: &Inspection, last: &ColorPicture) -> Result<ColorPicture, ImagingError> {
         let broke_s = inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
         let end_s = inspection.observation.observed_s;
@@ -59,7 +60,7 @@ impl Strip {
             .into_iter()
             .map(|time_s| {
                 let kept = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TIME_TOLERANCE_S);
-                // After the last that was kept there is the film's last picture.
+                // After the last stored picture, the strip shows the film's last picture.
                 let shown_s = kept.map_or(end_s, |(kept_s, _)| *kept_s);
                 let (last, broken) = cut(last, &inspection.mask_at(shown_s), self.bounds);
                 let picture = kept.map_or(last, |(_, picture)| picture.clone());

@@ -22,13 +22,13 @@ use crate::words::apart;
 pub struct ToolState {
     /// `[limits] tool_error_mm` of the cell.
     pub error_mm: Option<f64>,
-    /// Swept by the disc in use, mm².
+    /// Area that the disc in use has swept, mm².
     pub worn_mm2: f64,
     /// The disc's removal model, if it is calibrated.
     pub removal: Option<Model>,
     /// The stroke of a compliant tool, mm.
     pub stroke_mm: Option<f64>,
-    /// The path is run in the air: what contact would need, wear or remove is no reason for anything.
+    /// The path is run in the air: the requirements, wear and removal of contact have no consequence.
     pub in_air: bool,
 }
 
@@ -40,22 +40,22 @@ impl ToolState {
         self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
     }
 
-    /// A check of what contact needs, wears or removes.
+    /// Returns a check of the requirements, wear or removal of contact; it has no consequence in the air.
     pub(super) fn of_contact(&self, check: Check) -> Check {
         if self.in_air { check.without_consequence() } else { check }
     }
 }
 
-/// What of a panel the arm reaches, grid by grid.
+/// The part of a panel that the arm reaches, grid by grid.
 #[derive(Debug)]
 pub struct Surveyed {
     /// Every grid; empty if the arm does not reach the panel, or the surface allows no path.
     pub grids: Vec<GridReach>,
-    /// Grids that are not reached, and steps that are too large.
+    /// Checks of grids that are not reached, and of steps that are too large.
     broken: Vec<Check>,
-    /// What the tool must be fit for.
+    /// Checks of the tool's suitability.
     of_tool: Vec<Check>,
-    /// How the surface differs from the taught one.
+    /// Checks of the surface's difference from the taught surface.
     of_today: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
@@ -95,7 +95,7 @@ pub fn survey(
     }
 }
 
-/// A disc that would not last for the largest grid is changed before the panel is wet.
+/// Checks the disc against the largest grid: a disc that would not last is changed before the panel is wet.
 fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
     let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
     let (worn_after_mm2, life_mm2) = (tool.worn_mm2 + largest_mm2, settings.disc_life_mm2());
@@ -107,17 +107,17 @@ fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check 
 pub struct Today {
     /// The surface on which paths are planned.
     pub fit: Fit,
-    /// How far it lies from the taught one, and how well it is known.
+    /// Checks of the surface's distance from the taught surface, and of its accuracy.
     pub checks: Vec<Check>,
     /// Root mean square of the scan's points from it, mm; `None` if the scan shows too little of the surface to
     /// compare.
     pub rms_mm: Option<f64>,
-    /// How far it lies from the taught one, pixel by pixel.
+    /// The distance from the taught surface, pixel by pixel.
     pub drawing: Option<Drawing>,
 }
 
-/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is compared with
-/// the scan and stays as it was taught: what the panel differs from it counts as its error.
+/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is only compared
+/// with the scan and stays as taught: the panel's difference from it counts as its error.
 pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
     match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {
@@ -140,7 +140,7 @@ pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limi
     }
 }
 
-/// How today's surface differs from the taught one, with its limits.
+/// Checks the difference between today's surface and the taught surface against the limits.
 fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
     let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
     let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
@@ -186,13 +186,13 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
     ]
 }
 
-/// How the surface lies in the taught scan, pixel by pixel.
+/// Draws the deviation of the taught scan from the surface, pixel by pixel.
 pub fn drawn_surface(map: &DeviationMap) -> Drawing {
     Drawing::new("surface", "The region's scan compared with the fitted surface", surface_map(map))
 }
 
 impl Surveyed {
-    /// The same on a surface that differs so from the taught one.
+    /// Returns the same survey with the checks of today's surface.
     pub fn with_today(mut self, checks: Vec<Check>) -> Self {
         self.judgement = self.judgement.and(Judgement::of_checks(&checks));
         self.of_today = checks;
@@ -218,7 +218,7 @@ impl Surveyed {
     }
 }
 
-/// How the surface lies in the scan.
+/// Checks the deviation between surface and scan.
 fn surface(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
     let limits = recipe.surface();
     [

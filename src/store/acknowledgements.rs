@@ -1,5 +1,5 @@
-//! Who acknowledged which alarm, and when. A row is written once and never changed: an alarm that comes again is
-//! another one.
+//! Who acknowledged which alarm, and when. A row is written once and never changed: an alarm that is raised again
+//! is a new alarm.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;

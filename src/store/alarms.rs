@@ -1,4 +1,4 @@
-//! The alarms of a cycle, with the times that the store has of them.
+//! The alarms of a cycle, with the times that the store contains for them.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -20,12 +20,13 @@ impl Store {
         Ok(alarms(&record, &times, &self.acknowledgements(Some(cycle))?))
     }
 
-    /// When a person first reset or cleared the cell after the end of a cycle, or the next one began, ms since 1970.
+    /// Returns the time, ms since 1970, at which a person first reset or cleared the cell after the end of a cycle,
+    /// or the next cycle began.
     fn settled_unix_ms(&self, record: &CycleRecord) -> Result<Option<i64>, StoreError> {
         let Some(ended_unix_s) = record.ended_unix_s else { return Ok(None) };
         // The end is stored in whole seconds: a request in that second may have been before it.
         let after_unix_ms = (ended_unix_s + 1) * 1_000;
-        // A store of an earlier program has no requests.
+        // A store of an earlier version of this program has no table of requests.
         let (asked, count) = match self.has_table("requests")? {
             true => (
                 "UNION ALL SELECT unix_ms FROM requests WHERE unix_ms >= ?2 AND request ->> 'answer' = 'done'

@@ -8,7 +8,7 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Parts begun by this process: two threads may keep the same content at once.
+/// Number of temporary files begun by this process: two threads may store the same content at once.
 static PARTS: AtomicU64 = AtomicU64::new(0);
 
 /// A folder of files that are named by their content.
@@ -18,19 +18,19 @@ pub struct Blobs {
 }
 
 impl Blobs {
-    /// Those of a store, for reading: nothing is made.
+    /// Opens the folder of a store's files for reading; creates nothing.
     pub(super) fn at(store: &Path) -> Self {
         Blobs::in_folder(store.join("blobs"))
     }
 
-    /// Those of a store.
+    /// Creates the folder of a store's files.
     pub(super) fn create(store: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::at(store);
         blobs.make()?;
         Ok(blobs)
     }
 
-    /// Those in this folder, which need not be there.
+    /// Uses this folder for the files; it need not exist.
     pub fn in_folder(folder: PathBuf) -> Self {
         Blobs { folder }
     }
@@ -48,7 +48,7 @@ impl Blobs {
         &self.folder
     }
 
-    /// The store that these are in.
+    /// The store that contains these files.
     pub(super) fn store(&self) -> &Path {
         self.folder.parent().unwrap_or(Path::new("."))
     }
@@ -90,7 +90,7 @@ impl Blobs {
         self.folder.join(format!("{name}.{}.{number}.part", std::process::id()))
     }
 
-    /// Free space, MB, once a file could be written and flushed here.
+    /// Returns the free space, MB, after a file could be written and flushed here.
     pub(super) fn free_mb(&self) -> Result<u64, StoreError> {
         let probe = self.part("probe");
         let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
@@ -124,7 +124,7 @@ pub fn free_mb(path: &Path) -> std::io::Result<u64> {
     free_bytes(path).map(|bytes| bytes / 1_000_000)
 }
 
-/// The same in bytes.
+/// Returns the free space of a path, bytes.
 pub(super) fn free_bytes(path: &Path) -> std::io::Result<u64> {
     let disk = rustix::fs::statvfs(path)?;
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))

@@ -22,7 +22,7 @@ pub(super) const TABLES: &str = "
 /// A SHA-256.
 pub(super) type Hash = [u8; 32];
 
-/// A place in the chain: link 0 is before the first.
+/// A position in the chain: link 0 is before the first link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ChainPosition {
     pub link: i64,
@@ -32,7 +32,7 @@ pub(super) struct ChainPosition {
 impl ChainPosition {
     pub const BEGIN: ChainPosition = ChainPosition { link: 0, hash: [0; 32] };
 
-    /// The place after a link to this row.
+    /// Returns the position after a link to this row.
     pub fn followed_by(&self, part: &str, row_key: i64, row_hash: &Hash) -> ChainPosition {
         let link = self.link + 1;
         let mut hasher = Sha256::new();
@@ -45,20 +45,20 @@ impl ChainPosition {
     }
 }
 
-/// Columns of a table that one writing sets.
+/// The columns of a table that are set by one write.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Part {
-    /// Its name in the chain; it never changes.
+    /// The part's name in the chain; it never changes.
     pub name: &'static str,
-    /// What a row is called in messages.
+    /// The term for a row in messages.
     pub words: &'static str,
     pub table: &'static str,
     /// The row's number, in SQL.
     pub key: &'static str,
     pub columns: &'static [&'static str],
-    /// Which rows this writing was done to, in SQL.
+    /// The condition for the rows that this write has set, in SQL.
     pub written: &'static str,
-    /// A later writing replaces an earlier one.
+    /// A later write replaces an earlier one.
     pub is_replaced: bool,
 }
 
@@ -68,7 +68,7 @@ impl Part {
     }
 }
 
-/// Every table, column by column; in this order the rows of a store without a chain are taken into one.
+/// Every table, column by column; the rows of a store without a chain are added to a new chain in this order.
 pub(super) static PARTS: [Part; 26] = [
     Part::row(
         "taught_panels",
@@ -150,7 +150,7 @@ pub(super) static PARTS: [Part; 26] = [
     Part::row("outbox", "entry of the office's outbox", &["epoch_id", "number", "kind", "row_key", "unix_ms"]),
 ];
 
-/// The part with this name.
+/// Returns the part with this name.
 pub(super) fn part(name: &str) -> Option<&'static Part> {
     PARTS.iter().find(|part| part.name == name)
 }
@@ -182,7 +182,7 @@ pub(super) fn row_hash(
     Ok(Some(hasher.finalize().into()))
 }
 
-/// What is NULL is left out, so that a column that a later program adds changes no earlier hash.
+/// A NULL value is omitted, so that a column added by a later version of this program changes no earlier hash.
 fn value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
     if value == ValueRef::Null {
         return;

@@ -1,6 +1,6 @@
-//! Checkpoints: the state that the journal folds to at one of its lines, so that a start reads only later lines.
+//! Checkpoints: the folded state of the journal at one of its lines, so that a start reads only later lines.
 //!
-//! A checkpoint is used only if the same version of the program wrote it and the journal's line is still the one
+//! A checkpoint is used only if the same version of the program wrote it and the journal still contains the line
 //! that it names.
 
 use super::commit::{Failed, Writing};
@@ -18,9 +18,9 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Lines of the journal from one checkpoint to the next.
+/// Number of journal lines from one checkpoint to the next.
 pub(super) const CHECKPOINT_INTERVAL: i64 = 10_000;
-/// A start that had to read more lines than this writes one.
+/// A start that had to read more lines than this writes a checkpoint.
 pub(super) const TAIL: i64 = 2_000;
 
 /// A position from which the journal can be read.
@@ -44,7 +44,7 @@ pub(super) fn write(
 }
 
 impl Store {
-    /// The last one that can be used.
+    /// Returns the last usable checkpoint.
     pub(super) fn checkpoint(&self) -> Result<Option<Checkpoint>, StoreError> {
         let sql = "SELECT c.sequence, c.journal_chain, c.folded FROM checkpoints c JOIN journal j
                 ON j.sequence = c.sequence AND j.chain = c.journal_chain
@@ -56,7 +56,7 @@ impl Store {
             })
             .optional()
             .map_err(|error| self.failed("read a checkpoint of", &error))?;
-        // What this program cannot read any more is folded again from the beginning.
+        // A checkpoint that this program can no longer read is ignored: the journal is folded from the beginning.
         Ok(found.and_then(|(sequence, journal_chain, folded)| {
             let settled = serde_json::from_str(&folded).ok()?;
             Some(Checkpoint { sequence, journal_chain, settled })

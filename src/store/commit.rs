@@ -23,12 +23,12 @@ impl Deref for Writing<'_> {
 }
 
 impl Writing<'_> {
-    /// Writes rows by a statement that is compiled once; how many they are comes back.
+    /// Writes rows with a statement that is compiled once; returns the number of rows.
     pub fn execute(&self, sql: &str, values: impl Params) -> Result<usize, rusqlite::Error> {
         self.transaction.prepare_cached(sql)?.execute(values)
     }
 
-    /// Reads a row by a statement that is compiled once.
+    /// Reads a row with a statement that is compiled once.
     pub fn query_row<T>(
         &self,
         sql: &str,
@@ -38,7 +38,7 @@ impl Writing<'_> {
         self.transaction.prepare_cached(sql)?.query_row(values, row)
     }
 
-    /// Adds a link to what was just written to this row.
+    /// Adds a link to the chain for the data that were just written to this row.
     pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), Failed> {
         let part = chain::part(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;
         self.last = chain::add(&self.transaction, self.last, part, row_key)?;
@@ -46,12 +46,12 @@ impl Writing<'_> {
     }
 }
 
-/// Why a transaction was not done.
+/// Why a transaction failed.
 #[derive(Debug)]
 pub(super) enum Failed {
     Sql(rusqlite::Error),
     Head(std::io::Error),
-    /// What was to be written does not fit.
+    /// The data to write are not valid.
     Unfit(StoreError),
 }
 

@@ -1,5 +1,6 @@
-//! Contact paths. What each works on is committed with its motion; how many of its waypoints may be sent is
-//! committed before they are sent. This determines what was abraded, or may have been, however the motion ended.
+//! Contact paths. The grids of each path are committed with its motion; the number of waypoints that may be sent is
+//! committed before they are sent. This determines which grids were abraded, or may have been, however the motion
+//! ended.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -40,7 +41,7 @@ pub(super) const TABLES: &str = "
 /// Evidence in a cycle that another part is present afterwards, or was present before.
 #[derive(Debug, Clone, Copy)]
 struct PartEnds {
-    /// It ended with pass or fail by a film, after which the part is taken out.
+    /// The cycle ended with pass or fail by a film, after which the part is removed.
     has_result: bool,
     /// Its start stated that another part than before is present.
     is_another: bool,
@@ -95,7 +96,7 @@ impl Store {
         })
     }
 
-    /// What is kept of the contact path of the motion in this row.
+    /// Returns the stored contact path of the motion in this row.
     pub(super) fn contact_of(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(None);
@@ -112,7 +113,7 @@ impl Store {
         Ok(Some(Contact { path, told, permitted }))
     }
 
-    /// Waypoints of this act that the robot reported as executed, by the journal.
+    /// Returns the number of this act's waypoints that the robot reported as executed, from the journal.
     fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
@@ -262,7 +263,7 @@ impl Store {
         texts.iter().map(|text| self.parsed(text)).collect()
     }
 
-    /// Motions of a cycle, each with its contact path.
+    /// Returns the motions of a cycle, each with its contact path.
     pub(super) fn motions_of(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
         let read = || -> Result<Vec<(i64, super::motions::Texts)>, rusqlite::Error> {
             let sql = "SELECT motion, outcome, done, id FROM motions WHERE cycle_id = ?1 ORDER BY id";

@@ -1,5 +1,5 @@
-//! A copy of the database by SQLite's online backup, while a service writes to it: for a backup, and before the tables of
-//! an earlier program are changed.
+//! A copy of the database by SQLite's online backup, while a service writes to it. It is made for a backup, and
+//! before the tables of an earlier version of this program are changed.
 
 use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
@@ -15,7 +15,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long the copy waits for a lock of the database.
+/// Time for which the copy waits for a lock of the database.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
 const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 
@@ -24,13 +24,13 @@ const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 pub struct Copied {
     /// Deviations from the written content, in words; if there are any, there is no copy.
     pub found: Vec<String>,
-    /// Links of its chain.
+    /// Number of links of the copied chain.
     pub links: u64,
     /// The files that its rows name, by their hashes; without those that were removed according to `[store] keep`.
     pub files: Vec<String>,
 }
 
-/// The files of a store beside `blobs/` that make it up.
+/// The files of a complete store, in addition to `blobs/`.
 pub const ROW_FILES: [&str; 2] = [DATABASE, head::FILE];
 /// The folder of the files to which the database rows refer.
 pub const BLOBS: &str = "blobs";
@@ -62,7 +62,7 @@ impl Store {
             Err(error) => (Err(error), begin()),
         };
         let last = last.map_err(|error| store.failed("read the chain of", &error))?;
-        // The copy gets a head of its own, which must not make good what the store's head contradicts.
+        // The copy gets a new head. The new head must not hide the contradictions to the store's head.
         let found = store.contradictions(told, last)?;
         if !found.is_empty() {
             return Ok(Copied { found, ..Copied::default() });
@@ -87,7 +87,7 @@ fn is_removed(store: &Store, removed: &std::collections::BTreeSet<String>, hash:
     removed.contains(hash) && !store.folder().join(BLOBS).join(hash).exists()
 }
 
-/// Copies what this connection sees into a new file, which has no log beside it.
+/// Copies the database as this connection sees it to a new file without a log.
 fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Error> {
     let mut copy = Connection::open(to)?;
     {
@@ -120,7 +120,7 @@ pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64)
             let _ = fs::remove_file(file);
         }
     };
-    // What a process that ended left behind.
+    // Temporary files of a process that ended.
     remove();
     let kept = kept_at_a_free_name(connection, (folder, &part), version);
     if kept.is_err() {
@@ -146,7 +146,7 @@ fn kept_at_a_free_name(
         if !database.exists() {
             break [database, name("head")];
         }
-        // A migration that was cut short has kept the same.
+        // An interrupted migration has already stored the same copy.
         if hash(&database)? == copied {
             fs::remove_file(part).map_err(at("remove", part))?;
             return Ok(database);

@@ -35,16 +35,16 @@ pub(super) const TABLES: &str = "
     CREATE INDEX findings_by_cycle ON findings (cycle_id);
 ";
 
-/// What a cycle begins with. The texts are kept as they are, once, under their hash.
+/// The inputs of a new cycle. Each text is stored unchanged, once, under its hash.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CycleStart {
     /// The panel.
     pub panel: String,
-    /// The version of what was taught.
+    /// The version of the taught panel.
     pub taught_version: String,
     /// The recipe.
     pub recipe_text: String,
-    /// The cell's file and its calibrations: what each is for, such as `base_from_camera`, and its text.
+    /// The cell's file and its calibrations: the purpose of each, such as `base_from_camera`, and its text.
     pub file_texts: Vec<(String, String)>,
     /// The file in which it is recorded, if it is recorded.
     pub recording: Option<RecordingFile>,

@@ -1,4 +1,4 @@
-//! An open store: its database, the files beside it, and what its parts share.
+//! An open store: its database, the files beside it, and the state shared by its parts.
 
 use super::blobs::Blobs;
 use super::error::StoreError;
@@ -22,11 +22,11 @@ pub struct Store {
     pub(super) lease: Option<Lease>,
     /// The file of the chain's head; `None` for reading.
     pub(super) head: Option<HeadFile>,
-    /// An append failed; the journal may or may not hold its line.
+    /// An append failed; it is not known whether the journal contains its line.
     pub(super) journal_in_doubt: bool,
-    /// What the journal folds to, once it was recovered.
+    /// The folded state of the journal after recovery.
     pub(super) folded: Option<JournalFold>,
-    /// What was found changed behind the program's back when the store was opened.
+    /// Changes made outside this program that were found when the store was opened.
     pub(super) changed: Vec<String>,
     /// The journal has recorded this change.
     pub(super) change_is_told: bool,
@@ -81,12 +81,13 @@ impl Store {
         }
     }
 
-    /// What was found changed behind the program's back when the store was opened for writing, in words.
+    /// The changes made outside this program that were found when the store was opened for writing, in words.
     pub fn changed(&self) -> &[String] {
         &self.changed
     }
 
-    /// Now, s since 1970: a label on rows; nothing is decided by it, and a clock that is wrong stops nothing.
+    /// Returns the present time, s since 1970. The time only labels rows: it affects no decision, and a wrong clock
+    /// stops nothing.
     pub(super) fn unix_s(&self) -> i64 {
         unix_ms(self.clock()).div_euclid(1_000)
     }
@@ -95,7 +96,7 @@ impl Store {
         (self.clock)()
     }
 
-    /// A file that found no place, as the full disk that it is.
+    /// Converts the error of a file that was not written on a full disk to the error of the full disk.
     pub(super) fn full_or(&self, error: StoreError) -> StoreError {
         match error {
             StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
@@ -127,7 +128,7 @@ impl Store {
     }
 }
 
-/// ms since 1970; before it they are negative.
+/// Returns ms since 1970; negative for earlier times.
 pub(super) fn unix_ms(time: SystemTime) -> i64 {
     let ms = |span: std::time::Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX);
     match time.duration_since(UNIX_EPOCH) {

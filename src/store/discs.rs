@@ -1,11 +1,11 @@
-//! The wear of the present disc: the area that it swept, path by path, and when it was mounted.
+//! The wear of the present disc: the area that it swept, path by path, and the time of mounting.
 
 use super::database::Store;
 use super::error::StoreError;
 use crate::record::CycleId;
 use rusqlite::params;
 
-/// A row is what one path swept, or a new disc: that sweeps nothing.
+/// A row is the area swept by one path, or a new disc, which has swept nothing.
 pub(super) const TABLES: &str = "
     CREATE TABLE discs (
         id INTEGER PRIMARY KEY,

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-/// Why something could not be remembered or recalled.
+/// Why data could not be stored or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// A file or folder refused.
+    /// The operating system refused access to a file or folder.
     #[error("cannot {doing} {}: {source}", path.display())]
     File {
         /// What was tried.
@@ -25,7 +25,7 @@ pub enum StoreError {
         /// The error of SQLite.
         problem: String,
     },
-    /// No store to read from.
+    /// There is no store to read.
     #[error("there is no store in {}; `panelprep teach` makes one: teach a panel first, or name the folder that holds the store", path.display())]
     Missing {
         /// The folder.
@@ -36,7 +36,7 @@ pub enum StoreError {
     Leased {
         /// The folder.
         path: PathBuf,
-        /// Who writes, "process 1234".
+        /// The process that writes, "process 1234".
         holder: String,
     },
     /// Opened for reading.
@@ -45,7 +45,7 @@ pub enum StoreError {
         /// The database.
         path: PathBuf,
     },
-    /// SQLite finds its file damaged.
+    /// SQLite finds the database damaged.
     #[error("the store {} is damaged: {problem}; restore it from a copy", path.display())]
     Damaged {
         /// The database.
@@ -53,23 +53,23 @@ pub enum StoreError {
         /// What SQLite found.
         problem: String,
     },
-    /// The journal is not what was written.
+    /// The journal differs from the lines that were written.
     #[error("the journal of {} is damaged at line {sequence}: {problem}; restore the store from a copy", path.display())]
     DamagedJournal {
         /// The database.
         path: PathBuf,
-        /// The line, from 1; 0 for none in particular.
+        /// The damaged line, from 1; 0 for no specific line.
         sequence: i64,
-        /// What does not fit.
+        /// The contradiction.
         problem: String,
     },
-    /// An append failed before.
+    /// An earlier append failed.
     #[error("an earlier write to the journal of {} failed; nothing more is appended until the program starts again", path.display())]
     JournalInDoubt {
         /// The database.
         path: PathBuf,
     },
-    /// A motion to close that is not the open one.
+    /// The motion to close is not the open motion.
     #[error("the store has no open {motion}")]
     MotionNotOpen {
         /// The motion.
@@ -83,41 +83,41 @@ pub enum StoreError {
         /// The requested number.
         number: i64,
     },
-    /// A verification is struck out once.
+    /// The verification is already struck out.
     #[error("verification {number} of the store {} is struck out already, by {by}", path.display())]
     StruckAlready {
         /// The database.
         path: PathBuf,
         /// Its number.
         number: i64,
-        /// Who struck it out.
+        /// The person who struck it out.
         by: String,
     },
-    /// No such cycle, or it is over.
+    /// The cycle does not exist, or has ended.
     #[error("the store {} has no {what} {id}", path.display())]
     UnknownCycle {
         /// The database.
         path: PathBuf,
-        /// "cycle" or "running cycle".
+        /// The expected object: "cycle" or "running cycle".
         what: &'static str,
         /// The requested cycle.
         id: i64,
     },
-    /// A row does not read back.
+    /// A row cannot be decoded.
     #[error("a row of the store {} does not read back: {problem}; restore it from a copy", path.display())]
     Unreadable {
         /// The database.
         path: PathBuf,
-        /// What does not fit.
+        /// The error in the row.
         problem: String,
     },
-    /// A number that JSON cannot hold.
+    /// A number that JSON cannot represent.
     #[error("the number '{name}' is NaN or infinite; a value that was not measured is None")]
     NotFinite {
         /// The number.
         name: String,
     },
-    /// Written by a later version of this program.
+    /// The store was written by a later version of this program.
     #[error(
         "the store {} has schema {found}, this program knows up to {known}: use the newer program, or another folder",
         path.display()
@@ -130,7 +130,7 @@ pub enum StoreError {
         /// The newest schema that this program supports.
         known: i64,
     },
-    /// Written by an earlier version of this program, and not brought up to date yet.
+    /// The store was written by an earlier version of this program and is not yet updated.
     #[error(
         "the store {} has schema {found}, this program works with {known}: start the service once (`panelprep run`), which keeps a \
          copy of its database and brings it up to date; then try again",
@@ -141,7 +141,7 @@ pub enum StoreError {
         path: PathBuf,
         /// Its schema.
         found: i64,
-        /// The schema of this program.
+        /// The schema version of this program.
         known: i64,
     },
     /// Written by another program.
@@ -150,25 +150,25 @@ pub enum StoreError {
         /// The database.
         path: PathBuf,
     },
-    /// A stored file is not what was stored.
+    /// A stored file was changed.
     #[error("{} is damaged: its SHA-256 is {found}; restore it from a copy, or delete it and teach again", path.display())]
     DamagedBlob {
-        /// The file, named by the hash that it should have.
+        /// The file, named by its expected hash.
         path: PathBuf,
-        /// The hash that it has.
+        /// The file's actual hash.
         found: String,
     },
-    /// A row is not what was stored.
+    /// A stored row was changed.
     #[error("version {version} of the taught panel '{name}' is damaged: {problem}; teach it again")]
     DamagedRow {
         /// The panel.
         name: String,
         /// The version.
         version: String,
-        /// What does not fit.
+        /// The contradiction.
         problem: String,
     },
-    /// A pose that cannot be kept.
+    /// A pose that cannot be stored.
     #[error("corner {corner} has a flange pose with NaN or infinite numbers")]
     Pose {
         /// The corner, from 1.
@@ -179,7 +179,7 @@ pub enum StoreError {
     UnknownPanel {
         /// The requested name.
         name: String,
-        /// The name most likely meant.
+        /// The most similar valid name.
         nearest: Option<String>,
         /// All names.
         known: Vec<String>,
@@ -197,37 +197,37 @@ pub enum StoreError {
     /// A text of a person's signature cannot be stored as given.
     #[error("the signature's {what} is \"{found}\": {problem}")]
     Unsignable {
-        /// "name", "user" or "remark".
+        /// The invalid field: "name", "user" or "remark".
         what: &'static str,
         /// What was given.
         found: String,
-        /// What is wrong with it, and what is allowed.
+        /// The error in the field, and the allowed values.
         problem: String,
     },
-    /// A person signs a record once for each meaning.
+    /// The person has already signed the record with this meaning.
     #[error("{name} has signed the record of cycle {cycle} as {meaning} already, {at}")]
     SignedAlready {
         /// Who.
         name: String,
         /// The cycle.
         cycle: i64,
-        /// What the signature means.
+        /// The signature's meaning.
         meaning: &'static str,
         /// When.
         at: String,
     },
-    /// Other processes signed meanwhile, again and again.
+    /// Other processes signed at the same time, in every attempt.
     #[error("the store {} was signed by other processes meanwhile, ten times in a row; try again", path.display())]
     SignedMeanwhile {
         /// The database.
         path: PathBuf,
     },
-    /// A key, or what is signed.
+    /// A key or a statement to sign is not valid.
     #[error("{}: {source}", path.display())]
     Signing {
         /// The database, or the key's file.
         path: PathBuf,
-        /// What does not fit.
+        /// The error of the key or of the statement.
         source: crate::signing::SigningError,
     },
     /// The disk is full.
@@ -237,7 +237,7 @@ pub enum StoreError {
         path: PathBuf,
         /// Free space.
         free_mb: u64,
-        /// What may be deleted.
+        /// The files that may be deleted.
         advice: String,
     },
 }

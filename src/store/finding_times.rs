@@ -1,4 +1,5 @@
-//! When each finding was kept. A row is written in the transaction of its finding; findings of earlier programs have none.
+//! The time at which each finding was stored. A row is written in the transaction of its finding; findings of
+//! earlier versions of this program have none.
 
 use super::commit::{Failed, Writing};
 use super::database::Store;
@@ -12,7 +13,7 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Writes when a finding was kept. Part of its transaction.
+/// Writes the time at which a finding was stored. Part of the finding's transaction.
 pub(super) fn insert(writing: &mut Writing<'_>, finding: i64, unix_ms: i64) -> Result<(), Failed> {
     let sql = "INSERT INTO finding_times (finding_id, unix_ms) VALUES (?1, ?2)";
     writing.execute(sql, [finding, unix_ms])?;

@@ -1,6 +1,7 @@
-//! Makes the disk keep what must not go with the power: names in a folder, and what a process that was killed has left.
+//! Makes changes permanent that must survive a power cut: names in a folder, and the files that a killed process
+//! has left.
 //!
-//! A file that was made, renamed or removed is so after a power cut once its folder is flushed.
+//! A file that was created, renamed or removed keeps this state after a power cut only when its folder is flushed.
 
 use super::database_files::log_of;
 use super::error::StoreError;

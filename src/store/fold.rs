@@ -1,4 +1,4 @@
-//! The state of motions and cycles by the journal: its events, folded by the table of the cycle.
+//! The state of motions and cycles according to the journal: its events, folded by the table of the cycle.
 
 use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
 use crate::record::CycleId;
@@ -34,12 +34,12 @@ impl JournalFold {
         }
     }
 
-    /// The state as the journal leaves it.
+    /// The state at the end of the journal.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The state after the start that follows.
+    /// Returns the state after the next start of the program.
     pub fn rested(&self) -> State {
         step(self.state, Event::Told(Report::Boot)).0
     }

@@ -1,4 +1,4 @@
-//! What a store does while its disk is full, and how it finds that there is room again.
+//! Behaviour of a store while its disk is full, and the check whether there is space again.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -6,7 +6,7 @@ use super::fullness::PICTURES_MB;
 use super::reserve::{self, MB};
 
 impl Store {
-    /// Whether the disk was found full since [`Store::has_room`] last found it otherwise.
+    /// Returns whether the disk was found full since [`Store::has_room`] last found space.
     pub fn is_disk_full(&self) -> bool {
         self.fullness.is_full()
     }
@@ -36,7 +36,7 @@ impl Store {
         has_room
     }
 
-    /// The disk is full, and what to delete.
+    /// Returns the error of the full disk, with the files to delete.
     pub fn full(&self) -> StoreError {
         reserve::full(self.folder())
     }

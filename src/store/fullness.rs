@@ -1,4 +1,5 @@
-//! A full disk as the store's writers found it: pictures are dropped first, so that the rest is the journal's.
+//! A full disk as detected by the store's writers: pictures are dropped first, so that the remaining space is for
+//! the journal.
 
 use super::blobs::{self, Blobs};
 use super::error::StoreError;
@@ -7,10 +8,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Free disk below which no picture is written any more, MB: the rest is the journal's.
+/// Free disk space below which no picture is written, MB: the remaining space is for the journal.
 pub(super) const PICTURES_MB: u64 = 64;
 
-/// Whether the disk is full, as the store's writers found it. Clones are the same one.
+/// Whether the disk is full, as detected by the store's writers. Clones share the same state.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Fullness(Arc<FullnessState>);
 
@@ -59,12 +60,12 @@ impl Fullness {
     }
 }
 
-/// Whether pictures find no place here.
+/// Returns whether there is too little space for pictures here.
 fn is_too_full_for_pictures(folder: &Path) -> bool {
     blobs::free_mb(folder).is_ok_and(|free| free < PICTURES_MB)
 }
 
-/// Keeps files for a store's writer.
+/// Stores files for a store's writer.
 #[derive(Debug)]
 pub struct BlobWriter(Blobs, Fullness);
 

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 pub(super) const FILE: &str = "panelprep.head";
 const SLOT_BYTES: usize = 512;
 const MARK: &str = "panelprep head 1";
-/// How long another process that writes a line to this store is waited for, as SQLite waits.
+/// Time for which a write waits for another process that is writing to this store, as SQLite waits.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The content of the file.
@@ -37,7 +37,7 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Whether a database may be here.
+    /// Returns whether the head allows a database at this position of the chain.
     pub fn explains(&self, place: ChainPosition) -> bool {
         place == self.at || Some(place) == self.next
     }
@@ -47,12 +47,12 @@ impl Head {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Read {
     pub head: Head,
-    /// One of its copies is damaged.
+    /// One of the file's two copies is damaged.
     pub is_damaged: bool,
     count: u64,
 }
 
-/// The file, open for writing.
+/// The head file, open for writing.
 #[derive(Debug)]
 pub(super) struct HeadFile {
     file: File,
@@ -62,7 +62,7 @@ pub(super) struct HeadFile {
 /// The right to write to the chain; other threads and processes wait until it is dropped.
 pub(super) struct Turn<'f> {
     file: &'f File,
-    // Given back after the lock.
+    // Released after the file lock.
     _in_turn: InTurn<'f>,
 }
 
@@ -76,7 +76,7 @@ impl Drop for Turn<'_> {
     }
 }
 
-/// Waits for the turn.
+/// Waits for the right to write to the chain.
 fn acquire_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error> {
     let since = Instant::now();
     let _in_turn = turns.acquire(LOCK_TIMEOUT).ok_or_else(|| {
@@ -102,7 +102,7 @@ impl HeadFile {
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).open(store.join(FILE))?;
         if file.metadata()?.len() < 2 * SLOT_BYTES as u64 {
-            // Its blocks are taken before a disk can be full.
+            // The file's blocks are allocated before the disk can become full.
             file.write_all_at(&[b'\n'; 2 * SLOT_BYTES], 0)?;
             file.sync_all()?;
             flush::names(store)?;
@@ -193,7 +193,7 @@ fn written(head: &Head, count: u64) -> Vec<u8> {
 fn parsed(slot: &[u8]) -> Option<(u64, Head)> {
     let text = std::str::from_utf8(slot).ok()?;
     let (said, check) = text.split_once("check ")?;
-    // The padding counts too: a byte that changed anywhere is found.
+    // The padding is checked too: a change of any byte is detected.
     let padded = check.get(64..)?.bytes().all(|byte| byte == b'\n');
     if slot.len() != SLOT_BYTES || !padded || content_hash(said.as_bytes()) != check.get(..64)? {
         return None;

@@ -1,4 +1,4 @@
-//! Changes that were made without this program, kept as evidence.
+//! Changes made outside this program, stored as evidence.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -12,17 +12,17 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Something that was found changed at a start.
+/// A change that was found at a start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Incident {
-    /// When, s since 1970.
+    /// Time of the start, s since 1970.
     pub at_unix_s: i64,
     /// What, in words.
     pub found: Vec<String>,
 }
 
 impl Store {
-    /// Keeps what was found.
+    /// Stores the changes that were found.
     pub(super) fn keep_incident(&mut self, found: &[String]) -> Result<(), StoreError> {
         let (at_unix_s, found) = (self.unix_s(), self.text(&found)?);
         self.commit("write an incident to", |writing| {

@@ -45,7 +45,7 @@ impl Line {
     }
 }
 
-/// The chain before the first line.
+/// The chain's value before the first line.
 const BEGIN: &str = "";
 
 impl Store {
@@ -63,7 +63,7 @@ impl Store {
         let text = serde_json::to_string(event).map_err(|error| self.journal_problem(0, error.to_string()))?;
         let number = cycle.map(|id| id.0);
         let line = Line { sequence: 0, cycle: number, unix_ms, event: text, chain: String::new() };
-        // What the journal folds to with this line.
+        // The folded state of the journal including this line.
         let folded = self.folded.clone().map(|mut folded| {
             folded.step(*event, cycle);
             folded
@@ -114,7 +114,7 @@ impl Store {
         Ok(self.folded.as_ref().unwrap_or(&settled).rested())
     }
 
-    /// What the journal folds to, without the start that follows.
+    /// Returns the folded state of the journal, without the start that follows.
     ///
     /// # Errors
     /// As [`Store::recover`].
@@ -135,7 +135,7 @@ impl Store {
         last.map_err(|error| self.failed("read the journal of", &error))
     }
 
-    /// Folds the journal from the last checkpoint on; its last line and how many were read come with it.
+    /// Folds the journal from the last checkpoint; returns the state, the last line and the number of lines read.
     fn folded(&self) -> Result<(JournalFold, (i64, String), i64), StoreError> {
         let (mut settled, from) = match self.checkpoint()? {
             Some(checkpoint) => (checkpoint.settled, (checkpoint.sequence, checkpoint.journal_chain)),
@@ -147,8 +147,8 @@ impl Store {
         Ok((settled, last, tail))
     }
 
-    /// Calls with each event after this line and its cycle, in order, and holds one line at a time. The last line, and the
-    /// chain at it, come back.
+    /// Calls `each` with each event after this line and its cycle, in order, with one line in memory at a time.
+    /// Returns the last line and the chain at that line.
     fn each_event(
         &self,
         (after, mut before): (i64, String),
@@ -185,7 +185,7 @@ impl Store {
     }
 }
 
-/// Writes many lines at once, as a store has them after years.
+/// Writes many lines at once, to simulate a store after years of use.
 #[cfg(test)]
 pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
     let line = |done| Line {

@@ -1,4 +1,5 @@
-//! The file of the key by which a cell signs its records: made at its first use, and read by its owner alone.
+//! The file of the key with which a cell signs its records: created at its first use, and readable only by its
+//! owner.
 
 use super::error::StoreError;
 use super::flush;
@@ -12,10 +13,10 @@ use tempfile::NamedTempFile;
 
 /// The private key in the store's folder, if no other file is named.
 const PRIVATE: &str = "record-key.pem";
-/// The public key, in the store's folder. One that was replaced stays in it, since it verifies older records.
+/// The public key, in the store's folder. A replaced key stays there, since it verifies older records.
 const PUBLIC: &str = "record-key.pub.pem";
 
-/// Which file holds the private key.
+/// The location of the private key's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum KeyPlace {
     /// In the store's folder.
@@ -61,7 +62,7 @@ pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
     PublicKey::read_all(&pem).map_err(|source| signing(&file, source))
 }
 
-/// A key that others can read signs for others.
+/// Checks that only the owner can read the key: another reader could sign in the cell's name.
 fn is_private(file: &Path) -> Result<(), StoreError> {
     let mode = fs::metadata(file).map_err(at("look at", file))?.mode() & 0o777;
     if mode & 0o077 == 0 {
@@ -74,7 +75,8 @@ fn is_private(file: &Path) -> Result<(), StoreError> {
     Err(at("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
 }
 
-/// Written beside its place and renamed, so that a key is whole or not there; what another process made first is used.
+/// Creates the key's file under a temporary name and renames it, so that the key is complete or absent. If another
+/// process has created a key first, that key is used.
 fn made(file: &Path) -> Result<CellKey, StoreError> {
     let bytes = random::bytes().map_err(at("make", file))?;
     let key = CellKey::of_random(&bytes);
@@ -91,7 +93,8 @@ fn made(file: &Path) -> Result<CellKey, StoreError> {
     }
 }
 
-/// A file of this folder, which only its owner reads, whole and on the disk; it has no place yet.
+/// Writes a temporary file of this folder, complete and flushed, which only its owner can read; it does not have
+/// its final name yet.
 fn written(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
     let mut file = NamedTempFile::new_in(folder)?;
     file.write_all(text.as_bytes())?;
@@ -114,7 +117,7 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
     let write = || {
         fs::create_dir_all(store)?;
         let written = written(store, &format!("{pem}{before}"))?;
-        // It verifies what the cell signed: everybody may read it.
+        // The public key verifies the cell's signatures: every user may read it.
         written.as_file().set_permissions(Permissions::from_mode(0o644))?;
         written.persist(&file).map_err(|error| error.error).map(drop)
     };

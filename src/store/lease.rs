@@ -12,7 +12,7 @@ use std::path::Path;
 /// Names the writer.
 const FILE: &str = "panelprep.lock";
 
-/// The right to write, held until dropped.
+/// The right to write, until the lease is dropped.
 #[derive(Debug)]
 pub struct Lease {
     locked: File,
@@ -40,7 +40,7 @@ impl Lease {
             Err(TryLockError::Error(source)) => return Err(at("lock")(source)),
         }
         if let Err(error) = fs::write(store.join(FILE), format!("{}\n", std::process::id())) {
-            // Only a message is poorer by it, and on a full disk the service must start.
+            // Without this file only a message is less exact, and on a full disk the service must start.
             tracing::warn!("{} cannot be written: {error}", store.join(FILE).display());
         }
         Ok(Lease { locked: folder })
@@ -48,8 +48,8 @@ impl Lease {
 }
 
 impl Drop for Lease {
-    /// Unlocks, and does not leave it to the closing of the file: a child process between its fork and its exec still
-    /// holds a copy of the descriptor, and with it the lock.
+    /// Unlocks explicitly instead of by closing the file. A child process between its fork and its exec still has a
+    /// copy of the descriptor, and with it the lock.
     fn drop(&mut self) {
         #[expect(
             clippy::let_underscore_must_use,

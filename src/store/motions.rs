@@ -77,7 +77,7 @@ impl Store {
         Ok(open.map(|row| self.motion(&row)).transpose()?.map(|record| record.motion))
     }
 
-    /// Writes the rows that the last process did not come to: those of the effects of its last event.
+    /// Writes the rows that the last process did not write: the effects of its last event.
     pub(super) fn settle(&mut self, settled: &JournalFold) -> Result<(), StoreError> {
         let expected = settled.state.intent.map(|intent| intent.motion);
         let mut open = self.open_motion()?;
@@ -95,7 +95,7 @@ impl Store {
         }
         if let (Some(motion), None) = (expected, open) {
             match settled.state.intent.map(|intent| intent.id) {
-                // The program ended before it permitted anything of the path.
+                // The program ended before it permitted any waypoint of the path.
                 Some(id) if motion.path == Path::Contact => {
                     let nothing = ContactPath { id, pass: settled.state.job.pass, grids: vec![], wears_mm2: 0.0 };
                     self.open_contact(&motion, settled.cycle, (&nothing, 0))?;
@@ -103,7 +103,7 @@ impl Store {
                 _ => self.open_intent(&motion, settled.cycle)?,
             }
         }
-        // A cycle that the table still runs is concluded by the Boot that follows.
+        // A cycle that still runs according to the table is concluded by the Boot that follows.
         let mut over = self.open_cycles()?;
         if settled.state.job.running {
             over.pop();
@@ -128,7 +128,7 @@ impl Store {
     }
 }
 
-/// A motion, its outcome and its waypoints, as they are kept.
+/// A motion, its outcome and its number of executed waypoints, as stored.
 pub(super) type Texts = (String, Option<String>, u32);
 
 pub(super) fn texts(row: &Row<'_>) -> Result<Texts, rusqlite::Error> {

@@ -15,7 +15,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
 
-/// Statements that stay compiled: those of every table's rows, of the chain, and of each writing.
+/// Number of statements that stay compiled: those of every table's rows, of the chain, and of each write.
 const STATEMENTS: usize = 100;
 
 impl Store {
@@ -96,11 +96,11 @@ impl Store {
             store.settle_head(found).map_err(|error| at_head(folder, error))?;
         } else {
             store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
-            // On the journal first, whatever this opening is for: an incident that is kept is not found again, and
-            // a cell that has one must rest in Aborted until a person clears it.
+            // The journal is written first, for every purpose of opening: a stored incident is not reported again,
+            // and a cell with an incident must rest in Aborted until a person clears it.
             store.recover()?;
             store.keep_incident(&store.changed.clone())?;
-            // Numbers that are gone may be in the office already.
+            // The office may already have the numbers of the missing rows.
             store.begin_epoch("rows of the store were found changed or gone")?;
         }
         store.begin_epoch_if_restored()?;
@@ -108,7 +108,7 @@ impl Store {
             tracing::warn!("the reserve for a full disk could not be created in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {
                 store.fullness.fill();
-                // Without room for the journal nothing may begin, and no start either.
+                // Without space for the journal no cycle may begin, and the store may not be opened.
                 if reserve::is_too_full_for_the_journal(folder) {
                     return Err(reserve::full(folder));
                 }
@@ -151,8 +151,8 @@ impl Store {
         Ok(Ok(before))
     }
 
-    /// What of the chain's end contradicts the head, and what of the rows written lately contradicts the chain; what was
-    /// kept as an incident before is not reported again.
+    /// Returns contradictions between the chain's end and the head, and between recently written rows and the
+    /// chain. Stored incidents are not reported again.
     fn unexplained(
         &self,
         told: Result<Option<head::Read>, std::io::Error>,
@@ -168,14 +168,14 @@ impl Store {
     fn settle_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
         let _turn = head.acquire_turn()?;
-        // A verification may have been kept beside meanwhile.
+        // Another process may have stored a verification meanwhile.
         let at = chain::last(&self.connection).unwrap_or(found);
         head.settle(at)
     }
 }
 
 impl Drop for Store {
-    /// The last writer leaves a database without a log, and its hash in the head.
+    /// The last writer leaves a database without a log, and the database's hash in the head.
     fn drop(&mut self) {
         let (Some(_), Some(head)) = (&self.lease, &self.head) else { return };
         let Ok(last) = chain::last(&self.connection) else { return };
@@ -202,7 +202,7 @@ fn at_head(folder: &Path, source: std::io::Error) -> StoreError {
     StoreError::File { doing: "write the head", path: folder.join(head::FILE), source }
 }
 
-/// Whether a store cannot be opened since its disk is full.
+/// Returns whether a store cannot be opened because its disk is full.
 fn is_full(error: &StoreError, folder: &Path) -> bool {
     match error {
         StoreError::Full { .. } => true,

@@ -40,7 +40,7 @@ pub(super) const TABLES: &str = "
 
 /// Why an epoch begins after a restore; the number above which cycles continue follows it.
 const RESTORED_ABOVE: &str = "the store was restored from a backup; cycles are numbered above ";
-/// Why the first epoch of a store began.
+/// The reason for the first epoch of a store.
 const NEW_STORE: &str = "new store";
 /// Marks a store that was restored and not opened since.
 const RESTORED: &str = "panelprep.restored";
@@ -76,7 +76,7 @@ pub(super) fn begin(connection: &Connection, is_chained: bool) -> Result<(), rus
     Ok(())
 }
 
-/// Writes that the office is to have this row. Part of the transaction that writes the row.
+/// Writes that this row must be sent to the office. Part of the transaction that writes the row.
 pub(super) fn insert(writing: &mut Writing<'_>, kind: Kind, row_key: i64, unix_ms: i64) -> Result<(), Failed> {
     writing.execute(
         "INSERT INTO outbox (epoch_id, number, kind, row_key, unix_ms)
@@ -87,7 +87,7 @@ pub(super) fn insert(writing: &mut Writing<'_>, kind: Kind, row_key: i64, unix_m
     writing.chain("outbox", writing.last_insert_rowid())
 }
 
-/// A row as it is kept.
+/// An outbox row as stored.
 struct OutboxRow {
     position: Position,
     kind: String,
@@ -287,7 +287,8 @@ impl Store {
         Ok(Body::Signature { statement, signature: row.signature, public_key: row.public_key, files })
     }
 
-    /// The files of a record that the office gets: what it ran with, and every picture; no scans and clips.
+    /// Returns the files of a record that the office receives: the inputs of the cycle, and every picture, but no
+    /// scans and clips.
     fn files_for_office(&self, cycle: &SignedCycle) -> Result<Vec<NamedFile>, StoreError> {
         let removed = prune::removed(self)?;
         let blobs = self.blobs.folder();
@@ -307,7 +308,7 @@ impl Store {
         let found = all.into_iter().find(|(id, _)| *id == number);
         let (_, found) =
             found.ok_or_else(|| StoreError::UnknownVerification { path: self.path().to_owned(), number })?;
-        // Who struck it out later is no part of what was measured.
+        // A later strike-out is not part of the measurement.
         let Verification { subject, error, limit, calibration_hash, at_unix_s, struck: _ } = found;
         self.canonical(&VerificationSeen { subject, error, limit, calibration_hash, at_unix_s })
             .map(Body::Verification)

@@ -22,12 +22,12 @@ pub(super) const TABLES: &str = "
     CREATE INDEX cycle_parts_by_serial ON cycle_parts (serial COLLATE NOCASE);
 ";
 
-/// The same table beside a store that is open for reading and was written by an earlier program; it is gone when the store
-/// is closed.
+/// The same table as a temporary table, for a store that is open for reading and was written by an earlier version
+/// of this program. It is removed when the store is closed.
 const BESIDE: &str =
     "CREATE TEMP TABLE cycle_parts (cycle_id INTEGER PRIMARY KEY, serial TEXT, work_order TEXT, operator TEXT)";
 
-/// The part among the texts that a cycle begins with.
+/// Returns the part's names from the texts of a new cycle.
 pub(super) fn named(file_texts: &[(String, String)]) -> Option<PartNames> {
     let (_, text) = file_texts.iter().find(|(name, _)| name == PartNames::FILE)?;
     PartNames::read(text)
@@ -45,7 +45,8 @@ fn write(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), ru
         .map(drop)
 }
 
-/// Writes the names of every cycle that has no row. A text that is missing or damaged has no names. Part of a transaction.
+/// Writes the names of every cycle that has no row. A missing or damaged text gives no names. Part of a
+/// transaction.
 pub(super) fn fill_missing(connection: &Connection, blobs: &Blobs) -> Result<(), rusqlite::Error> {
     let there = rows(connection)?;
     for (cycle, hash) in kept(connection)? {
@@ -58,7 +59,7 @@ pub(super) fn fill_missing(connection: &Connection, blobs: &Blobs) -> Result<(),
     Ok(())
 }
 
-/// Each cycle that keeps a part's text, with the text's hash.
+/// Returns each cycle that stores a part's text, with the text's hash.
 fn kept(connection: &Connection) -> Result<Vec<(i64, String)>, rusqlite::Error> {
     let sql =
         "SELECT cycles.id, value ->> 'hash' FROM cycles, json_each(files) WHERE value ->> 'name' = ?1 ORDER BY 1";
@@ -70,7 +71,7 @@ fn text(blobs: &Blobs, hash: &str) -> Option<PartNames> {
     PartNames::read(&String::from_utf8(blobs.get(hash).ok()?).ok()?)
 }
 
-/// The table by cycle.
+/// Returns the rows of the table by cycle.
 fn rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqlite::Error> {
     let mut statement = connection.prepare("SELECT cycle_id, serial, work_order, operator FROM cycle_parts")?;
     let part = |row: &rusqlite::Row<'_>| {
@@ -79,12 +80,12 @@ fn rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqlite::E
     statement.query_map([], part)?.collect()
 }
 
-/// Which rows differ from the texts that their cycles keep, in words.
+/// Returns the rows that differ from the stored texts of their cycles, in words.
 pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<String>, rusqlite::Error> {
     let (mut rows, mut found) = (rows(connection)?, Vec::new());
     for (cycle, hash) in kept(connection)? {
         let row = rows.remove(&cycle);
-        // A text that is missing or damaged is found with the files.
+        // The check of the files reports a missing or damaged text.
         let Some(part) = text(blobs, &hash) else { continue };
         match row {
             Some(row) if row == part => {}
@@ -116,7 +117,8 @@ impl Store {
         read().map_err(|error| self.failed("read the parts of", &error))
     }
 
-    /// Sees to it that there is a table of parts to read, also beside an earlier program's store.
+    /// Makes sure that there is a table of parts to read, also beside the store of an earlier version of this
+    /// program.
     pub(super) fn with_parts(&self) -> Result<(), StoreError> {
         let made = || -> Result<(), rusqlite::Error> {
             if !self.connection.table_exists(None, "cycle_parts")? {

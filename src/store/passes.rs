@@ -1,18 +1,18 @@
-//! What earlier cycles did to one part.
+//! The work of earlier cycles on one part.
 
 use super::database::Store;
 use super::error::StoreError;
 use crate::record::{CycleId, CycleRecord, PartNames, passes, removed_bound_um};
 use rusqlite::params;
 
-/// How often a part was abraded in a cycle.
+/// Number of abrasions of a part in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassesOfCycle {
     /// The cycle.
     pub cycle: CycleId,
-    /// When it began, s since 1970.
+    /// Start of the cycle, s since 1970.
     pub started_unix_s: i64,
-    /// Passes in which the tool was on the part, or may have been.
+    /// Number of passes in which the tool was on the part, or may have been.
     pub passes: usize,
     /// The upper 95 % bound of the removal anywhere on the part by its end, µm; `None` if it is not known.
     pub removed_um: Option<f64>,

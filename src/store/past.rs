@@ -1,4 +1,5 @@
-//! Cycles as `history` reads them: the record, the part and the disc of one, and those of a panel in their order.
+//! Cycles as `history` reads them: the record, the part and the disc of one cycle, and the cycles of a panel in
+//! order.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -6,14 +7,14 @@ use crate::history::{DiscWear, PastCycle, TrendPoint};
 use crate::record::CycleId;
 use crate::verdict::Limit;
 
-/// How many cycles there were.
+/// Numbers of cycles and of paths in contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleCounts {
-    /// Cycles that are over.
+    /// Number of cycles that have ended.
     pub ended: i64,
-    /// … of them with the verdict pass.
+    /// Number of ended cycles with the verdict pass.
     pub passed: i64,
-    /// Paths in contact that began.
+    /// Number of paths in contact that began.
     pub contacts: i64,
 }
 
@@ -91,7 +92,7 @@ impl Store {
             if !self.connection.table_exists(None, "discs")? {
                 return Ok(None);
             }
-            // A path that was cut short is corrected afterwards, by a row of the same cycle.
+            // The wear of an interrupted path is corrected afterwards, by a second row of the same cycle.
             let sql = "SELECT sum(swept_mm2), max(id) FROM discs WHERE cycle_id = ?1";
             let swept = self
                 .connection

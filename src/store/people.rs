@@ -1,4 +1,5 @@
-//! Accounts and the audit trail. Both are append-only: a changed account is a new row, and the newest row of a name holds.
+//! Accounts and the audit trail. Both are append-only: a changed account is a new row, and the newest row of a name
+//! is valid.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -23,7 +24,7 @@ pub(super) const TABLES: &str = "
 /// A line of the audit trail with its number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NumberedEntry {
-    /// Its number, from 1.
+    /// The line's number, from 1.
     pub number: i64,
     /// The line.
     pub entry: AuditEntry,

@@ -20,7 +20,8 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// Files that are removed in one transaction: between two of them a cycle may begin, and nothing more is removed.
+/// Number of files that are removed in one transaction. A cycle may begin between two transactions; then no more
+/// files are removed.
 const BATCH_FILES: usize = 64;
 const DAY_S: i64 = 86_400;
 
@@ -31,11 +32,11 @@ pub struct Pruned {
     pub files: u64,
     /// Their size.
     pub bytes: u64,
-    /// When, s since 1970, the last of them.
+    /// Time of the last removal, s since 1970.
     pub at_unix_s: Option<i64>,
 }
 
-/// A cycle that is over.
+/// A cycle that has ended.
 struct Ended {
     id: i64,
     at_unix_s: i64,
@@ -133,7 +134,7 @@ impl Store {
             if running > 0 {
                 return Ok(false);
             }
-            // A process that ended before it removed them has left them with their rows.
+            // If a process ended between writing the rows and removing the files, the rows already exist.
             for (hash, bytes) in there.iter().filter(|(hash, _)| !gone.contains(*hash)) {
                 let sql = "INSERT INTO pruned (cycle_id, hash, bytes, at_unix_s) VALUES (?1, ?2, ?3, ?4)";
                 writing.execute(sql, params![id, hash, bytes, at_unix_s])?;
@@ -153,8 +154,8 @@ impl Store {
     }
 }
 
-/// What is old of a cycle that is due: the pictures of its clips and those that cameras gave. The clips' lists stay, since
-/// they name the pictures.
+/// Returns the files of a due cycle that can be removed: the pictures of its clips, and the cameras' shots. The
+/// clips' lists are not removed, since they name the pictures.
 fn old(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
     let mut old = BTreeSet::new();
     for (_, finding) in findings(store, Some(id))? {
@@ -169,7 +170,7 @@ fn old(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
     Ok(old)
 }
 
-/// Every file that a row names; of cycles that are `due` without what is old of them.
+/// Returns every file that a row names; for cycles that are `due`, without the files that can be removed.
 pub(super) fn named(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BTreeSet<String>, StoreError> {
     let read = |error: rusqlite::Error| store.failed("read the names of files in", &error);
     let mut named = BTreeSet::new();
@@ -195,7 +196,7 @@ pub(super) fn named(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BTreeSet
     Ok(named)
 }
 
-/// The findings of a cycle, or of all, each with its cycle.
+/// Returns the findings of one cycle, or of all, each with its cycle.
 fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, StoreError> {
     let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
         let sql = "SELECT cycle_id, finding FROM findings WHERE ?1 IS NULL OR cycle_id = ?1 ORDER BY id";
@@ -205,7 +206,7 @@ fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, Store
     rows.into_iter().map(|(cycle, text)| Ok((cycle, store.parsed(&text)?))).collect()
 }
 
-/// What the list of a clip's pictures is called in a finding.
+/// Name of the list of a clip's pictures in a finding.
 const CLIP: &str = "clip.csv";
 
 /// The pictures of a clip, by its list; empty if the list is missing.

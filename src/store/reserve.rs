@@ -12,12 +12,13 @@ pub(super) const FILE: &str = "panelprep.reserve";
 /// Its size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for 2,000
 /// lines, and a retract, a hold and a stop need less than 100.
 pub(super) const MB: u64 = 32;
-/// Free disk below which no program starts on a store without a reserve, MB: its journal would end before the cell rests.
+/// Free disk space below which no program starts on a store without a reserve, MB: its journal would fill the disk
+/// before the cell is in a safe state.
 const JOURNAL_MB: u64 = 8;
-/// Free disk at which an error that may have other causes is one of the full disk, bytes.
+/// Free disk space below which an ambiguous error is treated as a full disk, bytes.
 const NOTHING_BYTES: u64 = 1_000_000;
 
-/// The file that is given up when the disk is full.
+/// The reserved file that is deleted when the disk is full.
 #[derive(Debug)]
 pub(super) struct Reserve {
     path: PathBuf,
@@ -64,29 +65,29 @@ impl Reserve {
 pub(super) fn is_full(error: &rusqlite::Error, folder: &Path) -> bool {
     match error.sqlite_error_code() {
         Some(ErrorCode::DiskFull) => true,
-        // Its log and the memory that connections share are files too.
+        // SQLite's log and its shared memory are files too.
         Some(ErrorCode::SystemIoFailure | ErrorCode::CannotOpen) => nothing_left(folder),
         _ => false,
     }
 }
 
-/// Whether a disk has no room for the files that SQLite makes.
+/// Returns whether a disk has no space for the files that SQLite creates.
 pub(super) fn nothing_left(folder: &Path) -> bool {
     blobs::free_bytes(folder).is_ok_and(|free| free < NOTHING_BYTES)
 }
 
-/// Whether the journal finds no place here.
+/// Returns whether there is too little space for the journal here.
 pub(super) fn is_too_full_for_the_journal(folder: &Path) -> bool {
     blobs::free_mb(folder).is_ok_and(|free| free < JOURNAL_MB)
 }
 
-/// The disk of this store is full, and what to delete.
+/// Returns the error that this store's disk is full, with the files to delete.
 pub(super) fn full(folder: &Path) -> StoreError {
     let free_mb = blobs::free_mb(folder).unwrap_or(0);
     StoreError::Full { path: folder.to_owned(), free_mb, advice: advice(folder) }
 }
 
-/// What of the store may be deleted.
+/// Returns which files of the store may be deleted.
 fn advice(folder: &Path) -> String {
     let recordings = folder.join("recordings");
     let files = fs::read_dir(&recordings).into_iter().flatten().flatten();

@@ -1,4 +1,4 @@
-//! The version of the tables: checked before anything is written, raised step by step.
+//! The version of the tables: checked before any write, and raised step by step.
 
 use super::chain::ChainPosition;
 use super::error::StoreError;
@@ -15,10 +15,10 @@ use std::sync::OnceLock;
 /// requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings,
 /// acknowledgements, signatures. 9: the rows for the office.
 pub(super) const SCHEMA: i64 = 9;
-/// The first with a chain.
+/// The first version with a chain.
 pub(super) const CHAINED: i64 = 6;
 
-/// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
+/// Returns the database's version; 0 for an empty database. Nothing is written: a foreign database stays unchanged.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
     let failed = |error: rusqlite::Error| StoreError::database("open", path, &error);
     match read(connection).map_err(failed)? {
@@ -29,7 +29,7 @@ pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, Store
     }
 }
 
-/// The schema's version and the number of tables and indices.
+/// Reads the schema's version and the number of tables and indices.
 fn read(connection: &Connection) -> Result<(i64, i64), rusqlite::Error> {
     let version = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
     let entries = connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| row.get(0))?;
@@ -40,7 +40,8 @@ fn read(connection: &Connection) -> Result<(i64, i64), rusqlite::Error> {
 /// that are read are compared with the chain, and `panelprep store verify` checks the whole database.
 const CHECKED_BYTES: u64 = 64 << 20;
 
-/// SQLite's own look at every page; what it finds wrong.
+/// Runs SQLite's own check of every page, except in a database above `CHECKED_BYTES`. Returns an error if a page
+/// is damaged.
 pub(super) fn check(connection: &Connection, path: &Path) -> Result<(), StoreError> {
     if std::fs::metadata(path).is_ok_and(|file| file.len() > CHECKED_BYTES) {
         return Ok(());
@@ -54,7 +55,7 @@ pub(super) fn check(connection: &Connection, path: &Path) -> Result<(), StoreErr
     }
 }
 
-/// Sets the database to survive a power cut.
+/// Configures the database to survive a power cut.
 pub(super) fn prepare(connection: &Connection) -> Result<(), rusqlite::Error> {
     connection.pragma_update(None, "journal_mode", "WAL")?;
     connection.pragma_update(None, "synchronous", "FULL")?;
@@ -111,7 +112,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     chain::last(transaction).map(Some)
 }
 
-/// What the database has beside this program's own tables, or has not; SQLite's own entries are none of ours.
+/// Returns the differences between the database's entries and this program's schema, without SQLite's own entries.
 pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqlite::Error> {
     let (ours, found) = (own_entries()?, entries(connection)?);
     let gone = ours
@@ -127,7 +128,7 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
     Ok(told)
 }
 
-/// The entries of this program's own schema, which is made once in a process.
+/// Returns the entries of this program's own schema, which is created once per process.
 fn own_entries() -> Result<&'static [(String, String)], rusqlite::Error> {
     static OWN: OnceLock<Vec<(String, String)>> = OnceLock::new();
     if let Some(known) = OWN.get() {
@@ -139,7 +140,7 @@ fn own_entries() -> Result<&'static [(String, String)], rusqlite::Error> {
     Ok(OWN.get_or_init(|| made))
 }
 
-/// Each table, index, view and trigger with its text, spaces left out.
+/// Returns each table, index, view and trigger with its text, without spaces.
 fn entries(connection: &Connection) -> Result<Vec<(String, String)>, rusqlite::Error> {
     let sql = "SELECT type || ' ' || name, coalesce(sql, '') FROM sqlite_master WHERE name NOT LIKE 'sqlite_%'";
     let entry = |row: &rusqlite::Row<'_>| {

@@ -1,5 +1,5 @@
 //! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number and not at a count
-//! of rows, so that cycles that begin meanwhile move nothing.
+//! of rows. Cycles that begin meanwhile therefore shift no page.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -9,7 +9,7 @@ use crate::verdict::Verdict;
 use rusqlite::types::Value;
 use rusqlite::{Row, params_from_iter};
 
-/// Conditions with the values of their question marks, in order.
+/// Conditions with the values of their placeholders, in order.
 #[derive(Default)]
 struct Conditions {
     sql: Vec<String>,
@@ -50,7 +50,7 @@ impl Conditions {
             None => {}
         }
         for word in &query.words {
-            // The text of the column has the names of its keys too.
+            // The column's text also contains the names of its keys.
             let sql = "EXISTS (SELECT 1 FROM json_each(reasons)
                        WHERE (value ->> 'code') || ' ' || (value ->> 'message') LIKE ? ESCAPE '\\')";
             all.add(sql, Some(format!("%{}%", escaped(word))));
@@ -64,7 +64,7 @@ fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_")
 }
 
-/// Whether the path was run in the air: it was moved so …
+/// SQL condition that the path was run in the air: a motion states it …
 const MOVED_IN_AIR: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
 /// … or the run in the air was requested, which stores of earlier versions of this program do not record.
@@ -118,7 +118,7 @@ impl Store {
         rows.into_iter().map(|(word, count)| Ok((self.parsed(&format!("\"{word}\""))?, count))).collect()
     }
 
-    /// With its verdict and reasons, which are read from their texts.
+    /// Adds the verdict and the reasons, which are decoded from their texts.
     fn hit(&self, hit: Hit, [verdict, reasons]: [Option<String>; 2]) -> Result<Hit, StoreError> {
         let verdict = verdict.map(|word| self.parsed(&format!("\"{word}\""))).transpose()?;
         let reasons = reasons.map(|text| self.parsed(&text)).transpose()?.unwrap_or_default();

@@ -38,7 +38,7 @@ pub(super) const TABLES: &str = "
 
 /// The most attempts to sign if another process signs meanwhile.
 const ATTEMPTS: usize = 10;
-/// The longest name, user or remark, in characters.
+/// Length limit of a name, user or remark, in characters.
 const MAX_CHARACTERS: usize = 200;
 
 const OF_CYCLE: &str = "cycle";
@@ -51,32 +51,32 @@ pub struct PersonSigns {
     pub cycle: CycleId,
     /// The person's printed name.
     pub name: String,
-    /// The account by which the person was recognized.
+    /// The account with which the person was identified.
     pub user: String,
-    /// What the signature means.
+    /// The signature's meaning.
     pub meaning: Meaning,
-    /// What the person adds; `None` for nothing.
+    /// The person's remark; `None` if there is none.
     pub remark: Option<String>,
 }
 
-/// A signature as it is kept; the statement that it signs is the file `record_hash`.
+/// A signature as stored; the file `record_hash` contains the signed statement.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SignatureRow {
-    /// Its place among all signatures of the cell, from 1.
+    /// The signature's number among all signatures of the cell, from 1.
     pub number: u64,
     /// The cycle.
     pub cycle: CycleId,
-    /// A person's; else the cell's.
+    /// Whether a person signed; otherwise the cell signed.
     pub is_of_person: bool,
-    /// When, ms since 1970.
+    /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
-    /// SHA-256 of the statement.
+    /// SHA-256 of the signed statement.
     pub record_hash: String,
-    /// SHA-256 of the statement before.
+    /// SHA-256 of the previous statement.
     pub previous_hash: String,
     /// Its 64 bytes.
     pub signature: Vec<u8>,
-    /// The key that verifies it, 64 hexadecimal digits.
+    /// The key that verifies the signature, 64 hexadecimal digits.
     pub public_key: String,
 }
 
@@ -98,7 +98,7 @@ impl SignatureRow {
 
 const COLUMNS: &str = "id, cycle_id, kind, unix_ms, record_hash, previous_hash, signature, public_key";
 
-/// The last signature's number and the hash of its statement.
+/// Returns the last signature's number and the hash of its statement.
 fn last(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
     let sql = "SELECT id, record_hash FROM signatures ORDER BY id DESC LIMIT 1";
     let last = connection.query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?))).optional()?;
@@ -163,7 +163,7 @@ impl Store {
         self.sign(key, &StatementContent::Cycle(says))
     }
 
-    /// What of a cycle is signed, as the store has it now.
+    /// Returns the present content of a cycle to be signed.
     pub(super) fn cycle_to_sign(&self, id: CycleId) -> Result<SignedCycle, StoreError> {
         let record = self.cycle(id)?;
         if record.judgement.is_none() {

@@ -11,7 +11,7 @@ use crate::signing::{self, Claim, PublicKey, Signed, SignedCycle, Statement, Sta
 use std::collections::BTreeSet;
 
 impl Store {
-    /// Adds what contradicts the signatures, and how many there are.
+    /// Adds contradictions to the signatures, and the number of signatures.
     pub(super) fn verify_signatures(&self, verified: &mut Verified) {
         let rows = match self.signatures() {
             Ok(rows) => rows,
@@ -83,7 +83,7 @@ fn signed(row: &SignatureRow, bytes: Vec<u8>) -> Signed {
     Signed { name, bytes, signature: row.signature.clone(), claim: Claim::Number(row.number) }
 }
 
-/// Numbers have no gaps; the first ones may not be gone either.
+/// Checks that numbers have no gaps; the first ones must not be missing either.
 fn after_the_last(rows: &[SignatureRow]) -> Option<String> {
     let first = rows.first()?.number;
     (first > 1).then(|| format!("signatures 1 to {} are missing", first - 1))

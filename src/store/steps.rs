@@ -8,7 +8,7 @@ pub(super) enum Step {
     Settled,
 }
 
-/// Tests look at the files at each step; the program does not.
+/// A hook with which tests look at the files at each step; the program does not use it.
 #[derive(Default)]
 pub(super) struct Steps {
     #[cfg(test)]

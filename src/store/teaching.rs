@@ -31,12 +31,12 @@ pub(super) const TABLES: &str = "
     ) STRICT;
 ";
 
-/// All that a panel is taught from: files and texts as they were given.
+/// All inputs from which a panel is taught: unchanged files and texts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Teaching {
     /// The panel's name, from the recipe.
     pub name: String,
-    /// The 3D shot of the panel at its nominal place, PCD.
+    /// The scan of the 3D camera of the panel at its nominal pose, PCD.
     pub scan: Vec<u8>,
     /// The recipe.
     pub recipe_text: String,
@@ -44,7 +44,7 @@ pub struct Teaching {
     pub scanner_calibration_text: String,
     /// The 3D camera's pose.
     pub base_from_camera_text: String,
-    /// The corners, in the order they were given.
+    /// The corners, in the given order.
     pub corners: Vec<TaughtCorner>,
     /// Intrinsic parameters of the flange camera.
     pub flange_camera_text: String,
@@ -61,27 +61,28 @@ pub struct TaughtCorner {
     pub base_from_flange: KukaPose,
 }
 
-/// A teaching out of the store.
+/// A teaching read from the store.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Taught {
-    /// Its version: 16 hexadecimal digits of its content's hash.
+    /// The teaching's version: 16 hexadecimal digits of its content's hash.
     pub version: String,
-    /// When it was taught, s since 1970.
+    /// Time of teaching, s since 1970.
     pub taught_at_unix_s: i64,
     /// What was taught.
     pub teaching: Teaching,
 }
 
-/// A teaching with its files replaced by their hashes: what a row holds.
+/// A teaching with its files replaced by their hashes, as a row stores it.
 struct Record {
     scan_hash: String,
     texts: [String; 5],
-    /// Picture's hash and flange pose as JSON, which reads back to the bit.
+    /// The hash of each picture, and the flange pose as JSON, which reads back bit for bit.
     corners: Vec<(String, String)>,
 }
 
 impl Record {
-    /// First 16 digits of the hash over the hashes of all parts: no part can run into the next.
+    /// Returns the first 16 digits of the hash over the hashes of all parts. Hashes have a fixed length, so that
+    /// parts cannot be confused.
     fn version(&self) -> String {
         let texts = self.texts.iter().map(|text| content_hash(text.as_bytes()));
         let corners = self.corners.iter().map(|(picture, pose)| format!("{picture} {}", pose.trim_end()));

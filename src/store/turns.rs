@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-/// The turns at one store.
+/// The queue of the threads that wait to write to one store.
 #[derive(Debug, Default)]
 pub(super) struct Turns {
     queue: Mutex<Queue>,
@@ -22,7 +22,7 @@ struct Queue {
     next: u64,
 }
 
-/// The turn; it is over when this is dropped.
+/// The right to write; the turn ends when this value is dropped.
 #[derive(Debug)]
 pub(super) struct InTurn<'t> {
     turns: &'t Turns,
@@ -30,7 +30,7 @@ pub(super) struct InTurn<'t> {
 }
 
 impl Turns {
-    /// Those at the store in this folder.
+    /// Returns the turns of the store in this folder.
     pub fn at(store: &Path) -> Arc<Turns> {
         static ALL: Mutex<BTreeMap<PathBuf, Weak<Turns>>> = Mutex::new(BTreeMap::new());
         let key = store.canonicalize().unwrap_or_else(|_| store.to_owned());
@@ -44,7 +44,7 @@ impl Turns {
         turns
     }
 
-    /// Waits for the turn, at most so long.
+    /// Waits for the turn, at most this time; `None` after a timeout.
     pub fn acquire(&self, patience: Duration) -> Option<InTurn<'_>> {
         let until = Instant::now() + patience;
         let mut queue = self.lock();
@@ -106,7 +106,7 @@ mod tests {
             until_waiting(&turns, 2);
             scope.spawn(|| serve("third"));
             until_waiting(&turns, 3);
-            // Not at once: it must be in the queue before the turn is given back.
+            // The second thread must be in the queue before the turn is released.
             scope.spawn(|| serve("again"));
             until_waiting(&turns, 4);
             drop(first);

@@ -1,5 +1,5 @@
-//! Verifications of calibrations: each is kept, none is changed. An invalid one can be struck out: it is kept, with
-//! who did so and why.
+//! Verifications of calibrations: each is stored, none is changed. An invalid verification can be struck out: it
+//! stays stored, with the person and the reason.
 
 use super::database::{DATABASE, Store};
 use super::error::StoreError;
@@ -24,7 +24,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX verifications_by_subject ON verifications (subject);
 ";
 
-/// A strike names its verification; a verification is struck out once.
+/// A strike names its verification; a verification can be struck out only once.
 pub(super) const STRIKES: &str = "
     CREATE TABLE verification_strikes (
         verification_id INTEGER PRIMARY KEY REFERENCES verifications (id),
@@ -34,8 +34,8 @@ pub(super) const STRIKES: &str = "
     ) STRICT;
 ";
 
-/// The name of the calibration files that a verification used: of the camera's intrinsics and its mount, or of the
-/// tool, in this order.
+/// Returns the identifier of the calibration files that a verification used: of the camera's intrinsics and its
+/// mount, or of the tool, in this order.
 pub fn calibration_hash(texts: &[&str]) -> String {
     let hashes: Vec<String> = texts.iter().map(|text| content_hash(text.as_bytes())).collect();
     content_hash(hashes.join(" ").as_bytes())
@@ -61,7 +61,7 @@ impl Store {
     /// # Errors
     /// If the store cannot be opened or written, has no such verification, or it is struck out already.
     pub fn strike_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
-        // A mistyped folder must not become a store.
+        // A mistyped folder name must not create a store.
         drop(Store::open(folder)?);
         let mut store = Store::for_one_row(folder)?;
         let all = store.verification_history()?;
@@ -114,7 +114,7 @@ impl Store {
         self.insert_verification(verification).map(drop)
     }
 
-    /// Its number comes back.
+    /// Stores a verification and returns its number.
     fn insert_verification(&mut self, verification: &Verification) -> Result<i64, StoreError> {
         if !(verification.error.is_finite() && verification.limit.is_finite()) {
             return Err(StoreError::NotFinite { name: "verification".to_owned() });
@@ -147,7 +147,7 @@ impl Store {
         Ok(all.map(|(_, verification)| verification).filter(|it| it.subject == subject).collect())
     }
 
-    /// All verifications with their numbers, in the order in which they were kept.
+    /// Returns all verifications with their numbers, in the order of storing.
     ///
     /// # Errors
     /// As [`Store::verifications`].
@@ -175,7 +175,7 @@ impl Store {
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// Strikes by the number of their verification; a store of an earlier program has none.
+    /// Returns strikes by the number of their verification; none for a store of an earlier version of this program.
     fn strikes(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
         let failed = |error: rusqlite::Error| self.failed("read strikes from", &error);
         if !self.connection.table_exists(None, "verification_strikes").map_err(failed)? {

@@ -1,4 +1,5 @@
-//! Verifies that the store holds what was written. Names what was changed, deleted, inserted, reordered or rolled back.
+//! Verifies that the store contains the data that were written. Names changed, deleted, inserted, reordered or
+//! rolled-back data.
 
 use super::chain::{self, ChainPosition, Hash, PARTS, Part};
 use super::database::{DATABASE, Store};
@@ -10,31 +11,33 @@ use rusqlite::{Connection, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The number of links that a start verifies: all of a small store, of a large one those since its last checkpoint.
+/// Number of links that a start verifies: in a small store all links, in a large store the links since its last
+/// checkpoint.
 const AT_START: i64 = 20_000;
-/// Messages of one kind; the rest is counted.
+/// Limit of messages of one kind; the others are only counted.
 const MAX_MESSAGES: usize = 200;
 
-/// What a verification came to.
+/// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Verified {
-    /// What is not what was written, in words.
+    /// Differences from the written data, in words.
     pub found: Vec<String>,
-    /// What was found at an earlier start, was kept as an incident, and can no longer be seen: such as lines that are gone.
+    /// Differences that were found at an earlier start and stored as an incident, and can no longer be seen: for
+    /// example missing lines.
     pub known: Vec<String>,
-    /// Links of the chain.
+    /// Number of links in the chain.
     pub links: u64,
-    /// Files that were read and are whole.
+    /// Number of files that were read and are unchanged.
     pub files: u64,
     /// Files that the service removed, according to `[store] keep`.
     pub pruned: u64,
-    /// Signatures of the cell and of persons; they are looked at with the files.
+    /// Number of signatures of the cell and of persons; they are verified together with the files.
     pub signatures: u64,
-    /// The public keys that they name; one, unless the cell's key was replaced.
+    /// The public keys that the signatures name; one key, unless the cell's key was replaced.
     pub keys: Vec<String>,
 }
 
-/// What is wrong with a row, or with a link.
+/// The fault of a row, or of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum RowFault {
     Changed,
@@ -44,15 +47,15 @@ enum RowFault {
     Twice,
 }
 
-/// What was read of the chain.
+/// The state of a verification of the chain.
 #[derive(Default)]
 struct Walk {
     wrong: Vec<(&'static str, RowFault, i64)>,
     links: Vec<String>,
-    /// Of rows that were changed: what was written to them, and what they hold.
+    /// The changed rows: the hash of the written content and the hash of the present content.
     changed: Vec<(&'static str, i64, Hash, Hash)>,
     written: BTreeMap<&'static str, Vec<i64>>,
-    /// Of parts that are replaced: the last of each row.
+    /// For parts that are replaced: the last hash of each row.
     last: BTreeMap<(&'static str, i64), Hash>,
     count: u64,
 }
@@ -179,7 +182,7 @@ impl Store {
         })
     }
 
-    /// What the end of the chain contradicts of its head outside.
+    /// Returns contradictions between the end of the chain and the head outside the database.
     pub(super) fn contradictions(
         &self,
         told: Result<Option<head::Read>, std::io::Error>,
@@ -230,7 +233,7 @@ impl Store {
         self.connection.query_row("SELECT hash FROM chain WHERE link = ?1", [link], |row| row.get(0)).optional()
     }
 
-    /// What of the rows written lately contradicts the chain.
+    /// Returns contradictions between the recently written rows and the chain.
     pub(super) fn changed_lately(&self) -> Result<Vec<String>, StoreError> {
         let read = |error: rusqlite::Error| self.failed("read the chain of", &error);
         let last = chain::last(&self.connection).map_err(read)?;
@@ -243,8 +246,8 @@ impl Store {
         Ok(self.contradicted(ChainPosition { link: from, hash }, false).0)
     }
 
-    /// What contradicts the chain after this place, in words, and the number of links that were read. `whole`: rows without
-    /// a link are looked for too.
+    /// Returns contradictions to the chain after this position, in words, and the number of links that were read.
+    /// If `whole`, rows without a link are searched for too.
     fn contradicted(&self, from: ChainPosition, whole: bool) -> (Vec<String>, u64) {
         let mut walk = Walk::default();
         let walked = walk
@@ -262,7 +265,7 @@ impl Store {
 }
 
 impl Walk {
-    /// Reads the chain after this place, and the rows that its links name.
+    /// Reads the chain after this position, and the rows that its links name.
     fn chain(&mut self, connection: &Connection, from: ChainPosition) -> Result<(), rusqlite::Error> {
         let sql = "SELECT link, part, row_key, row_hash, hash FROM chain WHERE link > ?1 ORDER BY link";
         let mut statement = connection.prepare(sql)?;
@@ -323,7 +326,7 @@ impl Walk {
         self.wrong.push((part.name, wrong, key));
     }
 
-    /// Rows that no link names, and those that are named twice.
+    /// Finds rows that no link names, and rows that are named twice.
     fn unlinked(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
         for part in &PARTS {
             let mut written = self.written.remove(part.name).unwrap_or_default();
@@ -333,7 +336,7 @@ impl Walk {
                 self.wrong.extend(twice.map(|key| (part.name, RowFault::Twice, key)));
             }
             let Part { table, key, written: condition, .. } = part;
-            // Read by the table, not by an index, which may be damaged by itself.
+            // Reads the table and not an index, since an index may be damaged separately.
             let sql = format!("SELECT {key} FROM {table} NOT INDEXED WHERE {condition}");
             let mut statement = connection.prepare(&sql)?;
             let mut rows = statement.query([])?;

@@ -1,9 +1,10 @@
 //! Cholesky's factorisation of a symmetric positive definite band matrix, which nalgebra does not have.
 //!
-//! A = L Lᵀ keeps the band: for half-width b it costs n b² instead of n³/3. Row i holds its columns i − b … i. Of the
-//! inverse Z only the band is ever needed, for traces; it follows from Lᵀ Z = L⁻¹, column by column from the last:
+//! A = L Lᵀ preserves the band: for half-width b the cost is n b² instead of n³/3. Row i contains its columns i − b
+//! … i. Only the band of the inverse Z is needed, for traces; it follows from Lᵀ Z = L⁻¹, column by column from the
+//! last:
 //!     Z_ij = (δ_ij / L_jj − Σ_{k>j} L_kj Z_ki) / L_jj,   i ≥ j.
-//! Source of the second: Erisman & Tinney, Comm. ACM 18(3), 1975.
+//! Source of the second equation: Erisman & Tinney, Comm. ACM 18(3), 1975.
 
 use nalgebra::Vector3;
 
@@ -31,7 +32,7 @@ impl BandMatrix {
         self.lower[index] += value;
     }
 
-    /// This matrix and a multiple of another one of the same shape.
+    /// Returns the sum of this matrix and a multiple of another matrix of the same shape.
     pub fn plus(&self, other: &BandMatrix, factor: f64) -> BandMatrix {
         let lower = self.lower.iter().zip(&other.lower).map(|(mine, its)| mine + factor * its).collect();
         BandMatrix { lower, ..*self }
@@ -56,7 +57,7 @@ impl BandMatrix {
         product
     }
 
-    /// Factorises; the row at which A proves singular otherwise.
+    /// Factorises the matrix; on failure returns the row at which A is found to be singular.
     pub fn factored(mut self) -> Result<Factor, usize> {
         for row in 0..self.size {
             self.factor(row)?;
@@ -64,7 +65,7 @@ impl BandMatrix {
         Ok(Factor { matrix: self })
     }
 
-    // One row of L from the rows above it.
+    // Computes one row of L from the rows above it.
     fn factor(&mut self, row: usize) -> Result<(), usize> {
         let diagonal = self.lower[self.index(row, row)];
         for column in self.first(row)..=row {
@@ -148,7 +149,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// By hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
+    /// Calculated by hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
     #[test]
     fn two_by_two() {
         let mut matrix = BandMatrix::zeros(2, 1);

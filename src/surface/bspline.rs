@@ -3,8 +3,9 @@
 //!     S(u, v) = Σᵢ Σⱼ N_{i,k}(u) N_{j,l}(v) p_{ij}                                                          (4.12)
 //! with degrees k and l; S_u has N'_{i,k} in place of N_{i,k} (4.14, 4.15), and so on. The normal is
 //!     N = ± S_u × S_v / |S_u × S_v|,                                                                        (4.13)
-//! its sign chosen once, so that it points to the side that the camera saw: the thesis's form depends on the
-//! handedness of (u, v), and the tool's Z and the retract would turn with it. Points in the panel's frame, mm.
+//! The sign is chosen once, so that the normal points to the side that the camera saw. The thesis's form depends on
+//! the handedness of (u, v); the tool's Z and the retract would reverse with it. Points are in the panel's frame,
+//! mm.
 
 use super::derivatives::{Derivatives, Parameter, Tangents};
 use super::spans::SpanSurface;
@@ -13,13 +14,13 @@ use crate::geometry::{Panel, Point, Vector};
 use nalgebra::Vector3;
 use std::ops::RangeInclusive;
 
-/// Sine of the angle between S_u and S_v below which a place has no normal.
+/// Sine of the angle between S_u and S_v below which no normal is defined.
 const DEGENERATE_SINE: f64 = 1e-6;
 
-/// Why control points make no surface.
+/// Why control points do not form a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
-    /// The net does not fit the knots.
+    /// The number of control points does not fit the knots.
     #[error("the knots need {needed} control points, found {found}")]
     ControlCount {
         /// Control points found.
@@ -70,8 +71,8 @@ impl BSplineSurface {
         Ok(surface)
     }
 
-    /// By how many of 5 × 5 places more the raw normal shows towards this point than away from it: one place alone could
-    /// lie in a fold.
+    /// Returns the excess of points, among 5 × 5, at which the raw normal faces the viewer, over those at which it
+    /// faces away. A single point could lie in a fold.
     fn faces(&self, viewer: Point<Panel>) -> f64 {
         let place = |knots: &KnotVector, step: i32| {
             let (start, end) = (*knots.domain().start(), *knots.domain().end());
@@ -135,7 +136,7 @@ impl BSplineSurface {
         [self.knots_u.span(at.u), self.knots_v.span(at.v)]
     }
 
-    // Function by function: for degrees of which no polynomials are kept.
+    // Evaluates function by function: for degrees without precomputed polynomials.
     fn slow(&self, at: Parameter) -> Derivatives {
         let (u, v): (Basis, Basis) = (self.knots_u.with_second(at.u), self.knots_v.with_second(at.v));
         let [mut point, mut s_u, mut s_v, mut s_uu, mut s_uv, mut s_vv] = [Vector3::zeros(); 6];
@@ -167,7 +168,7 @@ impl BSplineSurface {
         let normal = self.normal_of(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
         let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
-        // Minus: the second form's own sign is that of a bowl seen from inside.
+        // The minus sign is needed because the second fundamental form is positive for a bowl seen from inside.
         let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
         let area2 = e * g - f * f;
         let (mean, gauss) = ((e * n - 2.0 * f * m + g * l) / (2.0 * area2), (l * n - m * m) / area2);
@@ -180,7 +181,7 @@ impl BSplineSurface {
         self.normal_of(&self.tangents(at))
     }
 
-    /// The unit normal that belongs to tangents of this surface.
+    /// Returns the unit normal that belongs to tangents of this surface.
     pub fn normal_of(&self, tangents: &Tangents) -> Option<Vector<Panel>> {
         let cross = tangents.s_u.mm.cross(&tangents.s_v.mm); // Eq. 4.13
         let length = cross.norm();
@@ -210,7 +211,8 @@ mod tests {
             .expect("a surface")
     }
 
-    /// By hand: over Greville abscissae a linear net is the plane itself; S_u = (100, 0, 0), S_v = (0, 60, 0).
+    /// Calculated by hand: over Greville abscissae a linear net is the plane itself; S_u = (100, 0, 0), S_v = (0,
+    /// 60, 0).
     #[test]
     fn a_linear_net_is_a_plane_up_to_its_corners() {
         let plane = net(|_, _| 7.0);
@@ -247,8 +249,8 @@ mod tests {
         assert_eq!(point, Err(SurfaceError::NoSide));
     }
 
-    /// By hand: over Greville abscissae z = −x²/2R is met to second order by its own spline in the middle of x; a
-    /// cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
+    /// Calculated by hand: over Greville abscissae the spline of z = −x²/2R agrees with it to second order in the
+    /// middle of x. A cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
     #[test]
     fn a_bulge_has_positive_curvature() {
         // Blossom of x² at the knots of each control point: the mean of the products of two of its three inner knots.
@@ -260,8 +262,8 @@ mod tests {
         assert!((largest - 1.0 / 500.0).abs() < 1e-9 && least.abs() < 1e-12, "{largest} {least}");
     }
 
-    /// By hand: a net that is linear in u and v makes z = 9 u v; with three spans along u and two along v,
-    /// S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every place.
+    /// Calculated by hand: a net that is linear in u and v makes z = 9 u v. With three spans along u and two along
+    /// v, S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every point.
     #[test]
     fn a_twisted_net_has_its_twist_whatever_the_spans() {
         let knots = [3, 2].map(|spans| KnotVector::uniform(3, spans, 0.0..=1.0).expect("open"));
@@ -278,7 +280,7 @@ mod tests {
     }
 
     proptest! {
-        /// The polynomials that are evaluated, against the functions one by one.
+        /// The polynomial evaluation agrees with the evaluation by basis functions.
         #[test]
         fn polynomials_and_basis_functions_are_one_surface(
             heights in prop::collection::vec(-20.0..20.0f64, 36), u in -0.1..1.1f64, v in -0.1..1.1f64,

@@ -1,8 +1,8 @@
-//! A place on a surface, and what is computed there.
+//! A parameter point of a surface, and the values computed there.
 
 use crate::geometry::{Panel, Point, Vector};
 
-/// A place on a surface by its parameters; no unit.
+/// A point of a surface, given by its parameters; no unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// Along the columns of the region, 0…1 inside the region.

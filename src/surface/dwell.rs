@@ -15,13 +15,13 @@ use crate::geometry::{Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
 use rayon::prelude::*;
 
-/// Distance between samples, and of the steps along a path, mm.
+/// Distance between samples, and between steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
 /// A disc with its point higher above the surface than this does not touch it, mm.
 pub const CONTACT_MM: f64 = 1.0;
-/// Steps of the search for the place on the surface below a point.
+/// Largest number of steps of the search for the surface point below a given point.
 const FOOT_STEPS: usize = 12;
-/// Such a place is exact enough, mm.
+/// Accuracy at which the search for the surface point ends, mm.
 const FOOT_MM: f64 = 1e-4;
 
 /// A pose of a path that was or will be executed.
@@ -29,11 +29,12 @@ const FOOT_MM: f64 = 1e-4;
 pub struct Executed {
     /// The tool.
     pub panel_from_tool: Rigid<Panel, Tool>,
-    /// Time from the pose before, s.
+    /// Time since the previous pose, s.
     pub seconds: f64,
-    /// Was the tool meant to be on the panel on the way here, running?
+    /// Whether the tool was meant to be in contact and running on the way to this pose.
     pub contact: bool,
-    /// The contact force that a compliant tool measured here, N; of a pose between two reports, that of the later one.
+    /// The contact force that a compliant tool measured at this pose, N. A pose between two reports has the force
+    /// of the later report.
     pub force_n: Option<f64>,
 }
 
@@ -46,14 +47,14 @@ pub struct GridDwell {
     pub columns: usize,
     /// Time under the disc at each sample, s, row by row.
     pub dwell_s: Vec<f32>,
-    /// How often the disc passed, sample by sample.
+    /// Number of passes of the disc, sample by sample.
     pub passes: Vec<u16>,
     /// Surface of each sample, mm².
     pub area_mm2: Vec<f32>,
 }
 
 impl Dwell {
-    /// One grid of those that were looked at.
+    /// Returns one of the evaluated grids.
     pub fn of_grid(&self, id: GridId) -> Option<&GridDwell> {
         self.grids.iter().find(|grid| grid.id == id)
     }
@@ -70,7 +71,7 @@ impl GridDwell {
         Spread::from_times(self.times())
     }
 
-    /// Time under the disc, s, and area, mm², sample by sample.
+    /// Returns the time under the disc, s, and the area, mm², sample by sample.
     fn times(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.dwell_s.iter().zip(&self.area_mm2).map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
     }
@@ -80,12 +81,12 @@ impl GridDwell {
         self.share_of(|passes| passes > 1)
     }
 
-    /// What the disc did not reach, mm².
+    /// Area that the disc did not reach, mm².
     pub fn left_mm2(&self) -> f64 {
         self.area_of(|passes| passes == 0)
     }
 
-    /// Mean time under the disc, s, of what was reached.
+    /// Mean time under the disc, s, of the area that the disc reached.
     pub fn mean_dwell_s(&self) -> f64 {
         let reached = self.dwell_s.iter().filter(|dwell| **dwell > 0.0);
         let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), dwell| (sum + f64::from(*dwell), count + 1));
@@ -102,12 +103,12 @@ impl GridDwell {
 
     fn area_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
         let counted = self.passes.iter().zip(&self.area_mm2).filter(|(passes, _)| counts(**passes));
-        // The sum of nothing is −0.
+        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
         counted.fold(0.0, |sum, (_, area)| sum + f64::from(*area))
     }
 }
 
-/// All grids that were looked at.
+/// The times under the disc of all evaluated grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dwell {
     /// Grid by grid.
@@ -119,12 +120,12 @@ pub struct Dwell {
 struct Step {
     at: Parameter,
     point: Point<Panel>,
-    /// How far the disc's radius reaches in the parameters, and a tenth more.
+    /// Reach of the disc's radius in the parameters, with a margin of a tenth.
     reach: [f64; 2],
     seconds: f64,
 }
 
-/// What a path does to these grids.
+/// Computes the times under the disc of these grids for a path.
 pub fn simulate(
     surface: &BSplineSurface,
     region: &Region,
@@ -139,7 +140,7 @@ pub fn simulate(
     Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm: sides_mm(surface) }
 }
 
-/// The path in contact, step by step, each on the surface below.
+/// Returns the path in contact, step by step, each projected to the surface.
 fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut guess = Parameter { u: 0.5, v: 0.5 };
@@ -157,7 +158,8 @@ fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec
             }
             // Each end counts as half a step.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
-            // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
+            // In slanted parameters the disc extends over more than its radius: the height of a rhombus is its side
+            // times the sine.
             let lengths = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
             let sine = tangents.area_mm2() / (lengths[0] * lengths[1]);
             let reach = lengths.map(|per_unit| 1.1 * radius_mm / (per_unit * sine));
@@ -180,7 +182,7 @@ pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> 
         if !(du.is_finite() && dv.is_finite()) {
             return None;
         }
-        // Far from its start a polynomial goes anywhere.
+        // Far from its start the polynomial can give any value.
         at = Parameter { u: (at.u + du).clamp(-0.2, 1.2), v: (at.v + dv).clamp(-0.2, 1.2) };
         if (s_u * du + s_v * dv).norm() < FOOT_MM {
             return Some(at);
@@ -243,7 +245,7 @@ impl Dwell {
         self.grids.iter().flat_map(|grid| &grid.dwell_s).fold(0.0, |most, dwell| f64::max(most, f64::from(*dwell)))
     }
 
-    /// How long the region is along u and along v, through its middle, mm.
+    /// Returns the length of the region along u and along v, through its middle, mm.
     pub fn sides_mm(&self) -> [f64; 2] {
         self.sides_mm
     }

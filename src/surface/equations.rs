@@ -21,12 +21,12 @@ const SIDE: usize = DEGREE + 1;
 const LOCAL: usize = SIDE * SIDE;
 /// Pairs of functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
 const PAIRS: usize = SIDE * (SIDE + 1) / 2;
-/// Decades of λ, relative to the mean diagonal elements of A and P. The least keeps control points determined that no
-/// point of the scan bears on.
+/// Decades of λ, relative to the mean diagonal elements of A and P. The smallest value still determines control
+/// points that no point of the scan influences.
 const DECADES: std::ops::RangeInclusive<i32> = -8..=2;
 
-/// What one pair of spans adds: with N_n = N_a(u) N_b(v) the sums of N_n N_m are those of the products of a pair along
-/// u with a pair along v.
+/// The contribution of one pair of spans. With N_n = N_a(u) N_b(v), the sums of N_n N_m are the sums of the
+/// products of a pair along u with a pair along v.
 struct Block {
     pairs: [[f64; PAIRS]; PAIRS],
     right: [Vector3<f64>; LOCAL],
@@ -42,7 +42,7 @@ pub(super) struct Equations {
     roughness: BandMatrix,
 }
 
-/// Control points with the smoothing that made them.
+/// Control points with the smoothing with which they were computed.
 pub(super) struct Solution {
     pub controls: Vec<Vector3<f64>>,
     /// λ, relative.
@@ -50,7 +50,7 @@ pub(super) struct Solution {
 }
 
 impl Equations {
-    /// Sums over all samples, each with its weight.
+    /// Computes the sums over all samples, each with its weight.
     pub fn from_samples(samples: &Samples, weights: &[Vec<f64>], centre: Vector3<f64>) -> Self {
         let band = |(samples_of_band, weights): (&Vec<Sample>, &Vec<f64>)| {
             let mut blocks: BTreeMap<u32, Block> = BTreeMap::new();
@@ -89,7 +89,7 @@ impl Equations {
         equations
     }
 
-    /// The solution with the least smoothing; the row that is not determined otherwise.
+    /// Returns the solution with the least smoothing; on failure the row that is not determined.
     pub fn plain(&self) -> Result<Solution, usize> {
         Ok(self.solve(*DECADES.start(), 0.0)?.0)
     }
@@ -99,7 +99,7 @@ impl Equations {
         let mut best = self.solve(*DECADES.start(), noise_mm)?;
         for decade in DECADES.skip(1) {
             let next = self.solve(decade, noise_mm)?;
-            // The risk has one valley.
+            // The risk has only one minimum.
             if next.1 > best.1 {
                 break;
             }
@@ -108,7 +108,7 @@ impl Equations {
         Ok(best.0)
     }
 
-    // The solution for one λ with its risk, Eq. 2.
+    // Returns the solution for one λ with its risk, Eq. 2.
     fn solve(&self, decade: i32, noise_mm: f64) -> Result<(Solution, f64), usize> {
         let smoothing = 10.0_f64.powi(decade);
         let factor = smoothing * self.matrix.trace() / self.roughness.trace();
@@ -154,7 +154,7 @@ impl Block {
     }
 }
 
-/// Coefficients power by power: [k][r] is that of t^k in N_r.
+/// Returns coefficients power by power: [k][r] is that of t^k in N_r.
 fn columns(functions: &SpanFunctions) -> [[f64; SIDE]; SIDE] {
     std::array::from_fn(|k| std::array::from_fn(|r| functions.coefficients[r][k]))
 }
@@ -203,7 +203,7 @@ fn roughness(knots: &[KnotVector; 2]) -> BandMatrix {
     matrix
 }
 
-/// Weights of three neighbouring control points in a second difference, for spans of length 1.
+/// Returns the weights of three neighbouring control points in a second difference, for spans of length 1.
 fn second_differences(knots: &KnotVector) -> Vec<[f64; 3]> {
     let domain = knots.domain();
     let span = (domain.end() - domain.start()) / knots.spans() as f64;

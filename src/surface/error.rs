@@ -1,4 +1,4 @@
-//! Why a scan gives no surface, in words for the person who teaches.
+//! Why a scan does not determine a surface, in words for the person who teaches.
 
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
@@ -6,16 +6,16 @@ use crate::geometry::basis::{DEGREE, KnotError};
 use crate::verdict::{Check, SetBy, Severity};
 use crate::words::{apart, fixed};
 
-/// Fewer pixels in a pair of spans do not determine it.
+/// Smallest number of pixels that determine a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 
-/// Why a scan gives no surface.
+/// Why a scan does not determine a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
-    /// No point of the panel in the region.
+    /// The region contains no point of the panel.
     #[error("the region has no scan points; scan again or move the region")]
     NoPoints,
-    /// The control points are closer than the scan's.
+    /// The control points are closer together than the scan's points.
     #[error(
         "a span of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, at least {MIN_PIXELS} are \
          needed; raise [surface] control_spacing_mm", at.u, at.v
@@ -23,9 +23,9 @@ pub enum FitError {
     TooFine {
         /// The recipe's spacing, mm.
         spacing_mm: f64,
-        /// Pixels in the poorest span.
+        /// Number of pixels in the span with the fewest.
         pixels: usize,
-        /// Its middle in the taught picture.
+        /// The span's middle in the taught picture.
         at: Pixel,
     },
     /// A hole.
@@ -50,7 +50,7 @@ pub enum FitError {
         /// The place, in the taught picture.
         at: Pixel,
     },
-    /// Too much is missing.
+    /// Too large a part of the region has no valid point.
     #[error(
         "{} % of the region have no point that fits the surface, [surface] max_missing_percent allows {}",
         apart(*percent, *limit_percent, 1)[0], apart(*percent, *limit_percent, 1)[1]
@@ -64,7 +64,7 @@ pub enum FitError {
     /// The points do not determine a control point.
     #[error("the scan does not determine the surface near ({:.0}, {:.0}) px; scan again", at.u, at.v)]
     Undetermined {
-        /// The control point's place in the taught picture.
+        /// The control point's position in the taught picture.
         at: Pixel,
     },
     /// The surface turns its back to the camera.
@@ -87,10 +87,10 @@ pub enum FitError {
         /// White noise of the scan, mm.
         noise_mm: f64,
     },
-    /// The control points make no surface.
+    /// The control points do not form a surface.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// The region makes no knots.
+    /// The region gives no valid knots.
     #[error(transparent)]
     Knots(#[from] KnotError),
 }

@@ -18,6 +18,6 @@ pub struct GridField {
 pub struct Field {
     /// Grid by grid.
     pub grids: Vec<GridField>,
-    /// How long the region is along u and along v, through its middle, mm.
+    /// Length of the region along u and along v, through its middle, mm.
     pub sides_mm: [f64; 2],
 }

@@ -26,27 +26,27 @@ use crate::recipe::{self, FitMethod};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
-/// No 3D camera is more exact than this, mm: keeps σ from zero on data without noise.
+/// Lower limit of σ, mm: no 3D camera is more exact. It keeps σ above zero on data without noise.
 const MIN_SCALE_MM: f64 = 0.001;
-/// Weighted fits at most; two are the rule.
+/// Largest number of weighted fits; two are usual.
 const MAX_ROUNDS: usize = 4;
-/// σ has settled when a round lowers it by less than this share.
+/// The iteration ends when a round leaves σ above this share of its previous value.
 const CONVERGENCE_RATIO: f64 = 0.9;
 
-/// How far the scan lies from the surface, along its normal.
+/// The scan's distance from the surface, along the surface's normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
     /// Points in the fit, rejected ones not counted.
     pub points: usize,
-    /// Points of the region with weight zero: farther off than 4.685 σ.
+    /// Number of points of the region with weight zero: farther off than 4.685 σ.
     pub rejected: usize,
     /// Root mean square over the points in the fit, mm.
     pub rms_mm: f64,
-    /// Below this lie 95 % of the points in the fit, mm.
+    /// 95 % of the points in the fit lie below this distance, mm.
     pub p95_mm: f64,
-    /// The largest of the points in the fit, mm.
+    /// The largest distance of a point in the fit, mm.
     pub largest_mm: f64,
-    /// The scan's white noise along the normal, σ, mm: what `rms_mm` would be of a perfect surface.
+    /// The scan's white noise along the normal, σ, mm: `rms_mm` has this value for a perfect surface.
     pub noise_mm: f64,
     /// The smoothing λ that this noise required, relative to the data; 0 in the thesis's method.
     pub smoothing: f64,
@@ -56,14 +56,14 @@ pub struct Deviation {
     pub largest_hole_mm: f64,
 }
 
-/// A surface with the evidence for it.
+/// A surface with its measured deviation from the scan.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// The surface; the region is its unit square.
     pub surface: BSplineSurface,
-    /// How well it lies in the scan.
+    /// The deviation of the scan from the surface.
     pub deviation: Deviation,
-    /// The same, pixel by pixel.
+    /// The deviation, pixel by pixel.
     pub map: DeviationMap,
 }
 
@@ -73,7 +73,7 @@ pub struct Fit {
 pub struct Refusal {
     /// Why.
     pub error: FitError,
-    /// What was seen, pixel by pixel, as far as it came.
+    /// The deviation, pixel by pixel, as far as it was computed.
     pub map: Option<DeviationMap>,
 }
 
@@ -85,7 +85,7 @@ pub fn fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, FitEr
     examine(panel, settings).map_err(|refusal| refusal.error)
 }
 
-/// Fits the surface of the panel's region; a refusal brings its picture along.
+/// Fits the surface of the panel's region; an error contains the picture of the deviation.
 ///
 /// # Errors
 /// As [`fit`].
@@ -108,7 +108,7 @@ pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, B
     look.fit(panel, &seen).map_err(|(error, map)| Box::new(Refusal { error, map: Some(map.unwrap_or(seen)) }))
 }
 
-/// What one fit looks at.
+/// The inputs of one fit.
 struct FitInputs<'a> {
     samples: &'a Samples,
     region: &'a Region,
@@ -188,7 +188,7 @@ impl FitInputs<'_> {
         FitError::Undetermined { at: self.region.pixel(Point2::new(share(i, knots_u), share(j, knots_v))) }
     }
 
-    /// Deviation of each sample along the surface's normal, mm, band by band.
+    /// Computes the deviation of each sample along the surface's normal, mm, band by band.
     fn residuals(&self, surface: &BSplineSurface) -> Result<Vec<Vec<f64>>, FitError> {
         let residual = |sample: &Sample| {
             let at = self.samples.place(sample);
@@ -271,26 +271,27 @@ impl FitInputs<'_> {
     }
 }
 
-/// σ of the white noise from second differences along the picture's rows, mm.
+/// Estimates σ of the white noise from second differences along the picture's rows, mm.
 fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
     let of_band = |(band, residuals): (&Vec<Sample>, &Vec<f64>)| {
         let neighbours =
             |three: &&[Sample]| three[1].pixel == three[0].pixel + 1 && three[2].pixel == three[0].pixel + 2;
         let bends = band.windows(3).zip(residuals.windows(3)).step_by(3);
-        // A row's last pixels and the next row's first ones are neighbours in number alone: too few to count.
+        // A row's last pixels and the next row's first pixels have consecutive numbers but are not neighbours: too
+        // few to matter.
         bends.filter(|(three, _)| neighbours(three)).map(|(_, r)| (r[0] - 2.0 * r[1] + r[2]).abs()).collect()
     };
     let of_bands: Vec<Vec<f64>> = samples.bands.par_iter().zip(residuals).map(of_band).collect();
     SIGMA_OF_MEDIAN * quantile(&mut of_bands.concat(), 0.5) / 6.0_f64.sqrt()
 }
 
-/// σ of normal noise with the same median deviation, mm.
+/// Returns σ of normal noise with the same median deviation, mm.
 fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r.abs()).collect();
     (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)
 }
 
-/// The value below which this share of the values lies; 0 of none. Reorders them.
+/// Returns the value below which this share of the values lies; 0 for no values. Reorders the values.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;

@@ -10,23 +10,23 @@ use nalgebra::Point2;
 /// The state of one pixel of the taught picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MapPixel {
-    /// Outside of the region.
+    /// The pixel lies outside the region.
     Outside,
-    /// No point of the panel.
+    /// The pixel shows no point of the panel.
     Missing,
     /// A point that does not count.
     Rejected {
-        /// How far in front of the surface, mm.
+        /// Distance in front of the surface, mm.
         mm: f32,
     },
     /// A point in the fit.
     Fits {
-        /// How far in front of the surface, mm.
+        /// Distance in front of the surface, mm.
         mm: f32,
     },
 }
 
-/// A fit's deviation, pixel by pixel of the part of the taught picture that holds the region.
+/// The deviation of a fit, pixel by pixel, for the part of the taught picture that contains the region.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviationMap {
     pub(super) window: Window,
@@ -34,7 +34,7 @@ pub struct DeviationMap {
     pub(super) mm_per_px: f64,
 }
 
-/// Places of a region without a panel below them.
+/// Parts of a region without a panel below them.
 #[derive(Debug, Clone)]
 pub struct Holes {
     region: Region,
@@ -43,7 +43,7 @@ pub struct Holes {
 }
 
 impl Holes {
-    /// A region without any.
+    /// Creates a region without holes.
     pub fn none(region: &Region) -> Self {
         Holes { region: region.clone(), window: Window { columns: 0..0, rows: 0..0 }, is_over: Vec::new() }
     }
@@ -104,13 +104,13 @@ impl DeviationMap {
         (largest.0 as usize, Pixel::at(corner.u - half, corner.v - half))
     }
 
-    /// The holes of which a square of this side is a part, mm.
+    /// Returns the holes that contain a square of this side, mm.
     pub fn holes(&self, region: &Region, side_mm: f64) -> Holes {
         let least = (side_mm / self.mm_per_px).ceil().max(1.0) as u32;
         let width = self.width();
         let mut reach: Vec<u32> =
             self.squares().into_iter().map(|side| if side >= least { side } else { 0 }).collect();
-        // A square of side s that ends at a pixel holds the s − 1 pixels before it along rows, columns and both.
+        // A square of side s that ends at a pixel contains the s − 1 pixels before it along rows, columns and both.
         for index in (0..reach.len()).rev() {
             let (last_column, last_row) = ((index + 1) % width == 0, index + width >= reach.len());
             let right = if last_column { 0 } else { reach[index + 1] };
@@ -122,7 +122,7 @@ impl DeviationMap {
         Holes { region: region.clone(), window: self.window.clone(), is_over }
     }
 
-    /// Side of the largest square without a point that ends at each pixel, px.
+    /// Returns the side of the largest square without a point that ends at each pixel, px.
     fn squares(&self) -> Vec<u32> {
         let raster = Raster { width: self.width(), height: self.pixels.len() / self.width().max(1) };
         raster.largest_squares(|index| matches!(self.pixels[index], MapPixel::Missing | MapPixel::Rejected { .. }))
@@ -145,7 +145,7 @@ mod tests {
         pixels[2 * 6 + 2] = MapPixel::Rejected { mm: -2.0 };
         let mut map = DeviationMap { window: Window { columns: 100..106, rows: 50..55 }, pixels, mm_per_px: 2.0 };
         assert_eq!(map.largest_hole(), (2, Pixel::at(101.5, 51.5)));
-        // Squares of 4 mm: both of the hole's, all six pixels; none of 5 mm.
+        // Squares of 4 mm: both squares of the hole are found, all six pixels; no larger square.
         let text = "panel = \"p\"\nregion = { corners_px = [[100, 50], [106, 50], [106, 55], [100, 55]], rows = 1, \
                     columns = 1 }\nlocate.box_min_mm = [0, 0, 0]\nlocate.box_max_mm = [1, 1, 1]\n";
         let recipe = crate::recipe::Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}"));

@@ -1,10 +1,10 @@
-//! Places spread evenly over a patch of the surface, at which what a path does is counted.
+//! Points spread evenly over a patch of the surface, at which the effects of a path are calculated.
 
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
 use super::patch::Patch;
 
-/// Places in rows and columns, each in the middle of its part of the patch.
+/// Points in rows and columns, each in the middle of its part of the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Net {
     /// The patch.
@@ -16,7 +16,7 @@ pub struct Net {
 }
 
 impl Net {
-    /// Places about so far apart, mm, by the lengths of the patch through its middle.
+    /// Creates points at about this spacing, mm, measured through the middle of the patch.
     pub fn over(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
         let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
         let count = |length_mm: f64| (length_mm / spacing_mm).ceil().max(1.0) as usize;
@@ -46,7 +46,7 @@ impl Net {
         size_u * size_v / self.count() as f64
     }
 
-    /// The places around this box of parameters: all in it, and at most one more on each side.
+    /// Returns the points around this box of parameters: all points inside, and at most one more on each side.
     pub fn around(&self, least: Parameter, most: Parameter) -> impl Iterator<Item = usize> + use<> {
         let range = |[least, most]: [f64; 2], [low, high]: [f64; 2], count: usize| {
             let index = |at: f64| ((at - low) / (high - low) * count as f64).clamp(0.0, count as f64) as usize;
@@ -63,7 +63,7 @@ fn sizes(patch: Patch) -> [f64; 2] {
     [patch.high.u - patch.low.u, patch.high.v - patch.low.v]
 }
 
-/// How long the region is along u and along v, through its middle, mm.
+/// Returns the length of the region along u and along v, through its middle, mm.
 pub(crate) fn sides_mm(surface: &BSplineSurface) -> [f64; 2] {
     let point = |u: f64, v: f64| surface.point(Parameter { u, v });
     [point(0.0, 0.5).distance_mm(point(1.0, 0.5)), point(0.5, 0.0).distance_mm(point(0.5, 1.0))]
@@ -97,7 +97,8 @@ mod tests {
         assert_eq!(sides_mm(&plane()).map(f64::round), [100.0, 60.0]);
     }
 
-    /// By hand: u from 0.15 to 0.25 meets columns 1 and 2, v from 0.4 on row 2; what lies beside the patch meets none.
+    /// Calculated by hand: u from 0.15 to 0.25 meets columns 1 and 2, v from 0.4 meets row 2; a box beside the
+    /// patch meets none.
     #[test]
     fn a_box_meets_the_places_around_it() {
         let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };

@@ -1,5 +1,5 @@
-//! A grid as a patch of the region's one surface: a box of parameters. Neighbouring grids meet as smoothly as the
-//! surface is, which a surface for each grid, as in the thesis's Fig. 4.22, would not give.
+//! A grid as a patch of the region's single surface: a box of parameters. Neighbouring grids join as smoothly as
+//! the surface itself. A separate surface for each grid, as in the thesis's Fig. 4.22, would not achieve this.
 
 use super::derivatives::Parameter;
 use crate::panel::{GridId, Region};
@@ -23,7 +23,7 @@ impl Patch {
         })
     }
 
-    /// The place at a share of each side.
+    /// Returns the point at a share of each side.
     pub fn at(&self, share: Parameter) -> Parameter {
         Parameter {
             u: self.low.u + (self.high.u - self.low.u) * share.u,

@@ -13,21 +13,21 @@ use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// What the knots reach beyond the region, in spans.
+/// Extent of the knots beyond the region, in spans.
 const MARGIN_SPANS: f64 = 0.25;
-/// Places on a line across the region at which its length is measured.
+/// Number of points on a line across the region at which its length is measured.
 const LENGTH_STEPS: usize = 16;
-/// Rows of the picture that are worked on as one piece, whatever the number of threads.
+/// Rows of the picture that are processed as one piece, independent of the number of threads.
 const BAND_ROWS: usize = 16;
 
-/// One point of the scan in its span.
+/// One point of the scan with its span.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
     /// Pixel in the window.
     pub pixel: u32,
     /// Pair of spans, u slowest.
     pub cell: u32,
-    /// Place in the spans, 0…1 each.
+    /// Position in the spans, 0…1 each.
     pub local: [f64; 2],
     pub mm: Vector3<f64>,
 }
@@ -58,15 +58,15 @@ pub(super) struct Samples {
     pub functions: [Vec<SpanFunctions>; 2],
     pub window: Window,
     pub bands: Vec<Vec<Sample>>,
-    /// Pixels of the window inside of the region.
+    /// Whether each pixel of the window is inside the region.
     pub inside: Vec<bool>,
-    /// Pixels inside of the region, by pair of spans.
+    /// Number of pixels inside the region, by pair of spans.
     pub pixels: Vec<usize>,
-    /// Those of them that have a point on the panel, all pairs together.
+    /// Number of pixels inside the region with a point on the panel, for all pairs together.
     pub points: usize,
 }
 
-/// Knots along u and v, no span longer than the recipe's spacing.
+/// Returns the knots along u and v; no span is longer than the recipe's spacing.
 pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
     let along = |length_mm: f64| {
         let spans = (length_mm / spacing_mm + 2.0 * MARGIN_SPANS).ceil().max(1.0);
@@ -77,7 +77,7 @@ pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 
     Ok([along(sides_mm[0])?, along(sides_mm[1])?])
 }
 
-/// How long the region is along u and along v: the longest of three lines each.
+/// Returns the length of the region along u and along v: in each direction the longest of three lines.
 pub(super) fn sides_mm(panel: &TaughtPanel) -> Result<[f64; 2], FitError> {
     let side = |unit: fn(f64, f64) -> Point2<f64>| {
         let length_mm = |across: f64| -> f64 {
@@ -137,20 +137,20 @@ impl Samples {
         }
     }
 
-    /// The spans along u and v of a pair.
+    /// Returns the spans along u and v of a pair.
     pub fn spans(&self, cell: usize) -> [usize; 2] {
         let across = self.functions[1].len();
         [cell / across, cell % across]
     }
 
-    /// The middle of a pair of spans in the taught picture.
+    /// Returns the middle of a pair of spans in the taught picture.
     pub fn middle(&self, cell: usize, region: &Region) -> Pixel {
         let [span_u, span_v] = self.spans(cell);
         let middle = |functions: &SpanFunctions| functions.start + functions.length / 2.0;
         region.pixel(Point2::new(middle(&self.functions[0][span_u]), middle(&self.functions[1][span_v])))
     }
 
-    /// Is this sample inside of the region?
+    /// Returns whether this sample is inside the region.
     pub fn is_inside(&self, sample: &Sample) -> bool {
         self.inside[sample.pixel as usize]
     }

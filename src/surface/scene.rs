@@ -1,4 +1,4 @@
-//! For tests: analytic panels as a quarter-size 3D camera sees them, and the `TaughtPanel` learnt from it.
+//! For tests: analytic panels as a quarter-size 3D camera sees them, and the `TaughtPanel` learnt from such a scan.
 
 use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid};
 use crate::panel::TaughtPanel;
@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// How far an analytic panel lies behind z = 700 mm, in the camera's frame, which is the panel's here.
+/// The depth of an analytic panel behind z = 700 mm in the camera's frame, which is also the panel's frame here.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
     Plane,
@@ -21,7 +21,7 @@ pub(crate) enum Shape {
 pub(crate) const SHAPES: [Shape; 4] = [Shape::Plane, Shape::Cylinder, Shape::Sphere, Shape::Saddle];
 
 impl Shape {
-    /// z of the panel over x and y, mm, and its slopes.
+    /// Returns z of the panel over x and y, mm, and its slopes.
     pub(crate) fn height(self, x: f64, y: f64) -> (f64, [f64; 2]) {
         match self {
             Shape::Plane => (700.0 + 0.2 * x - 0.1 * y, [0.2, -0.1]),
@@ -37,31 +37,31 @@ impl Shape {
         }
     }
 
-    /// The normal towards the camera.
+    /// Returns the normal towards the camera.
     pub(crate) fn normal(self, at: Point<crate::geometry::Panel>) -> Vector3<f64> {
         let (_, [dx, dy]) = self.height(at.mm.x, at.mm.y);
         Vector3::new(dx, dy, -1.0).normalize()
     }
 
-    /// Signed distance of a point in front of the surface, to first order, mm.
+    /// Returns the signed distance of a point in front of the surface, to first order, mm.
     pub(crate) fn distance_mm(self, at: Point<crate::geometry::Panel>) -> f64 {
         let (z, [dx, dy]) = self.height(at.mm.x, at.mm.y);
         (z - at.mm.z) / (1.0 + dx * dx + dy * dy).sqrt()
     }
 }
 
-/// What spoils the scan.
+/// The defects of a scan.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Spoil {
     /// White range noise, mm.
     pub noise_mm: f64,
-    /// Share of points that fly up to 2 mm off.
+    /// Share of points with an error of up to 2 mm.
     pub flying: f64,
     /// Share of points that are missing.
     pub missing: f64,
     /// Half-width of a square hole in the grid r2c2, px.
     pub hole_px: f64,
-    /// Half-width of a band in the picture's middle along which the points run back, px: the scan of a fold.
+    /// Half-width of a band in the picture's middle in which the points run backwards, px: the scan of a fold.
     pub fold_px: f64,
 }
 
@@ -79,7 +79,8 @@ pub(crate) const LENS: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// The recipe of the scene: region corners at (±140, ±84) mm, 3 rows and 5 columns, with more lines at its end.
+/// Returns the recipe of the scene: region corners at (±140, ±84) mm, 3 rows and 5 columns, with additional lines
+/// at its end.
 pub(crate) fn recipe(shape: Shape, more: &str) -> Recipe {
     let corner = |x: f64, y: f64| {
         let pixel = LENS.project(Point::<Camera>::at(x, y, shape.height(x, y).0)).expect("in front");
@@ -94,7 +95,7 @@ pub(crate) fn recipe(shape: Shape, more: &str) -> Recipe {
     Recipe::check("test.toml", &text).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The panel |x| ≤ 170, |y| ≤ 105 mm as the camera sees it.
+/// Returns the panel |x| ≤ 170, |y| ≤ 105 mm as the camera sees it.
 pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel {
     let mut random = Pcg64Mcg::seed_from_u64(7);
     let mut normal = move || {
@@ -134,7 +135,7 @@ fn folded(pixel: Pixel, fold_px: f64) -> Pixel {
     Pixel::at(LENS.cx_px + side * shown, pixel.v)
 }
 
-// Newton along the ray.
+// Newton's method along the ray.
 fn depth(shape: Shape, ray: Vector3<f64>) -> Option<f64> {
     let mut depth = 700.0;
     for _ in 0..50 {

@@ -1,14 +1,14 @@
-//! How even the times under the disc are: their 5 % and 95 % over the treated area.
+//! The uniformity of the times under the disc: their 5 % and 95 % values over the treated area.
 
-/// Shares of the treated area at which the times are read.
+/// Shares of the treated area at which the times are evaluated.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
-/// Numbers, each with the area that it holds for, in their order.
+/// Numbers in ascending order, each with the area to which it applies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ByArea(Vec<(f64, f64)>);
 
 impl ByArea {
-    /// Of numbers with their areas.
+    /// Sorts numbers with their areas.
     pub fn from_values(numbers: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut sorted: Vec<(f64, f64)> = numbers.collect();
         sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -22,7 +22,7 @@ impl ByArea {
             left -= area;
             left <= 0.0
         });
-        // What rounding leaves over belongs to the largest one.
+        // A rounding remainder is assigned to the largest number.
         found.or(self.0.last()).map(|(number, _)| *number)
     }
 }
@@ -31,9 +31,9 @@ impl ByArea {
 /// the disc reaches; the coverage reports the rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
-    /// At 5 % of the area, s.
+    /// Time under the disc at 5 % of the area, s.
     pub low_s: f64,
-    /// At 95 % of the area, s.
+    /// Time under the disc at 95 % of the area, s.
     pub high_s: f64,
 }
 
@@ -45,7 +45,7 @@ impl Spread {
         Some(Spread { low_s: low_s?, high_s: high_s? })
     }
 
-    /// How many times longer the long time is.
+    /// Returns the long time divided by the short time.
     pub fn ratio(&self) -> f64 {
         self.high_s / self.low_s
     }
@@ -55,8 +55,8 @@ impl Spread {
 mod tests {
     use super::*;
 
-    /// By hand: of 100 places of 1 mm² with 0.01 to 1.00 s the fifth has 0.05 s and the 95th 0.95 s. One that the disc
-    /// did not reach is not treated, and a place of twice the area counts twice.
+    /// Calculated by hand: of 100 points of 1 mm² with 0.01 to 1.00 s the fifth has 0.05 s and the 95th 0.95 s. A
+    /// point that the disc did not reach is not treated, and a point of twice the area counts twice.
     #[test]
     fn five_and_ninety_five_percent_of_the_area() {
         let even = |n: usize| (n as f64 / 100.0, 1.0);

@@ -1,4 +1,4 @@
-//! The fit on analytic panels, with and without what spoils a scan.
+//! Tests of the fit on analytic panels, with and without defects of the scan.
 
 use super::scene::{SHAPES, Shape, Spoil, recipe, taught};
 use super::{Fit, FitError, MapPixel, Parameter, examine, fit};
@@ -8,7 +8,8 @@ fn fitted(shape: Shape, spoil: Spoil, more: &str) -> Result<Fit, FitError> {
     fit(&taught(shape, spoil, &recipe), recipe.surface())
 }
 
-/// Mean and largest distance from the true surface, mm, and largest angle between the normals, degrees.
+/// Returns the mean and largest distance from the true surface, mm, and the largest angle between the normals,
+/// degrees.
 fn errors(shape: Shape, fit: &Fit) -> (f64, f64, f64) {
     let (mut sum, mut largest, mut angle) = (0.0, 0.0f64, 0.0f64);
     for n in 0..=20 * 20 {
@@ -22,7 +23,8 @@ fn errors(shape: Shape, fit: &Fit) -> (f64, f64, f64) {
     (sum, largest, angle)
 }
 
-/// What is left is the rounding of f32 at 700 mm, 0.00003 mm, and what cubics of 25 mm make of a sphere.
+/// The remaining error is the rounding of f32 at 700 mm, 0.00003 mm, and the error of a sphere approximated by
+/// cubics of 25 mm.
 #[test]
 fn an_exact_scan_gives_the_exact_surface() {
     for shape in SHAPES {
@@ -34,7 +36,7 @@ fn an_exact_scan_gives_the_exact_surface() {
     }
 }
 
-/// A quarter-size picture has a sixteenth of the points: four times the error of a full one.
+/// A quarter-size picture has a sixteenth of the points: four times the error of a full-size picture.
 #[test]
 fn noise_and_flying_points_hardly_move_the_surface() {
     let spoil = Spoil { noise_mm: 0.055, flying: 0.01, missing: 0.01, ..Spoil::default() };
@@ -49,8 +51,8 @@ fn noise_and_flying_points_hardly_move_the_surface() {
 }
 
 /// The neighbours of a flying point must not follow it: without weights, points that fly by up to 2 mm would raise
-/// the error fourteenfold. Removing the second fit makes this test fail.
-/// Of a noisy plane nothing is lost by smoothing, of an exact saddle nothing is won.
+/// the error fourteenfold. Removing the second fit makes this test fail. Smoothing does not make a noisy plane
+/// worse, and does not improve an exact saddle.
 #[test]
 fn noise_asks_for_smoothing_and_an_exact_scan_for_none() {
     let noisy = fitted(Shape::Plane, Spoil { noise_mm: 0.1, ..Spoil::default() }, "").expect("a surface");

@@ -1,15 +1,15 @@
 //! The thesis's method (4.5): points of the scan are the control points.
 //!
-//! The scan is too dense to make every point a control point. Each control point is therefore the scan's point
+//! The scan is too dense to use every point as a control point. Each control point is therefore the scan's point
 //! nearest to its Greville abscissa. The surface then follows the scan, contains its noise, and flattens every
-//! bulge. The method is here for comparison only.
+//! bulge. The method is included only for comparison.
 
 use super::error::FitError;
 use crate::geometry::basis::{DEGREE, KnotError, KnotVector};
 use crate::panel::TaughtPanel;
 use nalgebra::{Point2, Vector3};
 
-/// Knots over the region alone: beyond it there need not be a point.
+/// Returns knots over the region only: beyond it there may be no points.
 pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
     let along = |length_mm: f64| {
         let spans = (length_mm / spacing_mm).ceil().max(1.0) as usize;
@@ -18,7 +18,7 @@ pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 
     Ok([along(sides_mm[0])?, along(sides_mm[1])?])
 }
 
-/// The scan's points that are the control points, v running fastest.
+/// Returns the scan's points that are used as control points, v running fastest.
 pub(super) fn controls(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Result<Vec<Vector3<f64>>, FitError> {
     let (on_u, on_v) = (knots[0].greville(), knots[1].greville());
     let control = |(u, v): (f64, f64)| {

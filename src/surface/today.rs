@@ -1,8 +1,8 @@
 //! Today's surface: the taught surface with a smooth correction by the scan in which the panel was located.
 //!
-//! A point of that scan, moved into the panel's frame by the place that was found, is seen by the taught camera in
-//! a pixel, which is its parameter (u, v); r = N(u, v) · (P − S(u, v)) is how far today's panel lies in front of
-//! the taught one there. The correction c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each
+//! The found pose moves a point P of that scan to the panel's frame. The taught camera sees the point in a pixel,
+//! which gives its parameters (u, v). There, r = N(u, v) · (P − S(u, v)) is the distance of today's panel in front
+//! of the taught panel. The correction c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each
 //! control point of the surface is moved along the normal at its Greville abscissa, until the surface there is
 //! moved by c.
 
@@ -15,19 +15,19 @@ use crate::panel::TaughtPanel;
 use nalgebra::Point2;
 use rayon::prelude::*;
 
-/// Points of the region that are kept, about: four to a square of 6 mm of a region of 600 × 900 mm.
+/// Approximate number of points of the region that are stored: four per square of 6 mm in a region of 600 × 900 mm.
 const MAX_POINTS: usize = 60_000;
-/// Points that the correction is fitted to, about: they determine each of a hundred coefficients to a tenth of the
-/// noise of one point.
+/// Approximate number of points to which the correction is fitted: they determine each of a hundred coefficients to
+/// a tenth of the noise of one point.
 const MAX_FITTED: usize = 8_000;
-/// A point farther from the taught surface is not the panel's, mm.
+/// Largest distance of a panel's point from the taught surface, mm; farther points belong to other objects.
 const MAX_DISTANCE_MM: f64 = 20.0;
-/// Places along each side of the region at which the deviation is looked at.
+/// Number of points along each side of the region at which the deviation is evaluated.
 const PLACES: usize = 32;
-/// Steps by which control points are moved until the surface is.
+/// Number of iterations in which control points are moved until the surface is moved by the correction.
 const STEPS: usize = 6;
 
-/// A point of today's scan beside the taught surface.
+/// A point of today's scan with its parameters on the taught surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TodaysPoint {
     /// The point's place in the taught camera's picture, in the region's unit square.
@@ -36,24 +36,24 @@ pub struct TodaysPoint {
     point: Vector<Panel>,
 }
 
-/// Today's surface with the evidence for it.
+/// Today's surface with its deviations from the taught surface and the scan.
 #[derive(Debug, Clone)]
 pub struct Todays {
     /// The surface; the region is its unit square.
     pub surface: BSplineSurface,
-    /// How far it lies from the taught surface at most, mm.
+    /// Largest distance of the surface from the taught surface, mm.
     pub largest_mm: f64,
-    /// Root mean square of the points from it, mm.
+    /// Root mean square distance of the points from the surface, mm.
     pub rms_mm: f64,
-    /// The share of the region in which most points belong to something else, or none was seen, percent.
+    /// The share of the region in which most points belong to other objects, or no point was seen, percent.
     pub missing_percent: f64,
-    /// Side of the largest such square, mm.
+    /// Side of the largest square without visible surface, mm.
     pub largest_hole_mm: f64,
-    /// How far it lies in front of the taught surface, pixel by pixel; missing where no point was seen.
+    /// Distance of the surface in front of the taught surface, pixel by pixel; missing where no point was seen.
     pub map: DeviationMap,
 }
 
-/// Why a scan gives no surface of today.
+/// Why a scan does not determine today's surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TodayError {
     /// The scan has no point near the taught region.
@@ -62,7 +62,7 @@ pub enum TodayError {
     /// The equations have no solution.
     #[error("the scan in which the panel was located does not determine the region's surface; scan again")]
     Undetermined,
-    /// The corrected net is no surface.
+    /// The corrected control points do not form a surface.
     #[error("the surface corrected by today's scan is none: {0}")]
     Surface(#[from] SurfaceError),
 }
@@ -94,7 +94,7 @@ pub fn todays_points(
 /// Corrects the taught surface by the points of today's scan.
 ///
 /// # Errors
-/// If no point lies near the taught surface, or the points determine none.
+/// If no point lies near the taught surface, or the points do not determine a surface.
 pub fn todays(
     taught: &BSplineSurface,
     panel: &TaughtPanel,
@@ -137,16 +137,16 @@ pub fn todays(
     })
 }
 
-/// The region in cells: in which today's surface was seen.
+/// The region divided into cells, which state where today's surface was seen.
 struct Cells {
     raster: Raster,
     side_mm: f64,
-    /// The points in each, and those of them that are of the surface.
+    /// The number of points in each cell, and the number of these that belong to the surface.
     counts: Vec<[u32; 2]>,
 }
 
 impl Cells {
-    /// Cells of about this side.
+    /// Creates cells of about this side.
     fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
         let [width, height] = sides_mm.map(|mm| ((mm / cell_mm).round() as usize).max(1));
         let side_mm = (sides_mm[0] / width as f64).min(sides_mm[1] / height as f64);
@@ -164,7 +164,7 @@ impl Cells {
         self.counts[index][1] += u32::from(is_of_surface);
     }
 
-    /// Are most points of a cell of the surface? A cell without any shows nothing.
+    /// Returns whether most points of a cell belong to the surface; `false` for a cell without points.
     fn shows(&self, index: usize) -> bool {
         let [all, of_surface] = self.counts[index];
         2 * of_surface > all
@@ -181,7 +181,8 @@ impl Cells {
     }
 }
 
-/// The surface moved by c along its normals. A place with no normal, or beyond the region, moves as the border does.
+/// Returns the surface moved by c along its normals. A point without a normal, or beyond the region, moves as the
+/// border does.
 fn corrected(
     taught: &BSplineSurface,
     correction: &SmoothField,
@@ -215,7 +216,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    /// A taught panel of 280 × 168 mm with its surface.
+    /// Returns a taught panel of 280 × 168 mm with its surface.
     fn learnt() -> (TaughtPanel, Fit) {
         let recipe = recipe(Shape::Cylinder, "");
         let panel = taught(Shape::Cylinder, Spoil::default(), &recipe);
@@ -223,7 +224,8 @@ mod tests {
         (panel, fit)
     }
 
-    /// Points of a panel that lies this far in front of the taught one, with white noise of 0.06 mm.
+    /// Returns points of a panel that lies in front of the taught panel by this distance, with white noise of 0.06
+    /// mm.
     fn points(fit: &Fit, in_front_mm: impl Fn(Parameter) -> f64) -> Vec<TodaysPoint> {
         let mut random = Pcg64Mcg::seed_from_u64(5);
         let side = 140;
@@ -238,7 +240,8 @@ mod tests {
         (0..side * side).map(&mut point).collect()
     }
 
-    /// How far the surface lies at most from the one that is this far in front of the taught one, mm.
+    /// Returns the largest distance of the surface from the true surface, which lies in front of the taught surface
+    /// by this distance, mm.
     fn error_mm(fit: &Fit, todays: &Todays, in_front_mm: impl Fn(Parameter) -> f64) -> f64 {
         let error = |n: usize| {
             let at = Parameter { u: (n % 41) as f64 / 40.0, v: (n / 41) as f64 / 40.0 };
@@ -249,7 +252,7 @@ mod tests {
         (0..41 * 41).map(error).fold(0.0, f64::max)
     }
 
-    /// A bow of 1.5 mm and a wave of 200 mm.
+    /// A bow of 1.5 mm, and a wave with a wavelength of 200 mm.
     fn bent(at: Parameter) -> f64 {
         1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2)) + 0.3 * (280.0 / 200.0 * std::f64::consts::TAU * at.u).sin()
     }
@@ -260,7 +263,8 @@ mod tests {
         let todays = todays(&fit.surface, &panel, &fit.map, (&points(&fit, bent), 12.0)).expect("a surface");
         let error_mm = error_mm(&fit, &todays, bent);
         assert!(error_mm < 0.06, "{error_mm}");
-        // By hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 · sin(0.42 · 2π) = 0.145 mm.
+        // Calculated by hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 · sin(0.42 · 2π) =
+        // 0.145 mm.
         assert!((todays.largest_mm - 1.405).abs() < 0.03, "{}", todays.largest_mm);
         assert!(
             (todays.rms_mm / 0.06 - 1.0).abs() < 0.1
@@ -270,7 +274,7 @@ mod tests {
         );
     }
 
-    /// The taught surface itself stays within the noise.
+    /// The taught surface itself is unchanged within the noise.
     #[test]
     fn a_panel_as_it_was_taught_stays() {
         let (panel, fit) = learnt();
@@ -279,7 +283,8 @@ mod tests {
         assert!(error_mm < 0.03 && todays.largest_mm < 0.02, "{error_mm} {}", todays.largest_mm);
     }
 
-    /// A clamp 8 mm above a corner is not the panel, and what it hides is not seen; beside it the surface is right.
+    /// A clamp 8 mm above a corner is not part of the panel, and the surface below it is not seen; beside the clamp
+    /// the surface is correct.
     #[test]
     fn a_clamp_has_no_say() {
         let (panel, fit) = learnt();
@@ -289,12 +294,13 @@ mod tests {
         let beside = |at: Parameter| if is_clamped(at) { f64::NAN } else { bent(at) };
         let error_mm = error_mm(&fit, &todays, beside);
         assert!(error_mm < 0.1, "{error_mm}");
-        // By hand: 15 % of the length by 20 % of the width, 42 × 34 mm, in whole cells of 6 mm.
+        // Calculated by hand: 15 % of the length by 20 % of the width, 42 × 34 mm, in whole cells of 6 mm.
         assert!((todays.missing_percent - 3.0).abs() < 1.0, "{}", todays.missing_percent);
         assert!((24.0..=42.0).contains(&todays.largest_hole_mm), "{}", todays.largest_hole_mm);
     }
 
-    /// A patch of 30 mm that lies 3 mm higher is not followed, as if it were a clamp: it is a hole of today's surface.
+    /// The correction does not follow a patch of 30 mm that lies 3 mm higher: like a clamp, the patch is a hole of
+    /// today's surface.
     #[test]
     fn what_is_not_followed_is_a_hole() {
         let (panel, fit) = learnt();

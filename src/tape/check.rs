@@ -10,16 +10,16 @@ use mcap::records::{Metadata, Record};
 use std::collections::BTreeMap;
 use std::io::Read;
 
-/// A recording in which nothing is missing.
+/// A complete recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
-    /// How the loop began.
+    /// The state in which the loop began.
     pub start: Start,
-    /// The files that it worked by, by their names.
+    /// The loop's input files, by their names.
     pub files: BTreeMap<String, Vec<u8>>,
     /// Entries in it.
     pub entries: u64,
-    /// Its length on the loop's clock, s.
+    /// Length of the recording on the loop's clock, s.
     pub length_s: f64,
 }
 
@@ -40,7 +40,7 @@ pub fn check(source: impl Read) -> Result<Checked, TapeError> {
     }
 }
 
-/// What was read so far.
+/// The content read so far.
 #[derive(Default)]
 struct Inventory {
     is_mcap: bool,
@@ -147,7 +147,7 @@ impl Inventory {
         TapeError::Unfinished { entries: self.entries(), until_s: self.until_s() }
     }
 
-    /// The file's end was reached: is all there?
+    /// Checks at the end of the file whether the recording is complete.
     fn whole(self) -> Result<Checked, TapeError> {
         let start = self.start()?.clone();
         let Some(ended) = &self.ended else { return Err(self.unfinished()) };

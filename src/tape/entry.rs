@@ -1,4 +1,4 @@
-//! What a recording holds.
+//! The content of a recording.
 
 use super::Topic;
 use crate::cycle::{Deadline, Id, State};
@@ -8,34 +8,34 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::sync::Arc;
 
-/// One exchange of the loop with what is outside.
+/// One exchange of the loop with its environment.
 #[derive(Debug, Clone)]
 pub struct Entry {
     /// Its topic.
     pub topic: Topic,
-    /// When, ns since the recording began, on the loop's clock.
+    /// Time of the exchange, ns since the recording began, on the loop's clock.
     pub at_ns: u64,
     /// The loop's action; null if it only listened.
     pub said: Value,
     /// The reply or input; null if none was expected.
     pub heard: Value,
-    /// What a camera gave.
+    /// The picture or points from a camera, if there are any.
     pub shot: Option<Shot>,
 }
 
-/// What a camera gave.
+/// The picture or points from a camera.
 #[derive(Debug, Clone)]
 pub enum Shot {
     /// The 3D camera's points and colours.
     Points(Arc<OrganizedCloud<Camera>>),
-    /// A picture of its colour sensor.
+    /// A picture of the 3D camera's colour sensor.
     Scanner(Arc<ColorPicture>),
     /// A picture of the flange camera.
     Flange(Arc<ColorPicture>),
 }
 
 impl Shot {
-    /// The topic of its message.
+    /// The topic of the shot's message.
     pub fn topic(&self) -> Topic {
         match self {
             Shot::Points(_) => Topic::Points,
@@ -59,34 +59,34 @@ impl Shot {
     }
 }
 
-/// How the loop began, beside the files that it worked by.
+/// The state in which the loop began, in addition to its input files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {
     /// The program's version.
     pub program: String,
-    /// When, by the wall clock, ns since 1970.
+    /// Start time by the wall clock, ns since 1970.
     pub unix_ns: u64,
     /// The table's state.
     pub state: State,
-    /// Whether time passes only while the robot is listened to.
+    /// Whether time passes only while the loop listens to the robot.
     pub lock_step: bool,
-    /// What the loop remembered beside it.
+    /// The loop's memory in addition to the table's state.
     pub begin: Begin,
-    /// Error of the camera mounts at the panel, mm, 95 %, as it was known.
+    /// Error of the camera mounts at the panel, mm, 95 %, as known at the start.
     pub hand_eye_mm: Option<f64>,
-    /// Error of robot and tool, mm, 95 %, as it was known.
+    /// Error of robot and tool, mm, 95 %, as known at the start.
     pub robot_mm: Option<f64>,
 }
 
-/// What the loop remembered when the recording began, beside the table's state.
+/// The loop's memory when the recording began, in addition to the table's state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Begin {
-    /// Nothing: the program started.
+    /// No memory: the program started.
     #[default]
     Boot,
-    /// It had run before, and was idle.
+    /// The loop had run before, and was idle.
     Cycle {
         /// The robot's last report of its state.
         robot: Option<Box<eki::State>>,
@@ -106,16 +106,16 @@ pub struct Armed {
     pub id: Id,
     /// Which.
     pub which: Deadline,
-    /// When, ns on the loop's clock.
+    /// Time of the deadline, ns on the loop's clock.
     pub at_ns: u64,
 }
 
-/// Entries of one topic that could not be kept.
+/// Entries of one topic that could not be recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lost {
     /// The topic.
     pub topic: Topic,
-    /// The first of them, ns since the recording began.
+    /// Time of the first lost entry, ns since the recording began.
     pub from_ns: u64,
     /// How many.
     pub count: u64,
@@ -124,7 +124,7 @@ pub struct Lost {
 /// The content of a recording's end.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Ending {
-    /// What was not kept: an entry of the recording that is no whole one.
+    /// Entries that were not recorded: a recording with lost entries is incomplete.
     pub lost: Vec<Lost>,
     /// Why it ends before the cycle, if it does.
     pub stopped: Option<String>,

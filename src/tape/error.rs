@@ -1,8 +1,8 @@
-//! Why a recording cannot be used, or not be written.
+//! Why a recording cannot be used, or cannot be written.
 
 use super::format::FORMAT;
 
-/// What is wrong with a recording. Times are seconds since it began.
+/// The error in a recording. Times are seconds since it began.
 #[derive(Debug, thiserror::Error)]
 pub enum TapeError {
     /// Some other file.
@@ -14,10 +14,10 @@ pub enum TapeError {
     /// Written by another program.
     #[error("this MCAP file is no recording of panelprep: {problem}")]
     Foreign {
-        /// What is not there, or should not be.
+        /// The missing or unexpected content.
         problem: String,
     },
-    /// Another version of this program's recordings.
+    /// The recording has the format of another version of this program.
     #[error(
         "the recording has format {found} (written by panelprep {program}), this program reads format {FORMAT}; replay it \
          with a program of its own time"
@@ -25,10 +25,10 @@ pub enum TapeError {
     Version {
         /// Its format.
         found: String,
-        /// The program that wrote it.
+        /// The program and version that wrote the recording.
         program: String,
     },
-    /// It ends too soon.
+    /// The recording ends too early.
     #[error(
         "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} whole entries; \
          the program that wrote it ended too early, or the file was cut"
@@ -36,10 +36,10 @@ pub enum TapeError {
     Unfinished {
         /// Entries read.
         entries: u64,
-        /// Time of the last one, s.
+        /// Time of the last entry, s.
         until_s: f64,
     },
-    /// It was ended before its cycle was.
+    /// The recording was ended before its cycle.
     #[error("the recording was stopped {until_s:.3} s after its beginning, before its cycle ended: {why}")]
     Stopped {
         /// When, s.
@@ -70,12 +70,12 @@ pub enum TapeError {
         topic: &'static str,
         /// When, s.
         from_s: f64,
-        /// The entry that was due.
+        /// The number of the expected entry.
         expected: u64,
         /// The entry that came; the required number of entries, if the end is missing.
         found: u64,
     },
-    /// Times that do not rise.
+    /// Times of entries that do not increase.
     #[error("the recording is not in order: {topic} goes back in time {from_s:.3} s after its beginning")]
     Order {
         /// The topic.
@@ -91,7 +91,7 @@ pub enum TapeError {
         /// What was met.
         problem: String,
     },
-    /// A message that does not read.
+    /// A message that cannot be decoded.
     #[error("the recording's {topic} does not read {from_s:.3} s after its beginning: {problem}")]
     Message {
         /// The topic.
@@ -109,7 +109,7 @@ pub enum TapeError {
         /// The error that was returned.
         source: mcap::McapError,
     },
-    /// A picture that cannot be packed.
+    /// A picture that cannot be compressed.
     #[error("a picture cannot be recorded: {0}")]
     Picture(#[from] crate::files::PictureError),
 }

@@ -1,4 +1,4 @@
-//! The number of a recording's form, and the names of the records that belong to none of its topics.
+//! The number of a recording's format, and the names of the records that belong to none of its topics.
 
 /// The meaning of a recording's records. A recording with another number has another meaning, and is not read.
 ///
@@ -6,7 +6,7 @@
 /// cycle. 3: points have an alpha channel, and the lenses are included: both for people who view it. The content of
 /// 2 is read as before. 4: a compliant tool has a topic of its own. The content of 2 and 3 is read as before.
 pub const FORMAT: u32 = 4;
-/// The oldest that is read.
+/// The oldest format that can be read.
 pub const OLDEST_FORMAT: u32 = 2;
 
 /// Names of the metadata records, of the attachment that states how the loop began, and of the files beside it.

@@ -7,21 +7,21 @@
 use super::error::TapeError;
 use mcap::records::op;
 
-/// Bytes that a file begins with.
+/// Number of bytes of the magic at the beginning of a file.
 const MAGIC_BYTES: u64 = 8;
-/// What a record is, and its length.
+/// Bytes of a record's kind and length.
 const HEAD_BYTES: usize = 9;
-/// Of a chunk up to the length of its compression's name: two times, its size, its checksum.
+/// Bytes of a chunk's head before the length of its compression's name: two times, its size, its checksum.
 const BEFORE_NAME: usize = 28;
-/// … and with that length.
+/// Bytes of a chunk's head including the length of its compression's name.
 const CHUNK_BYTES: usize = HEAD_BYTES + BEFORE_NAME + 4;
 
-/// Follows the records of a file through its bytes, in any pieces.
+/// Follows the records of a file through its bytes, in pieces of any size.
 #[derive(Debug)]
 pub struct Framing {
     /// Bytes to skip: the magic, the rest of a record.
     skip: u64,
-    /// What has come of a record's beginning.
+    /// The part of a record's head that has been received.
     head: Vec<u8>,
 }
 
@@ -53,7 +53,7 @@ impl Framing {
         Ok(())
     }
 
-    /// How much more of a record's beginning is needed.
+    /// Returns the number of missing bytes of a record's head.
     fn missing(&self) -> usize {
         let needed = match self.head.first() {
             Some(&op::CHUNK) if self.head.len() >= HEAD_BYTES => {
@@ -84,7 +84,8 @@ impl Framing {
 mod tests {
     use super::*;
 
-    /// A file that begins, a short record, a record of another kind that looks like a chunk inside, and then a chunk.
+    /// Returns a file with its beginning, a short record, a record of another kind that contains bytes like those
+    /// of a chunk, and then a chunk.
     fn file(name: &[u8]) -> Vec<u8> {
         let record = |op: u8, content: &[u8]| [&[op][..], &(content.len() as u64).to_le_bytes(), content].concat();
         let chunk = [&[7; BEFORE_NAME][..], &(name.len() as u32).to_le_bytes(), name, &[1; 20]].concat();
@@ -108,7 +109,7 @@ mod tests {
             assert!(read(&file(b"zstd")).is_ok(), "{step}");
             let error = read(&file(b"")).expect_err("refused").to_string();
             assert!(error.contains("a chunk that is not packed"), "{step}: {error}");
-            // A chunk that ends before its compression is named is the reader's to refuse.
+            // A chunk that ends before the name of its compression is left to the reader, which refuses it.
             assert!(
                 read(&[&file(b"zstd")[..8], &[op::CHUNK, 3, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, op::HEADER]].concat())
                     .is_ok()

@@ -25,14 +25,14 @@ pub struct Entries<R> {
     began_ns: u64,
 }
 
-/// What an entry is written as.
+/// The stored form of an entry.
 #[derive(Deserialize)]
 struct Body {
     said: Value,
     heard: Value,
 }
 
-/// One message of those that are read back.
+/// One message of the kinds that are read back.
 enum Part {
     Entry(Entry),
     Shot(Topic, Vec<u8>),
@@ -40,7 +40,7 @@ enum Part {
 }
 
 impl<R: Read> Entries<R> {
-    /// The entries of a recording that began at this time.
+    /// Creates the entries of a recording that began at this time.
     pub fn new(source: R, began_ns: u64) -> Self {
         Entries { records: Records::new(source), topics: BTreeMap::new(), began_ns }
     }
@@ -107,7 +107,7 @@ impl<R: Read> Iterator for Entries<R> {
     }
 }
 
-/// Whether a camera's answer is a picture or points.
+/// Returns whether a camera's answer is a picture or points.
 fn has_shot(entry: &Entry) -> bool {
     entry.topic == Topic::Camera && entry.heard.get("Ok").is_some_and(|shot| shot.get("size_px").is_some())
 }

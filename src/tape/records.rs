@@ -1,4 +1,4 @@
-//! The records of an MCAP file, one after the other, each with its checksums verified.
+//! The records of an MCAP file, in order, each with its checksums verified.
 
 use super::error::TapeError;
 use super::framing::Framing;
@@ -11,10 +11,10 @@ use std::io::Read;
 /// No record of this program is longer: the points of a full-size scan need 35 MB.
 const MAX_RECORD_BYTES: usize = 256 << 20;
 
-/// What is read at once.
+/// Number of bytes that are read at once.
 const PIECE_BYTES: usize = 1 << 20;
 
-/// The records of a file, one after the other.
+/// The records of a file, in order.
 pub(super) struct Records<R> {
     source: R,
     framing: Framing,
@@ -32,7 +32,7 @@ impl<R: Read> Records<R> {
         Records { source, framing: Framing::default(), reader: LinearReader::new_with_options(options) }
     }
 
-    /// Hands the next record over; `None` behind the last one.
+    /// Passes on the next record; `None` after the last one.
     pub(super) fn next<T>(
         &mut self,
         take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
@@ -42,7 +42,7 @@ impl<R: Read> Records<R> {
                 None => return Ok(None),
                 Some(Err(error)) => return Err(Wrong::Bytes(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
-                    // Room grows with what comes, whatever length a record claims.
+                    // The buffer grows only with received bytes, whatever length a record states.
                     let into = self.reader.insert(needed.min(PIECE_BYTES));
                     let read = loop {
                         match self.source.read(into) {
@@ -66,7 +66,7 @@ impl<R: Read> Records<R> {
     }
 }
 
-/// What went wrong: the container, or what is in it.
+/// The source of an error: the container, or its content.
 pub(super) enum Wrong {
     Bytes(McapError),
     Content(TapeError),
@@ -83,7 +83,7 @@ fn is_whole_attachment(body: &[u8]) -> bool {
     data.is_some_and(|data| data.checked_add(8 + 4).is_some_and(|least| least <= body.len()))
 }
 
-/// The topic of this name.
+/// Returns the topic with this name.
 pub(super) fn topic(name: &str) -> Result<Topic, TapeError> {
     Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("it has no topic \"{name}\"") })
 }

@@ -9,7 +9,7 @@ use crate::record::Finding;
 use crate::verdict::Verdict;
 use serde::Deserialize;
 
-/// A frame in another, mm and degrees.
+/// The pose of one frame in another, mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mounted {
     /// The frame of reference: `base`, `flange`.
@@ -30,13 +30,13 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The frame that its pictures and points are in.
+    /// The frame of the lens's pictures and points.
     pub(super) fn frame(&self) -> &'static str {
         if self.topic == Topic::FlangeLens { FLANGE_FRAME } else { SCANNER_FRAME }
     }
 }
 
-/// Frames of the cameras' pictures.
+/// Name of the frame of the 3D camera's pictures; the next constant names that of the flange camera's.
 pub(super) const SCANNER_FRAME: &str = "scanner";
 pub(super) const FLANGE_FRAME: &str = "flange_camera";
 

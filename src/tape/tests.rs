@@ -1,4 +1,4 @@
-//! Recordings written, read, cut, changed and replaced.
+//! Tests of recordings that are written, read, cut, changed and replaced.
 
 use super::format::METADATA;
 use super::well_known::{CameraCalibration, CompressedImage, Log, PointCloud};
@@ -48,7 +48,7 @@ fn cloud(points_mm: Vec<[f32; 3]>) -> Arc<OrganizedCloud<Camera>> {
     Arc::new(OrganizedCloud::new(3, 2, points_mm, colors).expect("organised"))
 }
 
-/// Something on each kind of topic.
+/// Returns entries for each kind of topic.
 fn entries() -> Vec<Entry> {
     let point = [0.1_f32, -2.5e-7, 812.345_6];
     vec![
@@ -74,7 +74,7 @@ fn whole() -> Vec<u8> {
     written(&entries(), &Ending::default())
 }
 
-/// All that is in an entry, to the bit.
+/// Returns the whole content of an entry, bit by bit.
 fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
     let line = json!([entry.said, entry.heard]).to_string();
     let (points, colors) = match &entry.shot {
@@ -162,7 +162,7 @@ fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
     assert!(log.message.contains("lengths in this recording are mm"), "{}", log.message);
 }
 
-/// A cut file is one that a crash left: refused as unfinished, and read up to its last whole chunk.
+/// A cut file is the result of a crash: it is refused as unfinished, and read up to its last complete chunk.
 #[test]
 fn a_cut_recording_is_unfinished_wherever_it_is_cut() {
     let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
@@ -226,7 +226,7 @@ fn a_recording_that_was_stopped_says_why() {
     assert!(error.to_string().contains(words), "{error}");
 }
 
-/// A file of another program, or of another time of this one.
+/// Returns a file of another program, or of another version of this program.
 fn foreign(names: &[(&str, &str)]) -> Vec<u8> {
     let mut file = std::io::Cursor::new(Vec::new());
     let mut writer = mcap::Writer::new(&mut file).expect("begun");
@@ -262,7 +262,7 @@ fn other_files_are_refused_with_the_reason() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Points of any bits, numbers of any size, words with anything in them.
+    /// Points with any bits, numbers of any size, and texts with any characters are read back.
     #[test]
     fn any_shot_and_any_number_reads_back(
         points in prop::collection::vec(any::<[u32; 3]>(), 6),
@@ -279,7 +279,7 @@ proptest! {
         prop_assert_eq!(back.iter().map(bits).collect::<Vec<_>>(), put.iter().map(bits).collect::<Vec<_>>());
     }
 
-    /// Whatever comes behind a good beginning, it is read or refused.
+    /// A valid beginning followed by any bytes is read or refused.
     #[test]
     fn any_bytes_are_refused_in_words(tail in prop::collection::vec(any::<u8>(), 0..300), keep in 0_usize..1_000) {
         let mut bytes = whole();

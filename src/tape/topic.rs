@@ -21,16 +21,16 @@ pub enum Topic {
     /// Requests to the loop.
     #[strum(serialize = "/request")]
     Request,
-    /// Results of what is computed beside the loop, as they come to it.
+    /// Results of computations outside the loop, in the order in which the loop receives them.
     #[strum(serialize = "/result")]
     Result,
     /// The events of the table: the journal's lines.
     #[strum(serialize = "/cycle/event")]
     Event,
-    /// What a stage found.
+    /// Findings of the stages.
     #[strum(serialize = "/cycle/finding")]
     Finding,
-    /// What else is kept, and what is read back from the store.
+    /// Other data written to the store, and data read from the store.
     #[strum(serialize = "/cycle/store")]
     Store,
     /// Requests to the cameras, and their answers; a picture or points follow in a separate message.
@@ -54,7 +54,7 @@ pub enum Topic {
     /// For people: the poses.
     #[strum(serialize = "/tf")]
     Transform,
-    /// For people: what was found, in words.
+    /// For people: the findings, in words.
     #[strum(serialize = "/log")]
     Log,
 }
@@ -63,22 +63,23 @@ impl Topic {
     /// All of them.
     pub const ALL: &'static [Topic] = <Self as VariantArray>::VARIANTS;
 
-    /// Its name in the file.
+    /// The topic's name in the file.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// The topic of this name.
+    /// Returns the topic with this name.
     pub fn named(name: &str) -> Option<Self> {
         Topic::ALL.iter().copied().find(|topic| topic.name() == name)
     }
 
-    /// Whether its messages are [`Entry`](super::Entry)s, without which nothing can be run again.
+    /// Returns whether the topic's messages are [`Entry`](super::Entry)s, which are required to run the recording
+    /// again.
     pub fn is_entry(self) -> bool {
         !self.is_shot() && !matches!(self, Topic::ScannerLens | Topic::FlangeLens | Topic::Transform | Topic::Log)
     }
 
-    /// Whether its messages belong to the camera entry before them.
+    /// Returns whether the topic's messages belong to the preceding camera entry.
     pub(super) fn is_shot(self) -> bool {
         matches!(self, Topic::Points | Topic::ScannerPicture | Topic::FlangePicture)
     }
@@ -109,7 +110,7 @@ pub(super) struct Schema {
 }
 
 impl Schema {
-    /// How its messages are written.
+    /// The encoding of the topic's messages.
     pub fn message_encoding(&self) -> &'static str {
         if self.encoding == JSON { "json" } else { "protobuf" }
     }

@@ -1,7 +1,7 @@
-//! Messages of Foxglove's well-known schemas, and the descriptors by which others read them.
+//! Messages of Foxglove's well-known schemas, and the descriptors with which other programs read them.
 //!
-//! Field numbers and names are those of <https://github.com/foxglove/foxglove-sdk> (`schemas/proto`); only what is
-//! written here is described. All lengths are mm.
+//! Field numbers and names are those of <https://github.com/foxglove/foxglove-sdk> (`schemas/proto`); only the
+//! fields that are written are described here. All lengths are mm.
 
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -51,7 +51,7 @@ pub struct PackedElementField {
     pub r#type: i32,
 }
 
-/// How a number is written.
+/// The encoding of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
 pub enum NumericType {
     Unknown = 0,
@@ -70,7 +70,7 @@ pub struct CameraCalibration {
     pub height: u32,
     #[prost(string, tag = "4")]
     pub distortion_model: String,
-    /// k1, k2, p1, p2, k3.
+    /// The distortion coefficients k1, k2, p1, p2, k3.
     #[prost(double, repeated, tag = "5")]
     pub d: Vec<f64>,
     /// The camera's matrix, row by row.
@@ -95,7 +95,7 @@ pub struct Pose {
     pub orientation: Option<Quaternion>,
 }
 
-/// A frame in another.
+/// The pose of one frame in another.
 #[derive(Clone, PartialEq, Message)]
 pub struct FrameTransform {
     #[prost(message, optional, tag = "1")]
@@ -145,7 +145,7 @@ pub struct Log {
     pub name: String,
 }
 
-/// How much words matter.
+/// The severity of a log message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
 pub enum Level {
     Unknown = 0,
@@ -153,14 +153,14 @@ pub enum Level {
     Warning = 3,
 }
 
-/// A moment, from ns since 1970.
+/// Converts ns since 1970 to a timestamp.
 pub fn timestamp(unix_ns: u64) -> Timestamp {
     Timestamp { seconds: (unix_ns / NS) as i64, nanos: (unix_ns % NS) as i32 }
 }
 
 const NS: u64 = 1_000_000_000;
 
-/// What a field holds.
+/// The type of a field's content.
 enum Holds {
     Plain(Type),
     Plains(Type),
@@ -173,7 +173,7 @@ const TIMESTAMP: &str = ".google.protobuf.Timestamp";
 const VECTOR: Holds = Holds::Message(".foxglove.Vector3");
 const QUATERNION: Holds = Holds::Message(".foxglove.Quaternion");
 
-/// The descriptors of all messages here, as a serialized `FileDescriptorSet`.
+/// Returns the descriptors of all messages in this file, as a serialized `FileDescriptorSet`.
 pub fn descriptors() -> Vec<u8> {
     use Holds::{Enum, Message as One, Messages, Plain, Plains};
     let double = || Plain(Type::Double);

@@ -1,5 +1,5 @@
-//! Entries to bytes. The bytes are only ever appended, chunk by chunk, so that what a crash leaves is a recording up to
-//! its last whole chunk.
+//! Converts entries to bytes. Bytes are only appended, chunk by chunk, so that after a crash the recording is valid
+//! up to its last complete chunk.
 
 use super::entry::{Ending, Entry, Lost, Shot, Start};
 use super::error::TapeError;
@@ -21,7 +21,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// Bytes of one point: three numbers, three colours, and how opaque it is, without which Foxglove shows no colours.
+/// Bytes of one point: three numbers, three colours, and the opacity, without which Foxglove shows no colours.
 pub(super) const STRIDE: usize = 16;
 const OPAQUE: u8 = 255;
 
@@ -107,7 +107,7 @@ impl<W: Write> Writer<W> {
         shown(entry).iter().try_for_each(|shown| self.show(entry.at_ns, shown))
     }
 
-    /// Ends the chunk at hand: what was written until now is whole, whatever happens.
+    /// Ends the current chunk: all entries written until now are complete, whatever happens later.
     ///
     /// # Errors
     /// As [`Writer::begin`].
@@ -242,7 +242,8 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
     }
 }
 
-/// The lens as OpenCV has it, which is ours and Foxglove's "plumb bob": pixels are counted from the first one's middle.
+/// Converts the lens to OpenCV's model, which is also this program's model and Foxglove's "plumb bob": pixel
+/// coordinates begin at the middle of the first pixel.
 fn calibration(lens: &Lens, unix_ns: u64) -> CameraCalibration {
     let PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 } = lens.camera;
     CameraCalibration {

@@ -8,22 +8,22 @@ use super::judgement::{Judgement, Reason};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// What is allowed of a number.
+/// The limit of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Limit {
     /// No limit: the number is for information.
     Unlimited,
-    /// The limit itself is allowed.
+    /// The value may be at most the limit; the limit itself is allowed.
     AtMost(f64),
-    /// The limit itself is allowed.
+    /// The value must be at least the limit; the limit itself is allowed.
     AtLeast(f64),
-    /// The limit itself is not allowed.
+    /// The value must be below the limit; the limit itself is not allowed.
     Below(f64),
 }
 
 impl Limit {
-    /// Whether a value keeps it. What is not a number keeps none.
+    /// Returns whether a value meets the limit. NaN meets no limit.
     pub fn allows(self, value: f64) -> bool {
         match self {
             Limit::Unlimited => true,
@@ -42,25 +42,25 @@ impl Limit {
     }
 }
 
-/// Who sets a limit.
+/// The source of a limit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SetBy {
-    /// The recipe, by this key.
+    /// The recipe sets the limit, with this key.
     Recipe(Cow<'static, str>),
-    /// The cell's file, by this key.
+    /// The cell's file sets the limit, with this key.
     Cell(Cow<'static, str>),
     /// The program: one of its constants, or its own measurement.
     Program,
 }
 
 impl SetBy {
-    /// The recipe, by this key, such as `locate.max_rms_mm`.
+    /// Returns the recipe as source, with this key, such as `locate.max_rms_mm`.
     pub const fn recipe(key: &'static str) -> Self {
         SetBy::Recipe(Cow::Borrowed(key))
     }
 
-    /// The cell's file, by this key, such as `limits.min_break_mm2`.
+    /// Returns the cell's file as source, with this key, such as `limits.min_break_mm2`.
     pub const fn cell(key: &'static str) -> Self {
         SetBy::Cell(Cow::Borrowed(key))
     }
@@ -79,14 +79,14 @@ pub enum Severity {
     Reject,
 }
 
-/// A number with its limit and what follows from it.
+/// A number with its limit and the consequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
-    /// What it is, in words.
+    /// The quantity's name, in words.
     pub name: String,
     /// The value; `None` if it was not measured, which breaks no limit.
     pub value: Option<f64>,
-    /// Its unit, "mm"; empty for shares and counts.
+    /// The value's unit, "mm"; empty for shares and counts.
     pub unit: String,
     /// What is allowed.
     pub limit: Limit,
@@ -96,7 +96,7 @@ pub struct Check {
     /// The consequence if it is not kept.
     #[serde(default)]
     pub severity: Severity,
-    /// The code of the reason that it then gives; several checks may give one reason.
+    /// The code of the reason if the limit is not met; several checks may give the same reason.
     #[serde(default)]
     pub code: Option<Cow<'static, str>>,
     /// The reason's words, if the check is not kept.
@@ -104,7 +104,7 @@ pub struct Check {
     pub message: Option<String>,
 }
 
-/// Names of what an earlier program did not keep of a check.
+/// Names of a check's fields that earlier versions of this program did not store.
 pub const SINCE_CHECKS: [&str; 4] = ["set_by", "severity", "code", "message"];
 
 impl Check {
@@ -115,7 +115,7 @@ impl Check {
         Check { name, value, unit, limit, set_by: None, severity, code: None, message: None }
     }
 
-    /// The same number, held against a limit.
+    /// Returns the same number with this limit.
     #[must_use]
     pub fn within(self, limit: Limit, set_by: SetBy) -> Self {
         Check { limit, set_by: Some(set_by), ..self }
@@ -166,31 +166,31 @@ impl Check {
         if is_broken { check } else { check.undecided() }
     }
 
-    /// The same number without its limit, if that is not kept: the limit decides nothing here.
+    /// Returns the same number, without its limit if the limit is not met: the limit decides nothing here.
     fn undecided(self) -> Self {
         if self.is_kept() { self } else { Check { limit: Limit::Unlimited, set_by: None, ..self } }
     }
 
-    /// The same check with the reason that was found for it, if any.
+    /// Returns the same check with the given reason, if there is one.
     #[must_use]
     pub fn gives(self, reason: Option<Reason>, severity: Severity) -> Self {
         let Some(Reason { code, message }) = reason else { return self };
         Check { severity, code: Some(code), message: Some(message), ..self }
     }
 
-    /// The same check, of which nothing follows: something else was found that makes it meaningless.
+    /// Returns the same check without consequence: another finding makes it meaningless.
     #[must_use]
     pub fn without_consequence(self) -> Self {
         Check { severity: Severity::None, code: None, message: None, ..self }.undecided()
     }
 
-    /// The same check, of which nothing worse than this follows.
+    /// Returns the same check with a consequence no worse than this.
     #[must_use]
     pub fn at_worst(self, severity: Severity) -> Self {
         Check { severity: self.severity.min(severity), ..self }
     }
 
-    /// Whether the value keeps its limit; one that was not measured breaks none.
+    /// Returns whether the value meets its limit; a value that was not measured breaks no limit.
     pub fn is_kept(&self) -> bool {
         self.value.is_none_or(|value| self.limit.allows(value))
     }
@@ -217,7 +217,8 @@ impl Check {
 }
 
 impl Judgement {
-    /// The verdict of one gate by its checks, in their order; a reason that several of them give is listed once.
+    /// Returns the verdict of one gate from its checks, in their order; a reason that several checks give is listed
+    /// once.
     pub fn of_checks<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Self {
         let (mut reject, mut review, mut unjudged) = (Vec::new(), Vec::new(), Vec::new());
         for check in checks {
@@ -235,7 +236,8 @@ impl Judgement {
         Judgement::new(reject, review)
     }
 
-    /// The verdict beside these checks as well: what is good is not, if a limit among them is not kept.
+    /// Returns the verdict with these checks added: a good verdict becomes a review if one of their limits is not
+    /// met without a stated consequence.
     #[must_use]
     pub fn beside<'c>(self, checks: impl IntoIterator<Item = &'c Check>) -> Self {
         if self.verdict.badness() > 0 {
@@ -278,7 +280,7 @@ mod tests {
         assert_eq!(codes(rms(0.26).without_consequence()), Vec::<String>::new());
     }
 
-    /// Two numbers of the outline, one reason: the worse of both consequences counts.
+    /// Two numbers of the outline give the same reason: the worse consequence counts.
     #[test]
     fn a_reason_that_two_checks_give_is_listed_once() {
         let both = |severity: Severity| {
@@ -291,9 +293,9 @@ mod tests {
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
     }
 
-    /// The page prints "not allowed" beside a limit that is not kept. A gate that tolerates more than it prints, a
-    /// number that was given a limit and no consequence, and a consequence that was taken away: none of them leaves
-    /// such a row on what is accepted.
+    /// The page prints "not allowed" beside a limit that is not met. No such row may remain on an accepted result
+    /// in these cases: a gate that tolerates more than it prints, a number with a limit but no consequence, and a
+    /// consequence that was removed.
     #[test]
     fn no_limit_is_broken_on_what_is_accepted() {
         let over = || Check::new("overhang", "mm", 2.005).at_most(2.0, SetBy::recipe("path.edge_overhang_mm"));
@@ -319,7 +321,7 @@ mod tests {
         assert_eq!(judged.at_worst(Severity::Review).severity, Severity::Review);
     }
 
-    /// An earlier program kept name, value, unit and limit alone.
+    /// An earlier version of this program stored only name, value, unit and limit.
     #[test]
     fn a_check_is_read_as_an_earlier_program_kept_it() {
         let text = r#"{"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}}"#;

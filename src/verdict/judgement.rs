@@ -3,16 +3,16 @@
 use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;
 
-/// What a stage or a cycle ends with.
+/// The result of a stage or a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, strum::IntoStaticStr, strum::VariantArray)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Verdict {
-    /// The evidence supports going on.
+    /// The evidence permits continuing.
     Accept,
     /// A person must decide.
     Review,
-    /// Not to be used.
+    /// The result must not be used.
     Reject,
     /// The test was passed.
     Pass,
@@ -25,7 +25,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The word that users script against.
+    /// The verdict's keyword, which users use in scripts.
     pub fn word(self) -> &'static str {
         self.into()
     }
@@ -43,7 +43,7 @@ impl Verdict {
         }
     }
 
-    /// The process's exit code: 0 good, 1 a verdict that is not, 3 a fault.
+    /// The process's exit code: 0 for a good verdict, 1 for any other verdict, 3 for a fault.
     pub fn exit_code(self) -> u8 {
         match self {
             Verdict::Accept | Verdict::Pass => 0,
@@ -64,18 +64,18 @@ impl Serialize for Verdict {
 pub struct Reason {
     /// A stable lower-case word, `shift_limit`; owned if it was read back from a store.
     pub code: Cow<'static, str>,
-    /// What was measured, what is allowed, what to do.
+    /// The measurement, the limit and the required action.
     pub message: String,
 }
 
 impl Reason {
-    /// A reason from its code and words.
+    /// Creates a reason from its code and message.
     pub fn new(code: &'static str, message: impl Into<String>) -> Self {
         Reason { code: Cow::Borrowed(code), message: message.into() }
     }
 }
 
-/// A verdict with its reasons; an accepted thing needs none.
+/// A verdict with its reasons; an acceptance needs none.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Judgement {
     /// The verdict.
@@ -95,7 +95,7 @@ impl Judgement {
         Judgement { verdict, reasons: reject.into_iter().chain(review).collect() }
     }
 
-    /// Two gates' words on one thing: the worse verdict, its reasons first.
+    /// Combines the verdicts of two gates on one object: the worse verdict counts, and its reasons are first.
     pub fn and(self, other: Judgement) -> Self {
         let is_worse = other.verdict.badness() > self.verdict.badness();
         let (worse, better) = if is_worse { (other, self) } else { (self, other) };

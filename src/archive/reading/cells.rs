@@ -18,11 +18,11 @@ pub struct CellNow {
     pub behind: Option<u64>,
     /// The newest cycle: number, verdict and when it began, s since 1970.
     pub last: Option<(i64, String, i64)>,
-    /// Its cycles of the last day, by their verdicts.
+    /// The cell's cycles of the last day, by their verdicts.
     pub day: Vec<Counted>,
 }
 
-/// How many cycles have a verdict.
+/// The number of cycles with a verdict.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Counted {
     /// The verdict's word.

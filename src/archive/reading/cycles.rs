@@ -4,7 +4,7 @@ use super::reader::Reader;
 use crate::archive::error::ArchiveError;
 use crate::signing::{SignedCycle, Statement, StatementContent};
 
-/// A search; what is empty does not matter.
+/// A search; an empty field does not restrict it.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CycleQuery {
     /// The cell's name.
@@ -15,11 +15,11 @@ pub struct CycleQuery {
     pub serial: String,
     /// The verdict's word.
     pub verdict: String,
-    /// From this time on, s since 1970.
+    /// Only cycles from this time on, s since 1970.
     pub from_unix_s: Option<i64>,
     /// Before this time.
     pub until_unix_s: Option<i64>,
-    /// Older than this cycle of an earlier page: its begin, cell and number.
+    /// Only cycles older than this last cycle of an earlier page: its begin, cell and number.
     pub before: Option<(i64, String, i64)>,
     /// The maximum number of cycles.
     pub limit: i64,
@@ -32,7 +32,7 @@ pub struct CycleRow {
     pub cell: String,
     /// Its number there.
     pub cycle: i64,
-    /// When it began, s since 1970.
+    /// When the cycle began, s since 1970.
     pub started_unix_s: i64,
     /// When it ended.
     pub ended_unix_s: Option<i64>,
@@ -46,7 +46,7 @@ pub struct CycleRow {
     pub operator: Option<String>,
     /// The verdict's word.
     pub verdict: String,
-    /// Its reasons as JSON: code and message.
+    /// The verdict's reasons as JSON: code and message.
     pub reasons: String,
     /// SHA-256 of the recipe.
     pub recipe_hash: String,
@@ -54,14 +54,14 @@ pub struct CycleRow {
     pub program_version: String,
 }
 
-/// What was signed of a cycle.
+/// A signature of a cycle's record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SignedBy {
     /// The statement's number among all of its cell.
     pub statement: i64,
     /// Its SHA-256.
     pub record_hash: String,
-    /// When, ms since 1970.
+    /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
     /// The person's printed name and what the signature means; `None` for the cell itself.
     pub person: Option<(String, String)>,
@@ -166,7 +166,7 @@ impl Reader {
     /// # Errors
     /// If the database does not answer.
     pub async fn names(&self) -> Result<(Vec<String>, Vec<String>), ArchiveError> {
-        // Each next name by the index: a table of a million cycles is not read for ten names.
+        // Finds each next name through the index, so that a table of a million cycles is not read for ten names.
         let panels = "WITH RECURSIVE name AS (SELECT min(panel) AS panel FROM cycles
             UNION ALL SELECT (SELECT min(panel) FROM cycles WHERE panel > name.panel) FROM name WHERE name.panel IS NOT NULL)
             SELECT panel FROM name WHERE panel IS NOT NULL LIMIT 1000";

@@ -1,4 +1,4 @@
-//! A number of a panel over all cells, and verifications of all cells: which cell differs from the others?
+//! One quantity of a panel over all cells, and verifications of all cells: which cell differs from the others?
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;

@@ -10,7 +10,7 @@ use tokio::sync::Mutex;
 use tokio_postgres::Client;
 use tokio_postgres::types::ToSql;
 
-/// A page waits so long for the database.
+/// Maximum time that a page waits for the database.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// A reader of the archive. Clones share one connection, which is made anew if it was lost.
@@ -24,7 +24,7 @@ pub struct Reader {
 pub(super) type Values<'v> = &'v [&'v (dyn ToSql + Sync)];
 
 impl Reader {
-    /// Of the archive with these settings; nothing is connected yet.
+    /// Creates a reader of the archive with these settings; it does not connect yet.
     pub fn new(settings: &ArchiveSettings) -> Self {
         let files = Files::at(&settings.files);
         Reader { settings: Arc::new(settings.clone()), client: Arc::default(), files }
@@ -54,8 +54,8 @@ impl Reader {
     ) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
-        // Prepared by the library again and again would be a round trip more; the server plans these in less than a
-        // millisecond.
+        // If the library prepared each query, it would need one more round trip each time; the server plans these
+        // queries in less than a millisecond.
         self.in_time(async { client.query(sql, values).await.map_err(failed) }).await
     }
 

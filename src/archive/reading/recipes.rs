@@ -4,22 +4,22 @@ use super::reader::Reader;
 use crate::archive::error::ArchiveError;
 use crate::office::RecipeOffer;
 
-/// A version of a recipe in a cell.
+/// The use of a version of a recipe in a cell.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct RecipeUse {
-    /// The panel that it is of.
+    /// The recipe's panel.
     pub panel: String,
-    /// SHA-256 of its text.
+    /// SHA-256 of the recipe's text.
     pub recipe_hash: String,
     /// The cell.
     pub cell: String,
-    /// When a cycle first began with it in this cell, s since 1970.
+    /// When the first cycle with this recipe began in this cell, s since 1970.
     pub first_unix_s: i64,
-    /// When one began with it last.
+    /// When the last cycle with this recipe began in this cell, s since 1970.
     pub last_unix_s: i64,
-    /// Cycles with it in this cell.
+    /// Number of cycles with this recipe in this cell.
     pub cycles: i64,
-    /// Those of them that passed.
+    /// Number of these cycles that passed.
     pub passed: i64,
 }
 

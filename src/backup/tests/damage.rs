@@ -4,7 +4,7 @@ use super::*;
 use crate::files::content_hash;
 use crate::store::tests::full::SmallDisk;
 
-/// Each bit counts, and so does each byte at the end.
+/// Each changed bit, and each byte cut off the end, is detected.
 #[test]
 fn a_flipped_bit_or_a_cut_end_is_refused_and_changes_nothing() {
     let cell = SmallCell::new();
@@ -77,7 +77,7 @@ fn a_full_disk_leaves_all_as_it_was() {
     assert!(error.contains("MB free, and the backup needs 9 MB"), "{error}");
     assert_eq!(left(), 0);
 
-    // The disk fills when the configuration is written; the store, elsewhere, was ready.
+    // The disk becomes full while the configuration is written; the store, on another disk, was already complete.
     let configuration = Configuration { cell: format!("{CELL}#{}\n", "x".repeat(3 << 20)), ..cell.configuration() };
     let archive = cell.at("large.tar.zst");
     write(&archive, Some(&cell.at("store")), Some(&configuration), 0).expect("written");

@@ -28,7 +28,7 @@ fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
     let first = forged(NAME, &text);
     for entry in std::iter::once(&first).chain(entries) {
         let mut header = tar::Header::new_gnu();
-        // By hand: the library itself refuses to write such names.
+        // The name is written directly into the header, since the library refuses to write such names.
         let name = &mut header.as_old_mut().name;
         name[..entry.header_name.len()].copy_from_slice(entry.header_name.as_bytes());
         header.set_entry_type(entry.kind);
@@ -111,7 +111,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     restore(&Plan { wanted, ..plan(&archive, &cell) }).expect("by itself it is right");
 }
 
-/// Concatenates what cannot be cloned by itself.
+/// Concatenates items that cannot be cloned.
 trait ConcatAll {
     fn concat_all(&self) -> Vec<Forged>;
 }

@@ -73,7 +73,7 @@ fn plan<'p>(archive: &'p Path, cell: &'p Path) -> Plan<'p> {
     Plan { archive, cell, store: None, wanted: BOTH, permission: Permission::default() }
 }
 
-/// Every file below a folder with its content; folders too.
+/// Returns every file below a folder with its content, and the folders.
 fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut all = BTreeMap::new();
     for entry in fs::read_dir(folder).expect("listed") {
@@ -110,7 +110,7 @@ fn a_cell_comes_back_in_another_place() {
     }
     let store = Store::create(&cell.at("other/store")).expect("opens for writing");
     assert_eq!(store.changed(), [] as [String; 0]);
-    // Nothing is left beside it.
+    // No other file is left beside the archive.
     let mut names: Vec<_> =
         fs::read_dir(cell.at("other")).expect("listed").map(|e| e.expect("one").file_name()).collect();
     names.sort();
@@ -191,7 +191,7 @@ fn files_outside_of_the_cells_folder_need_a_word() {
     let permission = Permission { outside: true, ..Permission::default() };
     restore(&Plan { wanted, permission, ..plan(&archive, &file) }).expect("restored");
     assert!(cell.at("new/lenses/scanner.toml").is_file());
-    // Without a store in it, none is restored.
+    // Without a store in the archive, no store is restored.
     let refused =
         restore(&Plan { permission, ..plan(&archive, &cell.at("x/cell.toml")) }).expect_err("no store").to_string();
     assert!(refused.contains("holds no store"), "{refused}");

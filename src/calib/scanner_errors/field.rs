@@ -11,18 +11,18 @@ use super::plane_view::PlaneView;
 use crate::geometry::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
 use nalgebra::{DMatrix, DVector};
 
-/// Weights of roughness that are tried.
+/// Weights of the roughness that are tried.
 pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
 const BOW: usize = 3;
-/// A calibration board is flat within this over half of its diagonal, standard deviation, mm.
+/// Standard deviation of a calibration board from a plane over half of its diagonal, mm.
 const BOARD_BOW_MM: f64 = 0.15;
 const SIZE: usize = FIELD_SIZE + BOW;
-/// Of two fields that explain the same the smaller one is taken.
+/// A small weight of the field's size: if two fields explain the same data, the smaller one is selected.
 const RIDGE: f64 = 1e-6;
-/// Standard deviation of a block that the bow's weight is stated for, mm.
+/// Standard deviation of a block to which the bow's weight refers, mm.
 const BLOCK_MM: f64 = 0.05;
 
-/// A scan with its plane projected out.
+/// A scan after its plane was removed by projection.
 pub(super) struct Fit {
     design: DMatrix<f64>,
     read_mm: DVector<f64>,
@@ -37,10 +37,10 @@ pub(super) struct Solved {
     all: DVector<f64>,
 }
 
-/// How scans that were left out are foretold.
+/// The prediction of scans that were left out.
 pub(super) struct LeftOut {
     pub rms_mm: f64,
-    /// What is left in each block of each scan, mm.
+    /// The residual in each block of each scan, mm.
     pub residuals_mm: Vec<Vec<f64>>,
 }
 
@@ -77,7 +77,7 @@ impl Fit {
     }
 }
 
-/// The field that fits the scans best, with this weight of its roughness.
+/// Returns the field that fits the scans best, with this weight of the field's roughness.
 pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a Fit>, lambda: f64) -> Option<Solved> {
     let mut information = penalty(lambda);
     let mut right = DVector::zeros(SIZE);
@@ -88,12 +88,12 @@ pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a Fit>, lambda: f64) ->
     let all = information.cholesky()?.solve(&right);
     let coefficients_mm = std::array::from_fn(|k| all[k]);
     let [a, b, c] = [0, 1, 2].map(|k| all[FIELD_SIZE + k]);
-    // The largest height on the unit circle of a form in u and v.
+    // The largest height on the unit circle of a quadratic form in u and v.
     let bow_mm = ((a + c) / 2.0).abs() + ((a - c) / 2.0).hypot(b / 2.0);
     Some(Solved { coefficients_mm, bow_mm, all })
 }
 
-/// Each scan as the others foretell it; without a weight, with no field at all.
+/// Predicts each scan from the others; without a weight, no field is used.
 pub(super) fn left_out(fits: &[Fit], lambda: Option<f64>) -> Option<LeftOut> {
     let residuals_mm: Vec<Vec<f64>> = match lambda {
         None => fits.iter().map(|fit| fit.residuals_mm(None)).collect(),
@@ -112,7 +112,7 @@ pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-/// The field's largest amount at these directions, beside what is linear over them, mm.
+/// Returns the field's largest value at these directions, without its linear part over them, mm.
 pub(super) fn most_mm(field: &DepthField, directions: impl Iterator<Item = [f64; 2]>) -> f64 {
     let all: Vec<([f64; 2], f64)> = directions.map(|at| (at, field.at_mm(at))).collect();
     let linear = plane::fit(all.iter().copied()).unwrap_or_default();

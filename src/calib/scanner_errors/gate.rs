@@ -1,4 +1,4 @@
-//! The gate: may a camera's measured errors be used, must a person look, or are they refused?
+//! The gate: decides whether a camera's measured errors may be used, must be checked by a person, or are refused.
 
 use super::found::ScannerErrors;
 use super::plane_view::PlaneView;
@@ -7,22 +7,22 @@ use crate::words::apart;
 
 /// Fewer places give no information on a working volume.
 pub const MIN_PLACES: usize = 8;
-/// A board that is bowed by more is no calibration board, mm.
+/// Maximum bow of a calibration board, mm.
 const MAX_BOW_MM: f64 = 0.5;
-/// Share of the picture in which at least two scans have the board.
+/// Minimum share of the picture in which at least two scans show the board.
 const COVERED: f64 = 0.6;
-/// Farthest depth over nearest.
+/// Minimum ratio of the largest depth to the smallest.
 const DEPTHS: f64 = 1.15;
 /// The board must be rotated in its plane by this much, or its bow is mistaken for the camera's, degrees.
 const TURNED_DEG: f64 = 40.0;
-/// A smooth error beyond the first is to be looked at, beyond the second the camera is not used, mm.
+/// Limits of the smooth error, mm: beyond the first a person must look, beyond the second the camera is not used.
 const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
-/// Distances that are longer or shorter by more than this are to be looked at, percent.
+/// If distances are longer or shorter by more than this, a person must look, percent.
 const SCALE_PERCENT: f64 = 0.3;
 /// A board shows lengths up to this share of its diagonal: a plane through it absorbs longer ones.
 const SHOWN: f64 = 0.8;
 
-/// Every number that is judged.
+/// Returns every number that is judged.
 pub fn checks(found: &ScannerErrors) -> Vec<Check> {
     let [review_mm, reject_mm] = SMOOTH_MM;
     let is_bad = found.smooth_mm > reject_mm;
@@ -85,7 +85,8 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
     ]
 }
 
-/// The largest angle between two turns of the board, 0 to 90°: a bow looks the same turned by 180°.
+/// Returns the largest angle between two rotations of the board, 0 to 90°: a bow looks the same after a rotation by
+/// 180°.
 pub(super) fn turned_deg(views: &[PlaneView]) -> f64 {
     let between = |a: f64, b: f64| {
         let off = (a - b).rem_euclid(180.0);

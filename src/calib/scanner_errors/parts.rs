@@ -1,9 +1,9 @@
-//! The parts of the camera's picture: how many scans have the board there, and what they leave of a plane.
+//! The parts of the camera's picture: how many scans show the board there, and the residuals of its plane.
 
 use super::plane_view::PlaneView;
 use crate::geometry::FieldRectangle;
 
-/// Parts of the picture, across and down.
+/// Number of parts of the picture, across and down.
 const PARTS: [usize; 2] = [8, 6];
 /// Fewer scans in a part give no information on it.
 pub const MIN_SCANS: usize = 2;
@@ -11,9 +11,9 @@ pub const MIN_SCANS: usize = 2;
 /// One part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PicturePart {
-    /// Its middle as a direction (X/Z, Y/Z).
+    /// The direction of the part's middle, (X/Z, Y/Z).
     pub direction: [f64; 2],
-    /// Scans that have the board there.
+    /// Number of scans that show the board there.
     pub scans: usize,
     /// Deviation of left-out scans from a plane there, rms, mm, after the correction if there is one; NaN without
     /// scans.
@@ -28,7 +28,7 @@ pub struct PictureParts {
 }
 
 impl PictureParts {
-    /// Those of a picture with these directions; `residuals_mm` of each view's blocks.
+    /// Returns the parts of a picture with these directions; `residuals_mm` are those of each view's blocks.
     pub(super) fn from_views(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
         let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
         let mut sums = vec![(0.0, 0.0); scans.len()];
@@ -61,19 +61,19 @@ impl PictureParts {
         self.parts.iter()
     }
 
-    /// The one with this direction; `None` outside of the picture.
+    /// Returns the part with this direction; `None` outside of the picture.
     pub fn at(&self, direction: [f64; 2]) -> Option<&PicturePart> {
         self.parts.get(part(direction, &self.over)?)
     }
 
-    /// Share of the parts in which scans enough have the board.
+    /// Returns the share of the parts in which enough scans show the board.
     pub(super) fn covered(&self) -> f64 {
         self.iter().filter(|part| part.is_known()).count() as f64 / self.parts.len() as f64
     }
 }
 
 impl PicturePart {
-    /// Do scans enough have the board there?
+    /// Returns whether enough scans show the board in this part.
     pub fn is_known(&self) -> bool {
         self.scans >= MIN_SCANS
     }

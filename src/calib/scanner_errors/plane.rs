@@ -1,4 +1,5 @@
-//! A plane before the camera is linear in (1, x, y): by least squares, and what it leaves of other values.
+//! A plane in front of the camera: its 1/z is linear in (1, x, y). Fits it by least squares, and returns the
+//! residuals of other values.
 
 use super::block::Block;
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -14,12 +15,12 @@ pub(super) fn fit(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Option<V
     normal.cholesky().map(|found| found.solve(&right))
 }
 
-/// Its value at a direction.
+/// Returns the plane's value at a direction.
 pub(super) fn at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
     plane.dot(&Vector3::new(1.0, x, y))
 }
 
-/// What a change of each coefficient makes of the depths of these blocks, mm.
+/// Returns the changes of these blocks' depths for a change of each coefficient, mm.
 pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
     DMatrix::from_fn(blocks.len(), 3, |row, column| {
         let Block { direction: [x, y], per_depth, .. } = blocks[row];
@@ -36,12 +37,12 @@ impl Projection {
         Projection(columns.qr().q())
     }
 
-    /// What is left of each column.
+    /// Returns the residual of each column.
     pub fn left(&self, values: &DMatrix<f64>) -> DMatrix<f64> {
         values - &self.0 * (self.0.transpose() * values)
     }
 
-    /// The trace that is left of a covariance.
+    /// Returns the trace of a covariance that remains after the projection.
     pub fn trace_left(&self, covariance: &DMatrix<f64>) -> f64 {
         covariance.trace() - (self.0.transpose() * covariance * &self.0).trace()
     }

@@ -1,4 +1,5 @@
-//! A scan of the flat board, reduced to blocks: in each a robust mean of 1/z, and what a pixel is off it.
+//! A scan of the flat board, reduced to blocks, each with a robust mean of 1/z and the deviation of a pixel from
+//! it.
 
 use super::super::board::{Board, Corners};
 use super::super::chain::BoardObservation;
@@ -15,16 +16,16 @@ use crate::words::fixed;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
 
-/// Blocks along each side of the board.
+/// Number of blocks along each side of the board.
 const BLOCKS: usize = 16;
 /// This share of the outer squares counts as board, too.
 const OUTER: f64 = 0.8;
-/// Points farther from the board's pose than this share of the depth are of something else.
+/// A point whose distance from the board's pose is larger than this share of the depth belongs to another object.
 const NEAR: f64 = 0.02;
-/// Squares as the 3D camera measures them differ by less from the board's: its pose by the picture would lie beside
-/// its points.
+/// Maximum difference of the squares' size as the 3D camera measures it from the board's, as a share. With a larger
+/// one the board's pose from the picture would lie beside the measured points.
 const SQUARE_SHARE: f64 = 0.01;
-/// A block needs this share of the points of the usual one.
+/// Minimum number of points in a block, as a share of the usual number.
 const FILLED: f64 = 0.3;
 /// The number of filled blocks that the board needs.
 const MIN_BLOCKS: usize = 40;
@@ -37,20 +38,20 @@ pub struct BoardScan<'a> {
     pub camera: &'a PinholeCamera,
     /// The board.
     pub board: &'a Board,
-    /// The board's corners in its picture.
+    /// The board's corners in the scan's picture.
     pub corners: &'a Corners,
 }
 
 /// A scan as blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaneView {
-    /// The blocks that have points enough.
+    /// The blocks with enough points.
     pub blocks: Vec<Block>,
     /// White noise of a pixel at the reference depth, mm.
     pub white_mm: f64,
     /// Depth of the board's middle, mm.
     pub depth_mm: f64,
-    /// How the board is turned in its plane, degrees.
+    /// The board's rotation in its plane, degrees.
     pub turn_deg: f64,
     /// Half of the board's diagonal, mm.
     pub half_diagonal_mm: f64,
@@ -140,7 +141,7 @@ impl PlaneView {
         })
     }
 
-    /// The corners from their mean, as measured, mm, and that mean.
+    /// Returns the measured corners relative to their mean, mm, and the mean.
     fn corners_about_mean(&self, field: Option<&DepthField>) -> (Vec<Vector3<f64>>, Vector3<f64>) {
         let corrected = |point: &Point<Camera>| field.map_or(*point, |field| field.corrected_point(*point));
         let measured: Vec<Vector3<f64>> =
@@ -149,7 +150,7 @@ impl PlaneView {
         (measured.iter().map(|point| point - mean).collect(), mean)
     }
 
-    /// Distances between corners as measured over those printed, less one, percent.
+    /// Returns the ratio of measured to printed distances between corners, minus one, percent.
     pub fn scale_percent(&self, field: Option<&DepthField>) -> f64 {
         let count = self.corners.len() as f64;
         let spread: f64 = self.corners_about_mean(field).0.iter().map(Vector3::norm_squared).sum();
@@ -159,8 +160,8 @@ impl PlaneView {
         100.0 * ((spread / printed).sqrt() - 1.0)
     }
 
-    /// By how much each corner's depth changes this scan's scale, 1/mm: with the corners r from their mean and
-    /// their rays d, depth errors e change it by Σ e (r · d) / Σ |r|².
+    /// Returns the derivative of this scan's scale by each corner's depth, 1/mm. With the corners r relative to
+    /// their mean and their rays d, depth errors e change the scale by Σ e (r · d) / Σ |r|².
     fn scale_by_depth(&self) -> impl Iterator<Item = (&[f64; 2], Vector3<f64>, f64)> {
         let (about, mean) = self.corners_about_mean(None);
         let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
@@ -170,7 +171,7 @@ impl PlaneView {
         })
     }
 
-    /// How much this scan's scale would change by a depth error of this form over the directions, percent for each
+    /// Returns the change of this scan's scale by a depth error of this form over the directions, percent for each
     /// mm at the reference depth.
     pub fn scale_percent_by(&self, form: impl Fn([f64; 2]) -> f64) -> f64 {
         let of = |point: Vector3<f64>| {
@@ -179,7 +180,7 @@ impl PlaneView {
         100.0 * self.scale_by_depth().map(|(_, point, part)| of(point) * part).sum::<f64>()
     }
 
-    /// The variance of this scan's scale that its smooth error and its corners' own errors explain, squared
+    /// Returns the variance of this scan's scale that its smooth error and the corners' own errors explain, squared
     /// percent: corners in one square of the side `correlation_mm` share one depth error.
     pub fn scale_variance_by(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
         let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
@@ -239,7 +240,7 @@ fn samples(
     scan.cloud.valid().filter_map(|(_, point)| sample(point)).collect()
 }
 
-/// The plane through most of the points.
+/// Returns the plane through most of the points.
 fn through_most(samples: &[Sample]) -> Option<Vector3<f64>> {
     let all = || samples.iter().map(|one| (one.direction, one.per_depth));
     let mut found = plane::fit(all())?;

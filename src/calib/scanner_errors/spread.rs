@@ -17,12 +17,12 @@ use crate::geometry::statistics::WITHIN_95;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-/// L that are tried, mm.
+/// The values of L that are tried, mm.
 const LENGTHS_MM: [f64; 15] =
     [12.0, 16.0, 21.0, 27.0, 35.0, 45.0, 55.0, 67.0, 80.0, 97.0, 120.0, 150.0, 190.0, 240.0, 320.0];
-/// Parts along each side.
+/// Number of parts along each side.
 const PARTS: usize = 4;
-/// A part needs this share of the blocks of the usual one.
+/// Minimum number of blocks in a part, as a share of the usual number.
 const FILLED: f64 = 0.5;
 
 /// What was found.
@@ -34,9 +34,9 @@ pub(super) struct Spread {
 
 /// One scan's blocks and parts.
 struct Cut {
-    /// Without the planes of both.
+    /// Projections that remove the planes of the blocks and of the parts.
     planes: [Projection; 2],
-    /// Means over the parts, from blocks.
+    /// The matrix that computes the means over the parts from the blocks.
     means: DMatrix<f64>,
     distances_2: DMatrix<f64>,
     observed: [f64; 2],
@@ -58,7 +58,7 @@ pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option
         .collect();
     let ratio = observed[1] / observed[0];
     let free: f64 = cuts.iter().map(|cut| cut.means.nrows() as f64 - 3.0).sum();
-    // The parts' sum of squares scatters as χ² does.
+    // The sum of squares of the parts has the scatter of χ².
     let share = WITHIN_95 * (2.0 / free).sqrt();
     let [(correlation_mm, expected), (low_mm, _), (high_mm, _)] =
         [ratio, ratio * (1.0 - share).max(0.0), ratio * (1.0 + share)].map(|ratio| where_expected(&tried, ratio));
@@ -122,7 +122,7 @@ impl Cut {
         Some(Cut { planes, means, distances_2, observed })
     }
 
-    /// Both traces of (1).
+    /// Returns both traces of (1).
     fn expected(&self, length_mm: f64) -> [f64; 2] {
         let reach_2 = length_mm * length_mm / std::f64::consts::PI;
         let covariance = self.distances_2.map(|distance_2| (-distance_2 / reach_2).exp());

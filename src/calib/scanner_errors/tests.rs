@@ -12,7 +12,7 @@ fn over(camera: &PinholeCamera) -> FieldRectangle {
     rectangle(camera).expect("rays")
 }
 
-/// A camera's scans of a board, some of them far and in the corners.
+/// Returns a camera's scans of a board, some of them far and in the corners.
 fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneView>, PinholeCamera) {
     views_at_scale(seed, count, distortion, |_| 0.0)
 }
@@ -27,7 +27,7 @@ fn views_at_scale(
     views_by(seed, count, distortion, |index, cloud| cloud.along_rays(|_| 1.0 + scale(index)))
 }
 
-/// The same by a camera that does this to each of its scans.
+/// Returns the same scans as `views` from a camera that applies this change to each of its scans.
 fn views_by(
     seed: u64,
     count: usize,
@@ -90,7 +90,8 @@ fn nothing_is_corrected_where_nothing_is_the_same() {
     assert!(few.contains("7 scans") && few.contains("8 are needed"), "{few}");
 }
 
-/// A depth error of 1 mm for each unit of the direction leaves boards flat: the distances on them show it.
+/// A depth error of 1 mm for each unit of the direction leaves boards flat: only the distances on the boards show
+/// it.
 #[test]
 fn what_turns_planes_into_planes_is_found_by_distances() {
     let bent = ScannerDistortion::new(5, 0.0);
@@ -123,9 +124,9 @@ fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
     assert!(alike.iter().all(|percent| *percent < 0.02), "{alike:?}");
 }
 
-/// What a mean over a large area keeps of the smooth error is its size times its length. By hand, of the
-/// simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: a node weighs a cell, so that it is 0.06 ·
-/// √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
+/// The mean of the smooth error over a large area depends only on its size times its length. Calculated by hand for
+/// the simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: a node weighs a cell, so that the product
+/// is 0.06 · √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
 #[test]
 fn size_and_length_of_the_smooth_error_are_the_simulators() {
     let none = ScannerDistortion::new(5, 0.0);

@@ -27,7 +27,7 @@ pub(super) struct Tilt {
     pub free: usize,
 }
 
-/// 95 % of a normal distribution lie below this many standard deviations.
+/// 95 % of a normal distribution lie below this number of standard deviations.
 const BELOW_95_PERCENT: f64 = 1.645;
 
 impl Tilt {
@@ -40,7 +40,7 @@ impl Tilt {
     }
 }
 
-/// The fit of (1).
+/// Returns the fit of (1).
 pub(super) fn estimate(views: &[PlaneView], field: Option<&DepthField>) -> Option<Tilt> {
     let scales = DVector::from_iterator(views.len(), views.iter().map(|view| view.scale_percent(field)));
     let term = |row: usize, column: usize| match column {
@@ -60,7 +60,7 @@ pub(super) fn estimate(views: &[PlaneView], field: Option<&DepthField>) -> Optio
     })
 }
 
-/// A linear fit, and what it leaves of its own data and of data that were left out.
+/// A linear fit, with the residuals of its own data and of data that were left out.
 struct LeftOut {
     solved: DVector<f64>,
     left: f64,
@@ -86,8 +86,9 @@ impl LeftOut {
 mod tests {
     use super::*;
 
-    /// By hand: of 0.05 % with 0.03 % known, √(0.0025 − 0.0009) % = 0.04 % are beyond it. With 8 scans more than
-    /// terms chance leaves up to √(1 + 1.645 · 0.5) = 1.35 times what is known, 0.0405 %.
+    /// Calculated by hand: of 0.05 % with an uncertainty of 0.03 %, √(0.0025 − 0.0009) % = 0.04 % exceed the
+    /// uncertainty. With 8 scans more than terms, chance causes up to √(1 + 1.645 · 0.5) = 1.35 times the
+    /// uncertainty, 0.0405 %.
     #[test]
     fn what_chance_leaves_is_nothing() {
         let tilt = |left_percent| Tilt { slope_mm: None, left_percent, free: 8 };

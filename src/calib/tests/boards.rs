@@ -1,4 +1,4 @@
-//! Rendered boards at full size: corners against the truth, lens and distortion.
+//! Rendered boards at full size: corners, lens and distortion compared with the true values.
 
 use crate::calib::intrinsics::{Options, View, calibrate};
 use crate::calib::{Board, detect, gate, marker_cells};
@@ -24,7 +24,8 @@ fn print_of(board: &Board) -> BoardPrint {
     }
 }
 
-/// Root mean square and largest distance of detected corners from the truth, px, and their number.
+/// Returns the root mean square and the largest distance of detected corners from their true positions, px, and
+/// their number.
 fn corner_error<C: Frame>(
     cell: &BoardCell,
     camera: &PinholeCamera,
@@ -51,7 +52,8 @@ fn chessboard_corners_are_right_to_a_hundredth_of_a_pixel() {
     }
 }
 
-/// OpenCV 4.6 turned the pattern of boards with an even number of rows: both are read, and neither as the other.
+/// OpenCV 4.6 changed the pattern of boards with an even number of rows: both patterns are read, and neither is
+/// confused with the other.
 #[test]
 fn charuco_of_both_patterns_is_read() {
     let boards = ["charuco:8x6:18:4X4_50", "charuco:8x6:18:4X4_50:legacy"];
@@ -67,8 +69,8 @@ fn charuco_of_both_patterns_is_read() {
     assert!(detect::detect("new.png", &picture, &boards[1], None).is_err(), "another pattern is no board");
 }
 
-/// A ChArUco board that is in the picture in another layout, of another dictionary or mirrored is named with the
-/// `--board` that it is.
+/// If a picture shows a ChArUco board in another layout, of another dictionary or mirrored, the message states the
+/// correct `--board`.
 #[test]
 fn what_a_charuco_board_is_instead_is_named() {
     let printed = "charuco:8x6:18:4X4_50:legacy";
@@ -100,7 +102,8 @@ fn no_board_and_another_board_are_told() {
     assert!(unknown.contains("7X7_1000"), "{unknown}");
 }
 
-/// In the second of these pictures the search grows a column beyond the board, which is held against the grey levels.
+/// In the second of these pictures the search adds a column beyond the board, which is then compared with the grey
+/// levels.
 #[test]
 fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
     let board = Board::parse("9x6", 25.0).expect("a board");
@@ -186,7 +189,7 @@ fn pictures_without_tilt_are_for_a_person_to_judge() {
     assert!(judged.reasons.iter().any(|reason| reason.code == "coverage"), "{judged:?}");
 }
 
-/// Circles as a tilted board shows them, each pixel by five rays a side; on a light ground or a dark one.
+/// Renders circles of a tilted board, each pixel from five rays along each side; on a light or a dark background.
 fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64>, inks: [f64; 2]) -> GrayPicture {
     let mut picture = GrayPicture::filled(camera.width_px, camera.height_px, 0);
     let radius_mm = 0.28 * board.square_mm();
@@ -211,7 +214,8 @@ fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64
     picture
 }
 
-/// Both kinds of grids, light and dark, tilted by 35°: every centre to a few hundredths of a pixel, in the board's order.
+/// Both kinds of grids, light and dark, tilted by 35°: every centre is found to a few hundredths of a pixel, in the
+/// board's order.
 #[test]
 fn circles_are_found_and_placed() {
     let camera = PinholeCamera {
@@ -247,7 +251,7 @@ fn circles_are_found_and_placed() {
     }
 }
 
-/// The left half of a ChArUco board: its corners alone, each the right one.
+/// The left half of a ChArUco board: only its corners are found, each one with the right number.
 #[test]
 fn a_charuco_board_that_is_cut_off_is_read() {
     let board = Board::parse("charuco:8x6:18:4X4_50", 25.0).expect("a board");

@@ -1,4 +1,4 @@
-//! Many poses, both mounts, on synthetic corners.
+//! Mounts from many poses, for both kinds of mount, with synthetic corners.
 
 use crate::calib::{Arrangement, Board, BoardObservation, Fault, HandEye, Station, hand_eye::hand_eye};
 use crate::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
@@ -39,7 +39,8 @@ pub(super) fn on_flange(cell: &BoardCell, count: usize) -> Vec<Station<FlangeCam
     stations(cell, &cell.flange_camera(), &cell.flange_shots(count))
 }
 
-/// Error at the stated point, mm, and of the turn, degrees; and the error's square in its own covariance, by 3.
+/// Returns the error of the stated point, mm, and of the rotation, degrees; then the squared error relative to its
+/// own covariance, divided by 3.
 fn error<A: Arrangement>(found: &HandEye<A>, truth: Rigid<A::To, A::From>) -> (f64, f64, f64) {
     let pose = found.adjusted.to_from_camera;
     let off = ((pose * found.at) - (truth * found.at)).mm;
@@ -69,7 +70,8 @@ fn calibrated(cell: &BoardCell, stations: &[Station<Camera>]) -> HandEye<Scanner
     hand_eye(&cell.scanner(), &board(), stations, None).expect("calibrated")
 }
 
-/// The noise is found, not assumed: 0.05 px of the corners, 0.02 mm and 0.005° of the robot, each within a third.
+/// The noise is estimated, not assumed: 0.05 px of the corners, 0.02 mm and 0.005° of the robot, each within a
+/// third.
 #[test]
 fn the_noise_comes_out_of_the_residuals() {
     let cell = cell(3, GOOD_ROBOT);
@@ -116,7 +118,7 @@ fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     assert!(wrong.len() == 1 && wrong[0].name == "08.png", "{wrong:?}");
 }
 
-/// Over 40 seeds the 95 % region misses the truth now and then, not often (the sweep of 200 is a benchmark).
+/// Over 40 seeds the 95 % region rarely misses the true value (the sweep of 200 is a benchmark).
 #[test]
 fn the_stated_region_holds_the_truth() {
     let held = (1..=40).filter(|&seed| {
@@ -225,7 +227,7 @@ fn data_that_cannot_support_a_mount_are_refused() {
     assert!(refused(&shuffled).contains("no camera mount fits"), "{}", refused(&shuffled));
 }
 
-/// The suggested pose shows the whole board and leaves less uncertainty than was stated.
+/// The suggested pose shows the complete board and results in a smaller uncertainty than the stated one.
 #[test]
 fn the_next_pose_helps() {
     let cell = cell(8, GOOD_ROBOT);
@@ -241,7 +243,7 @@ fn the_next_pose_helps() {
     }
 }
 
-/// The 3D camera's own points give the same mount, from other numbers.
+/// The 3D camera's own points give the same mount, from independent data.
 #[test]
 fn measured_points_give_a_second_result() {
     let cell = cell(9, GOOD_ROBOT);

@@ -82,7 +82,8 @@ fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     }
 }
 
-/// Each model comes back from pictures all over the frame; what is left out is left out for every seed but a few.
+/// Each model is found again from pictures over the whole frame; its absent coefficients are left out for all but a
+/// few seeds.
 #[test]
 fn the_data_choose_the_model() {
     let lenses = [
@@ -104,7 +105,7 @@ fn the_data_choose_the_model() {
     }
 }
 
-/// Corners of new pictures lie within what the left-out ones foretell, 90 to 99 %.
+/// The corners of new pictures lie within the prediction from the left-out pictures, 90 to 99 %.
 #[test]
 fn new_pictures_lie_within_what_is_stated() {
     let cell = BoardCell::new(1, BoardPrint::chessboard(9, 6, 25.0), RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
@@ -128,7 +129,8 @@ fn new_pictures_lie_within_what_is_stated() {
     assert!((0.90..=0.99).contains(&share), "{share}");
 }
 
-/// By hand: a board of 200 mm that bows as z = 1.5 · (x/100 − 1)² mm is 1.5 mm lower in its middle than at its ends.
+/// Calculated by hand: a board of 200 mm that bows as z = 1.5 · (x/100 − 1)² mm is 1.5 mm lower in its middle than
+/// at its ends.
 #[test]
 fn a_bowed_board_is_named_and_a_flat_one_is_not() {
     let robot = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };

@@ -1,4 +1,4 @@
-//! Calibrations against known truth: synthetic corners for statistics, rendered boards for detection.
+//! Calibrations compared with known true values: synthetic corners for statistics, rendered boards for detection.
 
 mod boards;
 mod hand_eye;

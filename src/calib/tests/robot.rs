@@ -1,4 +1,4 @@
-//! Arms with errors of their own, against their truth.
+//! Arms with their own errors, compared with the true values.
 
 use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, usual};
 use crate::calib::gate;
@@ -16,8 +16,8 @@ fn normal(random: &mut Pcg64) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// A KR 6 with zeros to 0.05°, twists to 0.03°, lengths to 0.4 mm and a sag of up to 0.3 mm, 40 pictures of both
-/// cameras and touches of two spots.
+/// A KR 6 with zero errors to 0.05°, twists to 0.03°, lengths to 0.4 mm and a sag of up to 0.3 mm. The data are 40
+/// pictures of both cameras and touches of two spots.
 struct Simulated {
     data: RobotData,
     errors: [f64; ARM_NUMBERS],
@@ -176,7 +176,7 @@ fn contact_errors_mm(simulated: &Simulated, found: &RobotFound, corrected: bool)
 #[test]
 fn the_chain_is_the_controller_s() {
     let arm = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry().to_owned();
-    // By hand, the KR 6 with axes 2 and 3 at −90° and 90°: upper arm up, forearm ahead.
+    // Calculated by hand, the KR 6 with axes 2 and 3 at −90° and 90°: upper arm up, forearm ahead.
     let joints = Joints { a2_deg: -90.0, a3_deg: 90.0, ..Joints::default() };
     let flange = base_from_flange(&arm, &joints, &[0.0; ARM_NUMBERS]).origin().mm;
     assert!(
@@ -240,7 +240,7 @@ fn an_arm_of_which_a_correction_takes_nothing_away_goes_without_one() {
     assert_eq!(judged(0.10, f64::NAN), (false, Verdict::Reject));
 }
 
-/// Each fault of the axes is named, with the controller's poses beside them and without.
+/// Each fault of the axes is named, with and without the controller's poses.
 #[test]
 fn exchanged_axes_and_wrong_signs_are_named() {
     let simulated = simulated(4, 24);

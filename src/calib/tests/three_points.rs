@@ -1,4 +1,4 @@
-//! Three touched points, both mounts.
+//! Mounts from three touched points, for both kinds of mount.
 
 use crate::calib::three_points::{Touched, three_points};
 use crate::calib::{Board, BoardObservation, CalibError, gate};
@@ -32,7 +32,7 @@ fn codes(judgement: &crate::verdict::Judgement) -> Vec<&str> {
     judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
-/// Without noise the mount comes back, for both cameras and for corners that are not the board's own axes.
+/// Without noise the true mount is found, for both cameras and for corners that are not on the board's own axes.
 #[test]
 fn the_mount_comes_back() {
     let cell = cell();
@@ -59,8 +59,9 @@ fn the_mount_comes_back() {
     assert!(missing.expect_err("no flange").to_string().contains("base_from_flange"));
 }
 
-/// The case of the issue: the outer corners touched as 3, 4, 1, 2 leave no miss at all; without a rough mount that
-/// ends in review, with one in reject. With a fourth corner that breaks the symmetry the miss is several squares.
+/// The case of the issue: the outer corners touched as 3, 4, 1, 2 cause no error in the distances. Without a rough
+/// mount the verdict is review, with one it is reject. With a fourth corner that breaks the symmetry the error is
+/// several squares.
 #[test]
 fn outer_corners_touched_from_the_other_end_are_not_accepted() {
     let cell = cell();
@@ -84,7 +85,8 @@ fn outer_corners_touched_from_the_other_end_are_not_accepted() {
     assert_eq!(gate::three_points(&inner, None).verdict, Verdict::Reject);
 }
 
-/// A board touched from its far corner reprojects as well as a right one: only a rough mount shows it.
+/// A board touched from its far corner has the same reprojection error as a correct one: only a rough mount shows
+/// the mistake.
 #[test]
 fn a_wrong_origin_shows_in_the_rough_mount_and_a_wrong_corner_in_the_distances() {
     let cell = cell();

@@ -54,7 +54,7 @@ fn with_turn(pose: &Isometry3<f64>, rotation: UnitQuaternion<f64>) -> Isometry3<
     Isometry3::from_parts(pose.translation, rotation)
 }
 
-/// What is written by mistake for right poses, and a word of what must be named.
+/// Mistakes in the writing of correct poses, each with a text that the message must contain.
 const CHANGES: [Change; 10] = [
     ("inverted", "flange_from_base", Isometry3::inverse),
     ("A and C exchanged", "A and C are exchanged", |pose| {
@@ -146,7 +146,7 @@ fn shifted_mirrored_and_other_mounts_are_named() {
         .collect();
     let mirrored = words(&judged::<ScannerMount>(&camera, &mirrored, None));
     assert!(mirrored.contains("mirrored"), "{mirrored}");
-    // A fixed camera's poses beside `--mount eye-in-hand`: the frames are only claimed.
+    // A fixed camera's poses with `--mount eye-in-hand`: these frames are only claimed.
     let other: Vec<Station<crate::geometry::FlangeCamera>> = stations
         .iter()
         .map(|station| {
@@ -162,8 +162,8 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     assert!(other.contains("--mount is wrong: these poses"), "{other}");
 }
 
-/// The case of the issue: squares of 25.00 mm, stated as 24.9, are found as 25.00 within hundredths, and the mount
-/// is rejected; stated as 2.5, 24.5 or 29 likewise.
+/// The case of the issue: squares of 25.00 mm, stated as 24.9, are measured as 25.00 within hundredths, and the
+/// mount is rejected. The same applies if they are stated as 2.5, 24.5 or 29.
 #[test]
 fn squares_of_another_size_are_measured_and_rejected() {
     for seed in [1, 2, 3] {
@@ -212,8 +212,8 @@ fn a_lens_of_another_focal_length_is_rejected() {
     }
 }
 
-/// Poses in a base frame or of a tool fit as well as right ones: without a rough mount they end in review, with one
-/// in reject.
+/// Poses in a base frame or of a tool fit as well as correct ones: without a rough mount the verdict is review,
+/// with one it is reject.
 #[test]
 fn a_base_or_a_tool_ends_in_review_without_a_rough_mount() {
     let cell = cell(13, GOOD_ROBOT);
@@ -230,7 +230,7 @@ fn a_base_or_a_tool_ends_in_review_without_a_rough_mount() {
     assert_eq!(without.as_ref().map(|judged| judged.verdict), Ok(Verdict::Review), "{}", words(&without));
 }
 
-/// By hand: 25 mm stated, robot lengths are a thousandth of the board's.
+/// Calculated by hand: 25 mm stated, robot lengths are a thousandth of the board's.
 #[test]
 fn a_factor_on_lengths_names_the_unit() {
     let metres = Meaning::Lengths { ratio: 1e-3, square_mm: 25.0 }.to_string();

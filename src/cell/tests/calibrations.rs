@@ -1,4 +1,4 @@
-//! The files that a cell names: lenses and mounts, read, refused, and written as they are read.
+//! The files that a cell names, lenses and mounts: read, refused, and written as they were read.
 
 use super::super::*;
 use super::problems;
@@ -34,7 +34,7 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
         wrong("k1 = -0.1", "k1 = -10.0"),
         ["8: camera.k1: k1, k2, p1, p2, k3 give pixel (0, 0) no ray; are they this camera's?"]
     );
-    // By hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 holds only at r = −1.23, across the axis.
+    // Calculated by hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 is true only at r = −1.23, across the axis.
     assert_eq!(wrong("k1 = -0.1", "k1 = -1.0").len(), 1, "a false inverse is none");
     let dated = |date: &str| problems(Intrinsics::check("f", &format!("{LENS}date = {date}")));
     assert_eq!(dated("2026-05-31T10:00:00"), ["13: camera.date: valid: a date, such as 2026-05-31"]);
@@ -44,7 +44,8 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
 
 const MOUNT: &str = "x_mm = 600\ny_mm = 0\nz_mm = 900\na_deg = 90\nb_deg = 0\nc_deg = 180\n";
 
-/// By hand: Rx(180) turns the camera's z to −z; A about Z leaves it so. A point 500 mm before the lens is at z = 400.
+/// Calculated by hand: Rx(180) turns the camera's z to −z; A about Z does not change this. A point 500 mm in front
+/// of the lens is at z = 400.
 #[test]
 fn a_mount_maps_its_own_frames() {
     let text = format!("[base_from_camera]\n{MOUNT}rms_mm = 0.1\n");
@@ -96,7 +97,7 @@ fn date() -> impl Strategy<Value = Option<Date>> {
 }
 
 proptest! {
-    /// To the last bit: a written calibration is the calibration.
+    /// A written calibration is read back with identical bits.
     #[test]
     fn intrinsics_come_back_as_written(
         (width_px, height_px) in (16..4000usize, 16..4000usize),

@@ -8,7 +8,7 @@ mod opcua;
 use super::*;
 use proptest::prelude::*;
 
-/// The problems of a cell's text, without the file's name.
+/// Returns the problems of a cell's text, without the file's name.
 fn cell_problems(text: &str) -> Vec<String> {
     problems(Cell::check("f", text))
 }
@@ -84,8 +84,8 @@ fn signals_are_the_bits_in_the_order_of_their_numbers() {
     assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
 }
 
-/// Tool and all water at once, extraction and light after their usual time or the one that is stated; the shutter and
-/// whatever else the user has stay as they are.
+/// Tool and all water are switched off at once, extraction and light after their usual time or the stated time. The
+/// shutter and the user's other outputs do not change.
 #[test]
 fn what_goes_off_by_itself_has_its_time() {
     let outputs = "outputs = { light = 9, tool = 3, spray = 5, rinse = 6, extraction = 4, lens_shutter = 7, horn = 8, fan = 2 }";

@@ -4,8 +4,8 @@ use super::traps::is_address;
 use crate::config::Problem;
 use crate::eki::channel::{Stated, StatedChannel};
 
-/// The ports and signals that two channels both use, as problems of both: the channel's place in the list, and the
-/// problem.
+/// Returns the ports and signals that two channels both use, as problems of both: the channel's index in the list,
+/// and the problem.
 pub(crate) fn clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let mut found = Vec::new();
     for (nth, (place, _, channel)) in channels.iter().enumerate() {
@@ -18,8 +18,8 @@ pub(crate) fn clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize,
     found
 }
 
-/// Channels on which one controller listens at different addresses, as warnings of all but the first: a controller has few
-/// networks, and mostly one for this.
+/// Returns warnings for channels on which one controller listens at different addresses, for all channels but the
+/// first. A controller has few networks, and usually only one for this purpose.
 pub(crate) fn addresses_apart(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let listening = channels.iter().filter(|(_, _, channel)| channel.listens());
     let mut stated = listening.filter_map(|(place, file, channel)| {

@@ -2,7 +2,7 @@
 
 use crate::eki::channel::{Environment, Protocol, ReadOrder, StatedChannel, StatedElement, StatedRaw};
 
-/// What the channel does, a sentence each.
+/// Describes the channel, one sentence for each property.
 pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
     let mut says = vec![who_listens(channel), how_long(channel), what_waits(channel)];
     says.extend(
@@ -85,7 +85,7 @@ fn what_waits(channel: &StatedChannel) -> String {
     )
 }
 
-/// A sentence for each outermost name, in the file's order.
+/// Returns a sentence for each outermost name, in the file's order.
 fn roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
     let mut names: Vec<&str> = Vec::new();
     for element in elements {

@@ -1,4 +1,4 @@
-//! Files as people have them: ours, and one for each habit that foreign ones show.
+//! Files as people write them: those of this program, and one for each habit of other authors' files.
 
 use super::*;
 use crate::check::{FileReport, check_file, check_files};
@@ -6,7 +6,7 @@ use crate::check::{FileReport, check_file, check_files};
 const COMMANDS: &str = include_str!("../../../config/kuka/CELLCMD.xml");
 const STATE: &str = include_str!("../../../config/kuka/CELLSTAT.xml");
 
-/// A sound channel, with these lines in INTERNAL (4), RECEIVE (6) and SEND (8).
+/// Returns a correct channel, with these lines in INTERNAL (4), RECEIVE (6) and SEND (8).
 fn file(internal: &str, receive: &str, send: &str) -> String {
     format!(
         "<ETHERNETKRL>\n<CONFIGURATION>\n<EXTERNAL><TYPE>Client</TYPE></EXTERNAL>\n<INTERNAL>{internal}</INTERNAL>\n\
@@ -60,7 +60,7 @@ fn our_own_files_are_right_and_say_what_they_do() {
     expect(&file(INTERNAL, RECEIVE, ""), &[], &[]);
 }
 
-/// A file as small as it gets: everything is a default, and each default is a trap.
+/// The smallest possible file: everything is a default, and each default is a pitfall.
 #[test]
 fn defaults_are_told() {
     let report = expect(
@@ -242,7 +242,7 @@ fn unknown_names_get_the_nearest_right_one() {
     );
 }
 
-/// Elements over several lines, commented-out ones, a flag on a leaf, a repeated tag, a type that is missing.
+/// Elements over several lines, commented-out elements, a flag on a leaf, a repeated tag, a missing type.
 #[test]
 fn elements_are_looked_at_one_by_one() {
     let receive = "<XML>\n<!-- <ELEMENT Tag=\"A/@Z\" Type=\"AXIS\"/> &lt;!&ndash; -->\n<ELEMENT Tag=\"A/@B\"\n  Type=\"STRING\"\n  \
@@ -283,7 +283,7 @@ fn a_flag_above_all_data_is_as_good_as_the_roots() {
     expect(&file(INTERNAL, &beside, ""), &[], &["6 RECEIVE/XML/ELEMENT[A]: no flag for the whole of <A>"]);
 }
 
-/// Records of bytes; a controller that dials; two roots sent, a text and an attribute of one node.
+/// Records of bytes; a controller that connects as a client; two roots sent, a text and an attribute of one node.
 #[test]
 fn other_kinds_of_channel_are_put_in_words() {
     let says = |text: &str| check_file("x/y\\B.xml", text).says;
@@ -359,7 +359,7 @@ fn a_flag_that_is_none_is_told_once() {
     assert_eq!(flags("1024"), [Vec::<String>::new(), vec![]]);
 }
 
-/// One channel on the adapter of another network: the controller opens it there, or not at all.
+/// One channel has the address of another network: the controller opens the channel on that adapter, or not at all.
 #[test]
 fn channels_at_two_addresses_are_told() {
     let address = "<IP>172.31.1.147</IP>";
@@ -374,7 +374,7 @@ fn channels_at_two_addresses_are_told() {
     let [first, second] = &told(&other)[..] else { panic!("two files") };
     assert_eq!((first.len(), second.len()), (0, 1), "{second:?}");
     assert!(second[0].contains("CONFIGURATION/INTERNAL/IP: is 192.168.1.147, and CELLCMD.xml has 172.31.1.147"));
-    // A controller that dials has no address of its own there.
+    // A controller that connects as a client states no address of its own in the file.
     let dials = other.replace("<TYPE>Client</TYPE>", "<TYPE>Server</TYPE><IP>172.31.1.10</IP><PORT>7000</PORT>");
     let reports = check_files(&[("CELLCMD.xml", COMMANDS), ("CELLSTAT.xml", &dials)], None);
     assert!(!lines(&reports[1].warnings).iter().any(|line| line.contains("has 172.31.1.147")), "{reports:?}");

@@ -1,15 +1,16 @@
-//! What the controller accepts although it leads to trouble (the pitfalls of `eki.md` 6), and what cannot work.
+//! Properties that the controller accepts although they lead to problems (the pitfalls of `eki.md` 6), and
+//! properties that cannot work.
 
 use crate::eki::channel::{Environment, Findings, Protocol, ReadOrder, Signal, StatedChannel, StatedElement};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The ports that the controller's firewall opens.
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
-/// One more than the last `$FLAG`, and the end of the manual's range for Set_Flag; what is above is refused as no number of
-/// that range.
+/// One more than the last `$FLAG`, which is also the end of the manual's range for Set_Flag; larger numbers are
+/// refused as outside of that range.
 const FIRST_NO_FLAG: u32 = 1025;
 
-/// Notes everything about one channel that its file alone shows.
+/// Adds everything to `found` that is visible from one channel's own file.
 pub(super) fn find(channel: &StatedChannel, found: &mut Findings) {
     addresses(channel, found);
     life(channel, found);
@@ -76,7 +77,7 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-/// Whether this is an address of four numbers.
+/// Returns whether this is an address of four numbers.
 pub(super) fn is_address(text: &str) -> bool {
     let parts: Vec<&str> = text.split('.').collect();
     parts.len() == 4 && parts.iter().all(|part| part.parse::<u8>().is_ok())

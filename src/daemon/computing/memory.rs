@@ -15,23 +15,24 @@ use crate::daemon::ports::Note;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Results that are remembered, at most: each has its notes and what it found. What is new after that is computed
-/// each time.
+/// Largest number of remembered results, each with its notes. Further results are not remembered, but computed each
+/// time.
 const MAX_RESULTS: usize = 4_000;
 
 /// Names the scene that the cameras would show for this act now; `None` if the result is not to be remembered.
 pub type SceneKey = Box<dyn FnMut(Act) -> Option<u64> + Send>;
 
-/// Results of work that was done before. Clones are the same memory; it serves cycles of one setup.
+/// Results of earlier work. All clones share the same memory; it is valid for cycles of one setup.
 #[derive(Debug, Clone)]
 pub struct Memory {
     results: Arc<Mutex<BTreeMap<String, Worked>>>,
-    /// What becomes of a note that is remembered.
+    /// Reduces a note to the part that is remembered.
     keeps: fn(Note) -> Note,
     films: FilmMemory,
 }
 
-/// What a piece of work depends on, as text; none for what is not remembered. An act is named with what its phase reads.
+/// Returns the inputs of a piece of work as text; `None` if its result is not remembered. An act is named together
+/// with the data that its phase reads.
 pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
     if !matches!(work.act, Act::Locate | Act::Refine { .. } | Act::Verify { .. } | Act::Plan { .. }) {
         return None;
@@ -40,7 +41,7 @@ pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
     let (act, pass, tip) = (work.act, work.pass, work.tip);
     Some(match act {
         Act::Locate => format!("{act:?} {scene}"),
-        // The survey that follows a corner's refinement looks at the disc.
+        // The survey that follows a corner's refinement depends on the wear of the disc.
         Act::Refine { .. } => {
             let worn_mm2 = work.abrasion.worn_mm2;
             format!("{act:?} {pass} {scene} {tip:?} {worn_mm2} {}", work.perception.place_inputs())
@@ -66,7 +67,7 @@ impl Memory {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         let worked = results.get(inputs)?;
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
-            // What films left is none of this work's results.
+            // The data that films left is not a result of this work.
             perception.keep_films_of(&work.perception, work.act == Act::Locate);
             (perception, after(work.act, &work.abrasion, abrasion))
         });
@@ -74,7 +75,7 @@ impl Memory {
         Some(Worked { id: work.id, found: Ok(found), artifacts, notes, is_of_film: false })
     }
 
-    /// Remembers a result that is one.
+    /// Remembers a result, unless it is an error.
     pub(super) fn remember(&self, inputs: String, worked: &Worked) {
         let Ok(found) = &worked.found else { return };
         let mut results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
@@ -91,8 +92,8 @@ impl Memory {
     }
 }
 
-/// The abrasion after an act that was done before: only planning changes it, but for the surface, which follows
-/// from what was taught.
+/// Returns the abrasion after a remembered act: only planning changes it, except for the surface, which follows
+/// from the taught data.
 fn after(act: Act, before: &Abrasion, then: Abrasion) -> Abrasion {
     match act {
         Act::Plan { .. } => then,

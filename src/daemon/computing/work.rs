@@ -10,25 +10,25 @@ use crate::geometry::KukaPose;
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// What an act needs.
+/// The data that an act needs.
 #[derive(Debug)]
 pub(in crate::daemon) struct Work {
     /// The act.
     pub id: Id,
     pub act: Act,
-    /// Whether it is the next step of the film under way; then it needs no more than this.
+    /// Whether this is the next step of the film under way; such a step needs no other data.
     pub is_next_picture: bool,
     pub perception: Perception,
     pub abrasion: Abrasion,
     /// The pose of the active tool in the active base, as far as it is known.
     pub tip: Option<KukaPose>,
     pub pass: u8,
-    /// What the cycle works with; none before the first one.
+    /// The setup of the cycle; `None` before the first cycle.
     pub setup: Option<Arc<CycleSetup>>,
 }
 
 impl Work {
-    /// The next step of the film that this act watches.
+    /// Creates the next step of the film that this act watches.
     pub fn next_picture(id: Id, act: Act, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
         let (perception, abrasion) = Default::default();
         Work { id, act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
@@ -43,7 +43,7 @@ pub(in crate::daemon) struct Worked {
     /// Both as they are now; `None` if the work was lost.
     pub artifacts: Option<(Perception, Abrasion)>,
     pub notes: Vec<Note>,
-    /// Whether it is a step of a film.
+    /// Whether this is the result of a step of a film.
     pub(super) is_of_film: bool,
 }
 
@@ -64,5 +64,5 @@ pub(in crate::daemon) enum Found {
     Wrong(Vec<(Trouble, Reason)>),
 }
 
-/// Looks at the calibrations: what cannot be read, in words.
+/// Checks the calibrations; returns what cannot be read, in words.
 pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;

@@ -1,4 +1,4 @@
-//! Who does the work: it has the cameras and the film under way, and calls the phases.
+//! The worker: it has the cameras and the film under way, and calls the phases.
 
 use super::work::{Found, Readable, Work, Worked};
 use crate::cycle::{Act, Answer, Grade, Trouble};
@@ -74,11 +74,11 @@ impl Notes<'_> {
 /// Does the work: it has the cameras, and the film under way.
 pub(super) struct Worker<'p> {
     cameras: Box<dyn CameraPort + Send + 'p>,
-    /// Looks at the calibrations, for a self-test.
+    /// Checks the calibrations, for a self-test.
     readable: Readable,
     keep: Option<Keeper>,
     filming: Option<Filming>,
-    /// Films that were watched before.
+    /// Memory of the films that were watched before.
     films: Option<FilmMemory>,
     /// The view for people who watch.
     view: LiveView,
@@ -90,12 +90,12 @@ impl<'p> Worker<'p> {
         Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
     }
 
-    /// The same, that remembers films.
+    /// Lets the worker remember films.
     pub fn remember(&mut self, films: FilmMemory) {
         self.films = Some(films);
     }
 
-    /// The same, with people who look on.
+    /// Returns the worker with a live view for people who watch.
     pub fn shown_on(self, view: LiveView) -> Self {
         Worker { view, ..self }
     }
@@ -179,7 +179,7 @@ impl<'p> Worker<'p> {
     }
 }
 
-/// The path that was planned, for people who look on.
+/// Shows the planned path to people who watch.
 fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &Work, answer: Answer) {
     let (Answer::Planned { plan, .. } | Answer::PlannedForReview { plan, .. }) = answer else { return };
     if let Some(path) = work.abrasion.plan(plan) {
@@ -187,7 +187,7 @@ fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &Work, answer: Answ
     }
 }
 
-/// The newest picture of a film with what broke so far, for people who look on.
+/// Returns the newest picture of a film, with the water breaks so far, for people who watch.
 fn live(filming: &Filming, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
     let (picture, broken, failed) = filming.so_far()?;
     let film =

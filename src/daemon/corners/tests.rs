@@ -3,7 +3,8 @@ use crate::geometry::Rigid;
 use crate::geometry::{Pixel, Point, Vector};
 use crate::panel::{CornerTeaching, TaughtCorner, panel_from_base_at_teaching};
 
-/// Corners 2 and 1 hold the place; before contact no move leads to the first: the second alone is not enough.
+/// Corners 2 and 1 determine the place of the panel. Before contact, no motion leads to the first corner: the
+/// second corner alone is not enough.
 #[test]
 fn what_held_the_place_must_be_seen_again() {
     let place = panel_from_base_at_teaching().inverse();
@@ -40,7 +41,7 @@ fn what_held_the_place_must_be_seen_again() {
     let unseen = corners.unseen().expect("a reason");
     assert_eq!(unseen.code, "corner_unseen");
     assert!(unseen.message.starts_with("corner 1 ") && unseen.message.contains("a post"), "{}", unseen.message);
-    // With all of them seen nothing is missing.
+    // When all corners were seen, nothing is missing.
     look(&mut corners, 1, 0);
     assert!(corners.unseen().is_none());
 }

@@ -27,7 +27,8 @@ fn state(outputs: u32, inputs: u32) -> State {
     State { outputs, inputs, ..standing_state() }
 }
 
-/// Half a second, counted from the first contrary state; a state that agrees in between begins it anew.
+/// A contradiction is reported after half a second, counted from the first contrary state; a state that agrees in
+/// between restarts the time.
 #[test]
 fn half_a_second_of_contrary_states_is_told() {
     let (wiring, mut contrary) = (wiring(), Contrary::default());
@@ -44,7 +45,7 @@ fn half_a_second_of_contrary_states_is_told() {
     assert_eq!(at(510, &dead), Some(Switch::ToolOn));
 }
 
-/// Each bit of the outputs and feedbacks is watched, by the fact that it proved; what is not known is not.
+/// Each bit of the outputs and feedbacks is compared with the fact that it proved; unknown facts are not watched.
 #[test]
 fn each_output_and_each_feedback_is_watched() {
     let wiring = wiring();

@@ -1,4 +1,5 @@
-//! Who may look: people with an account of the office, who log in by a form. Everything but the form needs a session.
+//! Access to the office's page: for people with an account of the office, who log in with a form. Everything except
+//! the form needs a session.
 
 use super::frame;
 use super::shared::{Shared, Tried, failed};
@@ -16,11 +17,11 @@ use axum::response::{IntoResponse, Redirect, Response};
 use maud::html;
 use serde::Deserialize;
 
-/// Nothing is fetched from elsewhere, run from a text, or framed.
+/// The content security policy: nothing is fetched from elsewhere, executed from inline text, or framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 /// The header of requests that a page makes without a person.
 const BY_ITSELF: &str = "x-by-itself";
-/// What needs no session.
+/// Paths that need no session.
 const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 
 /// Accepts requests with a session, and shows the log-in form for the others.

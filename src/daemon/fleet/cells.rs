@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
 use serde_json::json;
 
-/// The page loads itself again.
+/// Interval at which the page reloads itself, s.
 const RELOAD_INTERVAL_S: u32 = 5;
 /// A cell that did not report for this time is stale, ms: it reports its state every two seconds.
 const STALE_MS: i64 = 15_000;

@@ -1,4 +1,4 @@
-//! One cycle as the archive has it: what was signed, every number with its limit, the pictures.
+//! One cycle as the archive has it: the signed content, every number with its limit, and the pictures.
 
 use super::frame::{self, time, verdict};
 use super::shared::{Shared, failed};
@@ -52,7 +52,7 @@ pub(super) async fn json(State(shared): State<Shared>, Query(key): Query<CycleKe
         .into_response()
 }
 
-/// A file that a record names: a picture as one, everything else as text that no browser runs.
+/// Serves a file that a record names: a picture as a picture, everything else as text that no browser executes.
 pub(super) async fn file(State(shared): State<Shared>, Path(hash): Path<String>) -> Response {
     let reader = shared.reader().clone();
     let Ok(Some(bytes)) = tokio::task::spawn_blocking(move || reader.file(&hash)).await else {
@@ -67,7 +67,7 @@ pub(super) async fn file(State(shared): State<Shared>, Path(hash): Path<String>)
         [0x89, b'P', b'N', b'G', ..] => "image/png",
         _ => "text/plain; charset=utf-8",
     };
-    // A file of this name never changes.
+    // A file with this name never changes.
     ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "private, max-age=31536000, immutable")], bytes)
         .into_response()
 }
@@ -112,7 +112,7 @@ fn signature(SignedBy { statement, record_hash, unix_ms, person }: &SignedBy) ->
     }
 }
 
-/// Every check of the record; a record of another version of the program is shown as its JSON alone.
+/// Shows every check of the record; for a record of another version of the program, only the JSON.
 fn findings(cycle: &SignedCycle) -> Markup {
     let Ok(record) = cycle.cycle_record() else {
         return html! { section.card { p { "This record was written by another version of the program: read it as JSON." } } };

@@ -1,4 +1,4 @@
-//! Cycles of all cells: a search, and what it finds as a page, a table or JSON.
+//! Cycles of all cells: a search, and its results as a page, a table or JSON.
 
 use super::frame::{self, time, verdict};
 use super::shared::{Shared, failed};
@@ -17,7 +17,7 @@ use strum::VariantArray;
 const PAGE: i64 = 50;
 const FILE: i64 = 10_000;
 
-/// The form's fields; an empty one does not matter.
+/// The fields of the form; an empty field is ignored.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct SearchForm {
@@ -48,7 +48,7 @@ impl SearchForm {
         })
     }
 
-    /// "TIME,CYCLE,CELL" of the last cycle of the page before.
+    /// Returns "TIME,CYCLE,CELL" of the last cycle of the previous page.
     fn before(&self) -> Option<(i64, String, i64)> {
         let mut parts = self.before.splitn(3, ',');
         let (at, cycle, cell) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?);
@@ -139,7 +139,7 @@ fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String
     }
 }
 
-/// A list to choose one of, or none.
+/// Shows a list from which one item, or none, is chosen.
 pub(super) fn choice<'c>(words: &str, name: &str, chosen: &str, all: impl Iterator<Item = &'c str>) -> Markup {
     html! {
         label { (words) select name=(name) {

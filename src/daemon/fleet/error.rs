@@ -12,7 +12,7 @@ pub enum FleetError {
         "the archive's settings have no address for its page: set listen in [fleet], such as \"127.0.0.1:8444\""
     )]
     NoAddress,
-    /// The address cannot be had.
+    /// The address cannot be used.
     #[error("{address}: the office's page cannot be served here: {source}; name another address at [fleet] listen")]
     Listen {
         /// The address.

@@ -51,7 +51,7 @@ pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup)
     ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], page.into_string()).into_response()
 }
 
-/// A time with the seconds, UTC.
+/// Shows a time with its seconds, in UTC.
 pub(super) fn time(unix_s: i64) -> Markup {
     html! { time { (utc(unix_s)) } }
 }
@@ -61,7 +61,7 @@ pub(super) fn day(unix_s: i64) -> Markup {
     html! { time { (utc_day(unix_s)) } }
 }
 
-/// A mark with the verdict's word: never by colour alone.
+/// Shows a mark with the word of the verdict: a verdict is never shown by colour only.
 pub(super) fn verdict(word: &str) -> Markup {
     let mark = match word {
         "pass" | "accept" => "✔",
@@ -71,7 +71,7 @@ pub(super) fn verdict(word: &str) -> Markup {
     html! { span.verdict { (mark) " " (word) } }
 }
 
-/// Cycles as a table for a spreadsheet.
+/// Returns the cycles as a table for a spreadsheet.
 pub(super) fn table(rows: &[CycleRow]) -> Table {
     let text = |text: &Option<String>| text.clone().map_or(Cell::Empty, Cell::Text);
     let columns = [
@@ -104,13 +104,13 @@ pub(super) fn table(rows: &[CycleRow]) -> Table {
     }))
 }
 
-/// A table as a file of this name, without its ending.
+/// Returns a table as a file; `name` is the file name without its extension.
 pub(super) fn csv(name: &str, table: &Table) -> Response {
     csv_file(name, table)
         .unwrap_or_else(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response())
 }
 
-/// A part of an address.
+/// Returns the pairs as a part of an address.
 pub(super) fn address(pairs: &[(&str, &str)]) -> String {
     form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs).finish()
 }

@@ -16,15 +16,15 @@ use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
 use serde::Deserialize;
 
-/// Values over all cells.
+/// Largest number of values over all cells.
 const MAX_VALUES: i64 = 2_000;
-/// Verifications of each cell.
+/// Largest number of verifications of each cell.
 const MAX_VERIFICATIONS: i64 = 200;
-/// Newest values of a cell that are held against its earlier ones.
+/// Number of newest values of a cell that are compared with its earlier values.
 const LATE: usize = 10;
 const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
 
-/// Which number of which panel.
+/// Which number of which panel is shown.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct NumbersQuery {
@@ -157,7 +157,7 @@ fn verifications_body(Found { query, cells, .. }: &Found) -> Markup {
     }
 }
 
-/// Cells side by side, and a chart of each.
+/// Shows the cells side by side, with a chart of each.
 fn compared((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
     html! {
         section.card {

@@ -1,4 +1,4 @@
-//! The versions of a panel's recipe: which cell works by which, and how two differ.
+//! The versions of a panel's recipe: which cell uses which version, and how two versions differ.
 
 use super::cycles::choice;
 use super::frame::{self, day};
@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
 use serde::Deserialize;
 
-/// Digits of a hash that are shown.
+/// Number of digits of a hash that are shown.
 const SHORT: usize = 12;
 
 /// Which panel.
@@ -79,7 +79,7 @@ fn body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Option<&Recip
     }
 }
 
-/// Which version, and which one it is held against.
+/// The version that is shown, and the version with which it is compared.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Version {

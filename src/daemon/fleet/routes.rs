@@ -7,7 +7,7 @@ use axum::response::IntoResponse;
 use axum::routing::{get, post};
 use axum::{Router, middleware};
 
-/// All of them, behind the door.
+/// Returns the router of all addresses, behind the access check.
 pub(super) fn router(shared: Shared) -> Router {
     Router::new()
         .route("/", get(cells::page))

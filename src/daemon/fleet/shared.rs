@@ -1,4 +1,4 @@
-//! What all pages share: the archive's reader, and who is logged in.
+//! What all pages share: the archive's reader, and the people who are logged in.
 
 use crate::accounts::{self, Lockout};
 use crate::archive::ArchiveError;
@@ -10,12 +10,12 @@ use axum::response::{IntoResponse, Response};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// A session ends after so long without a page, s.
+/// Time without a request for a page after which a session ends, s.
 const IDLE_S: f64 = 8.0 * 3_600.0;
-/// Sessions of one account.
+/// Largest number of sessions of one account.
 const SESSIONS: usize = 5;
 
-/// Clones are the same one.
+/// What all pages share. All clones share the same data.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<SharedParts>);
 
@@ -82,7 +82,7 @@ impl Shared {
     }
 }
 
-/// What came of a password.
+/// The outcome of a password check.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Tried {
     Right,

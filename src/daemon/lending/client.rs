@@ -1,4 +1,4 @@
-//! Cameras that the service has, as a command uses them.
+//! The service's cameras, as a command uses them.
 
 use super::super::protocol::request_line;
 use super::super::reply::Reply;
@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Before this time is over, the service reports a camera that has stopped delivering.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(120);
-/// The longest head, and the most that one shot may be: 100 million points.
+/// Largest header, and largest shot (100 million points), in bytes.
 const MAX_HEAD_BYTES: u64 = 64 * 1_024;
 const MAX_SHOT_BYTES: usize = 2_000_000_000;
 
@@ -41,14 +41,14 @@ pub struct BorrowedFlangeCamera {
 }
 
 impl BorrowedScanner {
-    /// Of the service that answers here.
+    /// Creates the camera of the service that answers at this socket.
     pub fn new(socket: PathBuf) -> Self {
         BorrowedScanner { socket, film: None, conditions: Conditions::default() }
     }
 }
 
 impl BorrowedFlangeCamera {
-    /// Of the service that answers here.
+    /// Creates the camera of the service that answers at this socket.
     pub fn new(socket: PathBuf) -> Self {
         BorrowedFlangeCamera { socket, conditions: Conditions::default() }
     }
@@ -176,7 +176,7 @@ impl Scanner for BorrowedScanner {
         loop {
             match head(&mut film)? {
                 Sent::Ended { dropped } => return Ok(dropped),
-                // On its way already.
+                // The picture was already on its way.
                 Sent::Picture { width_px, height_px, .. } => drop(colors(&mut film, width_px, height_px)?),
                 sent => return Err(unexpected(&sent)),
             }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Largest age of the robot's last state at which the axes are still taken to be there.
 const MAX_STATE_AGE: Duration = Duration::from_millis(500);
 
-/// The robot's last state, and when it came. Clones are the same one.
+/// The robot's last state, and when it arrived. All clones share the same state.
 #[derive(Debug, Clone, Default)]
 pub struct LastState(Arc<Mutex<Option<(eki::State, Instant)>>>);
 
@@ -18,7 +18,7 @@ impl LastState {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
     }
 
-    /// The controller's mapped inputs as bits, while the state is fresh.
+    /// Returns the controller's mapped inputs as bits, as long as the state is fresh.
     pub(in crate::daemon) fn inputs(&self) -> Option<u32> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
         (came.elapsed() < MAX_STATE_AGE).then_some(state.inputs)

@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// Time limit for a client to accept the data that it is sent.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(10);
-/// A client's end of a film is looked for so long, before the next picture is.
+/// Before each picture, the service waits this long for the client to end the film.
 const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
 /// No camera takes more pictures a second than this.
 const MAX_PICTURES_PER_SECOND: f64 = 100.0;
@@ -95,7 +95,8 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_
         time_s
     };
     let sent = pictures(stream, time_s, lent);
-    // However the film came to its end, and unless the loop has ended it: what is taken next needs the camera as it was.
+    // However the film ended, the clip must be ended, unless the loop has ended it: the next shot needs the camera
+    // as it was before.
     let dropped = {
         let mut inside = lent.lock();
         std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())
@@ -119,7 +120,7 @@ fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Res
     Ok(())
 }
 
-/// Whether the client has closed its writing side.
+/// Returns whether the client has closed its writing side.
 fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
     match stream.read(&mut [0; 64]) {
         Ok(0) => Ok(true),

@@ -1,4 +1,4 @@
-//! The service's cameras, and who has them.
+//! The service's cameras, and who uses them.
 
 use super::last_state::LastState;
 use crate::cycle::State;
@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The cell's cameras, whatever they are.
+/// The cell's cameras, of any type.
 pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
 
 /// Longest time that a request for a shot waits for the end of another one.
@@ -23,11 +23,11 @@ pub(super) const AT_WORK: &str = "at_work";
 
 pub(super) struct Inside {
     pub(super) cameras: AllCameras,
-    /// A film that is lent is under way.
+    /// A film that was lent to a client is under way.
     pub(super) films: bool,
 }
 
-/// The service's cameras. Clones are the same ones.
+/// The service's cameras. All clones share the same cameras.
 #[derive(Clone)]
 pub struct SharedCameras(Arc<Shared>);
 
@@ -62,7 +62,7 @@ impl SharedCameras {
         self.0.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does something with the cameras for the loop; a film that is lent ends before.
+    /// Uses the cameras for the loop; a film that is lent to a client ends first.
     fn with<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
         let mut inside = self.lock();
         if std::mem::take(&mut inside.films) {
@@ -103,7 +103,7 @@ impl std::fmt::Debug for SharedCameras {
     }
 }
 
-/// The cameras, lent until this is dropped.
+/// The cameras, lent to a client until this is dropped.
 pub(super) struct CameraLease<'a>(&'a SharedCameras);
 
 impl Drop for CameraLease<'_> {
@@ -113,7 +113,7 @@ impl Drop for CameraLease<'_> {
 }
 
 impl CameraLease<'_> {
-    /// The cameras, whether or not the cell still rests.
+    /// Locks the cameras, whether or not the cell still rests.
     pub(super) fn lock(&self) -> MutexGuard<'_, Inside> {
         self.0.lock()
     }

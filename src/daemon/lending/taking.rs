@@ -15,12 +15,12 @@ pub(in crate::daemon) enum Eye {
     Flange,
 }
 
-/// A picture that was taken.
+/// A picture that a camera took.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::daemon) struct TakenPicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// By the camera's clock, s.
+    /// Time of the picture by the camera's clock, s.
     pub time_s: f64,
     /// The conditions of the shot that the camera reports.
     pub conditions: Conditions,

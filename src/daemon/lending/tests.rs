@@ -54,7 +54,7 @@ impl Scanner for FakeScanner {
 
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
         let number = self.0.pictures.fetch_add(1, Ordering::Relaxed);
-        // Every second time none is due.
+        // In every second call, no picture is due.
         let due = number % 2 == 1;
         let picture = ColorPicture::filled(3, 2, [number as u8; 3]);
         Ok(due.then_some(Picture { picture, time_s: number as f64 }))
@@ -88,7 +88,7 @@ impl FlangeCamera for FakeFlange {
     }
 }
 
-/// A service's cameras behind a socket.
+/// The cameras of a service, behind a socket.
 struct Bench {
     cameras: SharedCameras,
     last: LastState,
@@ -156,7 +156,7 @@ fn shots_come_over_as_they_were_taken() {
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
 }
 
-/// For the operator's page: one picture at a time, with the same gate.
+/// A picture for the operator's page: one picture at a time, and only while the cell rests.
 #[test]
 fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
     let bench = Bench::new();
@@ -242,7 +242,7 @@ fn a_cycle_takes_its_cameras_back() {
     bench.rests();
     assert!(bench.scanner().capture_3d().is_ok());
 
-    // The loop is faster than the one who sends the film.
+    // The loop is faster than the thread that sends the film.
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
     bench.cameras.clone().scan().expect("the cycle's scan");

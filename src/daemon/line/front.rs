@@ -25,12 +25,12 @@ use tokio::time::{MissedTickBehavior, interval};
 const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
 /// Threads that read the recipe and wait for the store's disk.
 const BLOCKING_THREADS: usize = 2;
-/// The program's end waits so long for them.
+/// How long the end of the program waits for these threads.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// What the handshake is made of.
+/// The parts that the handshake needs.
 pub struct LineParts {
-    /// `[line]` of the cell's file.
+    /// The `[line]` table of the cell's file.
     pub line: Line,
     /// The bits of `part_present` and `start_request` among the controller's inputs.
     pub inputs: [u32; 2],
@@ -52,7 +52,7 @@ impl LineParts {
     }
 }
 
-/// The handshake while it is served; it ends when this is dropped.
+/// The handshake with the line; it is served until this is dropped.
 #[derive(Debug)]
 pub struct LineFront {
     end: Option<oneshot::Sender<()>>,
@@ -150,7 +150,8 @@ impl LineParts {
         is_taken
     }
 
-    /// A start by the recipe and part of the cell's file. A recipe that was changed since the service started is refused.
+    /// Starts a cycle with the recipe and the part that the cell's file names. A recipe that was changed since the
+    /// service started is refused.
     async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<What, String> {
         let Line { serial, order, operator, .. } = self.line.clone();
         let wanted = recipe.as_ref().map_err(|problem| again(problem))?;
@@ -167,7 +168,7 @@ impl LineParts {
         }))
     }
 
-    /// The recipe that the cell's file names, as its file is now.
+    /// Reads the recipe that the cell's file names, as the recipe's file is now.
     async fn recipe(&self) -> Result<RecipeText, String> {
         let file = self.line.recipe.clone();
         let name = file.display().to_string();
@@ -179,7 +180,7 @@ impl LineParts {
     }
 }
 
-/// The line runs by the recipe with which the service was started.
+/// Adds to a problem that the line uses the recipe with which the service was started.
 fn again(problem: &str) -> String {
     format!("{problem}; restart the service when the line is to run by the recipe as it is now")
 }

@@ -22,11 +22,11 @@ use std::time::{Duration, Instant};
 
 /// Long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
-/// Part present and start request, and the six outputs.
+/// Numbers of the inputs part present and start request, and of the six outputs.
 const INPUTS: [u16; 2] = [30, 31];
 const OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 
-/// A controller, the link to it, and a loop that only answers.
+/// A controller, the link to it, and a loop that only answers requests.
 struct Bench {
     server: MockServer,
     /// The state and verdict that the loop reports.

@@ -2,12 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-/// It is sent again after this share of the time after which it is an alarm, then after twice as long each time.
+/// A lacking record is first sent again after the alarm's delay divided by this number, then after twice as long
+/// each time.
 const FIRST_RETRY_FRACTION: u32 = 6;
-/// The longest time between two.
+/// The longest time between two repetitions.
 const MAX_RETRY_INTERVAL: Duration = Duration::from_secs(2 * 3_600);
 
-/// Since when the office has no more of an epoch.
+/// The time since when the office has received nothing more of an epoch.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Lacking(Option<Since>);
 
@@ -19,8 +20,8 @@ struct Since {
 }
 
 impl Lacking {
-    /// Hears that the office lacks something or not, and up to which number it has all; whether the next one is to
-    /// be sent again.
+    /// Records whether the office lacks something, and up to which number it has all records. Returns whether the
+    /// next record must be sent again.
     pub fn is_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
         self.is_due_at((lacks, archived), behind_min, Instant::now())
     }

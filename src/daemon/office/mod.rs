@@ -17,7 +17,7 @@ pub use status::OfficeStatus;
 use super::background::{Background, Plan};
 use sending::Sender;
 
-/// The sender while it works; it ends when this is dropped.
+/// The thread that sends to the office; it ends when this is dropped.
 #[derive(Debug)]
 pub struct OfficeSender {
     _background: Background,

@@ -1,13 +1,13 @@
-//! What the sender is made of.
+//! The parts that the sender needs.
 
 use super::status::OfficeStatus;
 use crate::cell;
 use crate::daemon::front_parts::FrontParts;
 use std::path::PathBuf;
 
-/// What the sender is made of.
+/// The parts that the sender needs.
 pub struct OfficeParts {
-    /// `[office]` of the cell's file.
+    /// The `[office]` table of the cell's file.
     pub office: cell::Office,
     /// The store's folder.
     pub folder: PathBuf,

@@ -1,4 +1,4 @@
-//! One round: what is new goes to the broker, and the office's word comes back.
+//! One round: new records go to the broker, and the office's answer comes back.
 
 use super::lacking::Lacking;
 use super::parts::OfficeParts;
@@ -14,13 +14,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// How far records were sent, in the store's folder.
+/// The file in the store's folder that records how far the records were sent.
 const PROGRESS: &str = "office.json";
-/// Records that are read at a time.
+/// Number of records that are read at a time.
 const BATCH_RECORDS: usize = 200;
-/// Bytes that are on their way at a time.
+/// Largest number of bytes that are on their way at a time.
 const MAX_IN_FLIGHT_BYTES: usize = 32 << 20;
-/// Files of which it is remembered that this stream has them: most records name the same recipe and calibrations.
+/// Largest number of files of which the sender remembers that this stream has them: most records name the same
+/// recipe and calibrations.
 const MAX_FILES: usize = 50_000;
 /// Interval at which the office is queried.
 const POLL_INTERVAL: Duration = Duration::from_secs(5);
@@ -44,7 +45,7 @@ pub(super) struct Sender {
 }
 
 impl Rounds for Sender {
-    /// Sends what is new.
+    /// Sends the new records.
     async fn round(&mut self) -> Result<bool, String> {
         let last = self.last()?;
         let was = self.progress.clone();
@@ -186,7 +187,7 @@ impl Sender {
         Ok(())
     }
 
-    /// Sends some records after this one, each after its files, and waits until the broker has them.
+    /// Sends some records after this position, each record after its files, and waits until the broker has them.
     async fn send(&mut self, after: &Position) -> Result<(), String> {
         let envelopes = self.store()?.outbox_after(after, BATCH_RECORDS).map_err(|error| error.to_string())?;
         let mut under_way: Vec<(Position, Vec<Sending>)> = Vec::new();

@@ -47,14 +47,15 @@ impl Teller {
         (state.cycle, state.waypoint) = (reply.cycle_id, reply.waypoint.zip(reply.of).map(|(at, of)| [at, of]));
         let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
         state.reasons = reply.reasons.into_iter().map(reason).collect();
-        // What a cycle waits for is an alarm as well.
+        // A reason for which a cycle waits is also an alarm, so it is left out here.
         state.standing = self.standing.iter().filter(|told| !state.reasons.contains(told)).cloned().collect();
         state.last = last.to_vec();
         Some(state)
     }
 }
 
-/// The alarms that last and that a person is to know of, on the calling thread, which may wait for a camera or the disk.
+/// Returns the lasting alarms that a person must know. Runs on the calling thread, which may wait for a camera or
+/// the disk.
 fn standing(front: &FrontParts) -> Vec<ReasonText> {
     front.look();
     let lasting = front.people.read(|store| front.alarms.lasting(store)).unwrap_or_else(|error| {

@@ -13,11 +13,11 @@ pub struct OfficeStatus(Arc<Mutex<StatusData>>);
 
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct StatusData {
-    /// What the office does not have yet.
+    /// The records that the office does not have yet.
     waiting: Waiting,
     /// Epochs of which the office reports more than the store ever had: name, its number, the store's.
     more: Vec<(String, u64, u64)>,
-    /// Recipes that the office offers.
+    /// The recipes that the office offers.
     offers: Vec<RecipeOffer>,
 }
 

@@ -1,5 +1,5 @@
-//! Who is logged in to the OPC UA server: names and passwords are those of the operator's page, and each session
-//! counts only as long as its account is as it was when it logged in.
+//! Who is logged in to the OPC UA server. Names and passwords are those of the operator's page. A session is valid
+//! only as long as its account is the same as at the log-in.
 
 use super::door::Door;
 use crate::accounts::{Account, AuditEntry, Permission, Role};
@@ -19,7 +19,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// The name of the policy for a log-in without an account, as used by async-opcua.
 const ANONYMOUS_POLICY: &str = "anonymous";
 
-/// Who calls or reads.
+/// The author of a call or a read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Caller {
     /// A caller without an account.
@@ -53,18 +53,18 @@ impl Caller {
     }
 }
 
-/// The token of a session: the account, and what it was when the session logged in. A new password or a new role
-/// makes it another.
+/// Returns the token of a session: the account's name, and a stamp of the account's state at the log-in. A new
+/// password or a new role gives another token.
 fn token(account: &Account) -> String {
     format!("{}#{}", account.name, stamp(account))
 }
 
-/// Who may do what.
+/// Who may do what on the OPC UA server.
 pub(super) struct Access {
     people: Arc<People>,
     door: Arc<Door>,
     anonymous: Anonymous,
-    /// The tokens that count, as the accounts were last read.
+    /// The valid tokens, according to the last reading of the accounts.
     valid: RwLock<BTreeMap<String, Caller>>,
     /// The secure channels on which each token was seen.
     channels: RwLock<BTreeMap<String, Vec<u32>>>,
@@ -100,7 +100,7 @@ impl Access {
         self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
     }
 
-    /// Remembers that this token came on this channel.
+    /// Remembers that this token arrived on this channel.
     pub fn came_by(&self, token: &UserToken, channel: u32) {
         if token.is_anonymous() {
             return;
@@ -113,7 +113,7 @@ impl Access {
         }
     }
 
-    /// The accounts and their audit trail.
+    /// Returns the accounts and their audit trail.
     pub fn people(&self) -> &Arc<People> {
         &self.people
     }
@@ -225,7 +225,7 @@ impl AuthManager for Access {
         if self.anonymous == Anonymous::Read {
             policies.push(policy(UAString::from(ANONYMOUS_POLICY), UserTokenType::Anonymous));
         }
-        // A password goes through no connection on which it can be read.
+        // A password is never sent over a connection on which others can read it.
         if endpoint.message_security_mode() == MessageSecurityMode::SignAndEncrypt {
             policies.push(UserTokenPolicy {
                 security_policy_uri: user_pass_security_policy_uri(endpoint),

@@ -18,12 +18,12 @@ pub const ROOT: &str = "Panelprep";
 /// The object with the methods as components, below the cell's object.
 pub const COMMANDS: &str = "Commands";
 
-/// The node of this path from the cell's object on; an empty one is the object itself.
+/// Returns the node with this path, counted from the cell's object; an empty path is the object itself.
 pub(super) fn node_id(namespace: u16, path: &str) -> NodeId {
     NodeId::new(namespace, if path.is_empty() { ROOT.to_owned() } else { path.to_owned() })
 }
 
-/// The method that has this node.
+/// Returns the method that has this node.
 pub(super) fn method_of(namespace: u16, id: &NodeId) -> Option<&'static Method> {
     METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS}/{}", method.name)))
 }

@@ -12,7 +12,7 @@ use opcua::types::{
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// An event with its fields.
+/// An event and its fields.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct AlarmEvent {
     kind: NodeId,
@@ -100,7 +100,7 @@ impl AlarmEvent {
         AlarmEvent { kind, time: at, condition, fields: BTreeMap::from(fields) }
     }
 
-    /// That a refresh begins or ends.
+    /// Returns the event that reports the begin or the end of a refresh.
     pub fn refresh(begins: bool, now_unix_ms: i64) -> Self {
         let kind = if begins { ObjectTypeId::RefreshStartEventType } else { ObjectTypeId::RefreshEndEventType };
         let (kind, at) = (NodeId::from(kind), time(now_unix_ms));

@@ -1,4 +1,5 @@
-//! Calls of methods: each is checked against the one table, and becomes one of the service's own requests.
+//! Calls of methods: each call is checked against the one table of methods, and becomes one of the service's own
+//! requests.
 
 use super::access::{Access, Caller};
 use super::flood::{Flood, Turn};
@@ -18,14 +19,14 @@ use std::time::{Duration, Instant};
 use tokio::sync::Mutex as AsyncMutex;
 use tokio::time::timeout;
 
-/// A call is answered within this time, whatever the disk does.
+/// Time within which a call is answered, whatever the disk does.
 const CALL_TIMEOUT: Duration = Duration::from_secs(20);
-/// Stops, and aborts, that come within this time are one.
+/// Two stops within this time are handled as one, and so are two aborts.
 const MERGE_WINDOW: Duration = Duration::from_millis(100);
-/// The longest text that is taken, in characters.
+/// The longest text that is accepted, in characters.
 const MAX_CHARACTERS: usize = 200;
 
-/// What came of a call.
+/// The outcome of a call.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Outcome {
     /// It was done; with a text if the state does not show it.
@@ -59,7 +60,7 @@ pub(super) struct Calls {
     pub front: FrontParts,
     flood: Mutex<Flood>,
     refusal: Mutex<Option<LastRefusal>>,
-    /// The last stop and the last abort that were done, with their replies.
+    /// The last executed stop and the last executed abort, with their replies.
     urgent: [AsyncMutex<Option<(Instant, Reply)>>; 2],
 }
 
@@ -68,7 +69,7 @@ impl Calls {
         Calls { access, front, flood: Mutex::default(), refusal: Mutex::default(), urgent: Default::default() }
     }
 
-    /// The last call that was not done.
+    /// Returns the last call that was refused.
     pub fn last_refusal(&self) -> Option<LastRefusal> {
         self.refusal.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -205,7 +206,7 @@ impl Calls {
         })
     }
 
-    /// Keeps that a person has seen an alarm of this name.
+    /// Records that a person has seen the alarm with this name.
     pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> Outcome {
         let no_such = || {
             let message = "there is no such alarm, or it is already acknowledged; Alarms/Ids lists those that last";
@@ -255,7 +256,7 @@ fn text(value: &Variant) -> Option<String> {
     is_plain.then(|| text.to_owned())
 }
 
-/// An alarm by its name, as `packml::alarm_id` gives it.
+/// Returns the alarm with this name, as `packml::alarm_id` forms it.
 fn alarm_id(name: &str) -> Option<AlarmId> {
     let mut parts = name.split('/');
     let (cycle, code, raised) = (parts.next()?, parts.next()?, parts.next()?);

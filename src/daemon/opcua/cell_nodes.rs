@@ -1,4 +1,5 @@
-//! The cell's nodes as the server serves them: values by who may read, and calls of methods. Nothing can be written.
+//! The cell's nodes as the server provides them: values for callers who may read, and calls of methods. Nothing can
+//! be written.
 
 use super::access::{Access, Caller};
 use super::address_space::{self, NAMESPACE, method_of};
@@ -42,7 +43,7 @@ impl CellNodes {
     }
 }
 
-/// The secure channel on which a request came.
+/// Returns the secure channel on which a request arrived.
 pub(super) fn channel(context: &RequestContext) -> u32 {
     context.session.read().secure_channel_id()
 }

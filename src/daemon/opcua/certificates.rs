@@ -16,13 +16,13 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// The server's own certificate, below the folder.
+/// The server's own certificate; the path is relative to the certificates' folder.
 pub(super) const OWN: &str = "own/cert.der";
 /// Its key.
 pub(super) const KEY: &str = "private/private.pem";
-/// Clients that are let in.
+/// The folder of the certificates of clients that are let in.
 pub(super) const TRUSTED: &str = "trusted";
-/// Clients that were turned away.
+/// The folder of the certificates of clients that were turned away.
 pub(super) const REJECTED: &str = "rejected";
 /// Maximum number of rejected certificates that are kept: a client that sends new ones without end must not fill the disk.
 const MAX_REJECTED: usize = 32;
@@ -75,7 +75,7 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
     Ok(certificate.thumbprint().as_hex_string())
 }
 
-/// Whether what this key signs is verified by that one.
+/// Returns whether the public key verifies a signature of the private key.
 fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     if private.size() * 8 < KEY_BITS as usize {
         return Err(format!("it has {} bits, and {KEY_BITS} are needed", private.size() * 8));
@@ -85,7 +85,7 @@ fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     Ok(public.verify_sha256(b"probe", &signature).unwrap_or(false))
 }
 
-/// Which files among those that are trusted were looked at, as they were.
+/// The trusted certificate files that were already checked, each with its time of change.
 #[derive(Debug, Default)]
 pub(super) struct Trusted {
     known: BTreeSet<(PathBuf, SystemTime)>,
@@ -130,8 +130,8 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
     })
 }
 
-/// Makes a certificate for this computer and its key. Both are written beside their places, and the key's
-/// permissions are set before it gets there.
+/// Makes a certificate for this computer and its key. Both are written to a temporary folder first, and the key's
+/// permissions are set before the key is moved to its place.
 fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> Result<(), OpcUaError> {
     let data = X509Data {
         key_size: KEY_BITS,
@@ -154,7 +154,7 @@ fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> 
     placed.map_err(|error| OpcUaError::file(own, error))
 }
 
-/// What is found new in the folder of the clients that were turned away.
+/// The search for new files in the folder of the clients that were turned away.
 #[derive(Debug, Default)]
 pub(super) struct Rejected {
     known: BTreeSet<PathBuf>,
@@ -162,8 +162,9 @@ pub(super) struct Rejected {
 }
 
 impl Rejected {
-    /// The files that came since it was last looked; what is too much, and too old, is removed. What lay there when
-    /// the service started is not new. On the calling thread, which may wait for the disk.
+    /// Returns the files that arrived since the last call; the oldest files above the maximum number are removed.
+    /// Files that were there when the service started are not new. Runs on the calling thread, which may wait for
+    /// the disk.
     pub fn new_ones(&mut self, folder: &Path) -> Vec<PathBuf> {
         let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED))
             .into_iter()
@@ -185,7 +186,7 @@ impl Rejected {
     }
 }
 
-/// A certificate in words for a person who is to decide whether to trust it.
+/// Describes a certificate in words for a person who must decide whether to trust it.
 pub(super) fn words(file: &Path) -> String {
     let name = |certificate: &X509| {
         let subject: String = certificate.subject_name().chars().filter(|c| !c.is_control()).take(120).collect();

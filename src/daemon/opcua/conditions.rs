@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 
 /// Shortest time between two repetitions of all alarms, regardless of the client that requests them.
 const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
-/// What the names of conditions begin with.
+/// The text with which the names of conditions begin.
 const BEGINNING: &str = "Alarm/";
 
 /// The alarms that last, as last reported.
@@ -41,7 +41,7 @@ fn standing(alarm: &Alarm) -> AlarmStatus {
 }
 
 impl Conditions {
-    /// The namespace of the cell's nodes, once it is known.
+    /// Sets the namespace of the cell's nodes, once it is known.
     pub fn is_in(&self, namespace: u16) {
         self.namespace.get_or_init(|| namespace);
     }

@@ -1,4 +1,5 @@
-//! The nodes of OPC UA's own namespace as async-opcua serves them, with the methods of conditions before them.
+//! The nodes of OPC UA's own namespace as async-opcua provides them. The methods of conditions are handled here
+//! first.
 
 use super::access::Caller;
 use super::calls::{Calls, Outcome};
@@ -37,7 +38,7 @@ impl CoreNodes {
         CoreNodes { core: CoreNodeManagerBuilder.build(context, space), calls, conditions }
     }
 
-    /// Lets these conditions be acknowledged, and no longer those that were.
+    /// Lets the new conditions be acknowledged, and no longer those that are gone.
     pub fn link(space: &mut AddressSpace, were: &[NodeId], are: &[NodeId]) {
         let acknowledge = NodeId::from(MethodId::AcknowledgeableConditionType_Acknowledge);
         for gone in were.iter().filter(|node| !are.contains(node)) {

@@ -22,7 +22,7 @@ const MAX_LOGGED: usize = 3;
 /// Interval at which calibration files are read.
 const FILE_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
-/// What is read of the store and of files.
+/// The values that are read from the store and from files.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Depth {
     pub part: PartNames,
@@ -56,7 +56,7 @@ pub(super) struct Reader {
     pub rejected: Rejected,
     pub trusted: Trusted,
     pub files_read: Option<Instant>,
-    /// Up to which cycle the counters are.
+    /// The newest cycle up to which the cycles were counted.
     pub counted: Option<Newest>,
     pub last: Depth,
 }
@@ -107,7 +107,7 @@ impl Reader {
         now.recipes = recipe_hashes(&*self.front.setup).unwrap_or_default();
     }
 
-    /// Connections and certificates that were turned away since, for the audit trail.
+    /// Reports to the audit trail the connections and certificates that were turned away since the last call.
     fn tell_turned_away(&mut self) {
         for words in self.trusted.name_new_ones(&self.folder) {
             tracing::warn!("OPC UA server: {words}");
@@ -133,7 +133,7 @@ impl Reader {
         }
     }
 
-    /// A connection that was refused, for the audit trail.
+    /// Records a refused connection in the audit trail.
     fn audit_refusal(&self, subject: Option<String>, refused: String) {
         let line = AuditEntry::done(None, None, self.access.addresses(), "connect");
         self.access.people().audit(&AuditEntry { subject, refused: Some(refused), ..line });

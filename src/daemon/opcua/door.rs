@@ -24,11 +24,11 @@ const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 const DEPARTURE_RETENTION: Duration = Duration::from_secs(5);
 /// The header of a message: type, chunk, size, and the channel if it has one.
 const HEADER_BYTES: usize = 12;
-/// The longest message before the channel is known: an acknowledgement, an error, the opening of a channel with a
-/// certificate.
+/// The longest message that is accepted before the channel is known: an acknowledgement, an error, or the opening
+/// of a channel with a certificate.
 const MAX_OPENING_BYTES: usize = 64 * 1_024;
 
-/// The connections as they are now.
+/// The present connections.
 #[derive(Debug, Default)]
 pub(super) struct Door(Mutex<Inside>);
 
@@ -37,7 +37,7 @@ struct Inside {
     open: BTreeMap<u64, Peer>,
     last: u64,
     turned_away: u64,
-    /// Who left lately, and who was turned away.
+    /// Addresses that left a short time ago, or were turned away.
     left: BTreeMap<IpAddr, Instant>,
 }
 
@@ -59,7 +59,7 @@ impl Inside {
 
 impl Door {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every change is made whole under the lock.
+        // Every change is completed under the lock.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -91,12 +91,12 @@ impl Door {
         }
     }
 
-    /// The address that has this secure channel.
+    /// Returns the address that has this secure channel.
     pub fn address_of(&self, channel: u32) -> Option<IpAddr> {
         self.lock().open.values().find(|peer| peer.channel == Some(channel)).map(|peer| peer.from)
     }
 
-    /// All addresses that are connected or were lately, each once.
+    /// Returns all addresses that are connected or were connected a short time ago, each once.
     pub fn addresses(&self) -> Vec<IpAddr> {
         let inside = self.lock();
         let lately = inside.left.iter().filter(|(_, at)| at.elapsed() < DEPARTURE_RETENTION).map(|(from, _)| *from);
@@ -163,7 +163,7 @@ impl Door {
             }
             drop(copy(&mut from_server, &mut to_client).await);
         };
-        // Either side that ends, ends both.
+        // When either side ends, the other side is ended too.
         tokio::select! {
             _ = ask => {}
             () = answer => {}
@@ -205,7 +205,7 @@ mod tests {
         assert_eq!((door.address_of(77), door.address_of(78)), (Some(address(2)), None));
     }
 
-    /// What a real server sends: an acknowledgement, then the opening of channel 0x0102.
+    /// The messages of a real server: an acknowledgement, then the opening of channel 0x0102.
     #[tokio::test]
     async fn the_channel_is_read_from_the_answer_and_nonsense_ends_it() {
         let mut ack = b"ACKF\x1c\0\0\0".to_vec();

@@ -1,4 +1,4 @@
-//! What keeps the OPC UA server from being served.
+//! Why the OPC UA server cannot be served.
 
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-/// Calls at once, and calls a second after that.
+/// Number of calls that are permitted at once; `CALLS_PER_SECOND` applies after that.
 const BURST_CALLS: f64 = 20.0;
 const CALLS_PER_SECOND: f64 = 5.0;
 /// Largest number of callers that are remembered; those that were silent for longest are forgotten first.
@@ -11,7 +11,7 @@ const MAX_CALLERS: usize = 256;
 /// Time after which a flood is reported again.
 const REPORT_INTERVAL_S: f64 = 60.0;
 
-/// Calls of each caller. Times are seconds of any clock that does not jump.
+/// The call budget of each caller. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
 pub(super) struct Flood(BTreeMap<String, Bucket>);
 
@@ -22,7 +22,7 @@ struct Bucket {
     told_s: Option<f64>,
 }
 
-/// What becomes of a call.
+/// What happens to a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Turn {
     /// It is made.
@@ -35,7 +35,7 @@ pub(super) enum Turn {
 }
 
 impl Flood {
-    /// A call by this caller.
+    /// Counts a call by this caller and returns what happens to it.
     pub fn call(&mut self, caller: &str, now_s: f64) -> Turn {
         if self.0.len() >= MAX_CALLERS && !self.0.contains_key(caller) {
             let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());

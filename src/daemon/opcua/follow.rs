@@ -42,7 +42,7 @@ pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, 
     }
 }
 
-/// Since when the unit has been in its state and in its mode.
+/// The times since when the unit has been in its state and in its mode.
 #[derive(Debug, Default)]
 struct Since {
     state: Option<(UnitState, Instant)>,
@@ -76,7 +76,7 @@ pub(super) struct Follower {
 }
 
 impl Follower {
-    /// Follows until the server ends.
+    /// Updates the nodes until the server ends.
     pub async fn follow(self) {
         let ids: Vec<NodeId> = NODES
             .iter()
@@ -153,7 +153,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Sna
         ..was
     };
     let Some(state) = reply.extras.table else {
-        // What was last known stays; nothing is possible.
+        // The last known values stay; nothing is possible.
         return Snapshot { answers: false, possible: vec![], ..of_store };
     };
     let (in_state_s, in_mode_s) = since.update(&state);

@@ -26,24 +26,24 @@ use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-/// An address that could not be had, and a server that failed, are tried again after this time.
+/// Time after which an unavailable address or a failed server is tried again.
 const RESTART_DELAY: Duration = Duration::from_secs(1);
-/// What it is called in the log and among alarms.
+/// The name of the server in the log and among alarms.
 const NAME: &str = "OPC UA server";
 /// Threads that wait for the store's disk and hash passwords.
 const BLOCKING_THREADS: usize = 4;
-/// Messages are decoded one inside of another: room for that, whatever comes in.
+/// Stack size of a thread: messages can be nested, and there must be room to decode any message that arrives.
 const STACK_BYTES: usize = 8 * 1_024 * 1_024;
 
-/// What the server is made of.
+/// The parts that the server needs.
 pub struct OpcUaParts {
-    /// `[opcua]` of the cell's file.
+    /// The `[opcua]` table of the cell's file.
     pub settings: OpcUa,
-    /// What every front works with.
+    /// The parts that every front uses.
     pub front: FrontParts,
 }
 
-/// The server while it is served; it ends when this is dropped.
+/// The OPC UA server; it is served until this is dropped.
 #[derive(Debug)]
 pub struct OpcUaServer {
     _background: Background,
@@ -81,7 +81,7 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
     }
 }
 
-/// A server with all that belongs to it, as it was built.
+/// A server with everything that belongs to it, as it was built.
 struct Built {
     server: Server,
     handle: ServerHandle,

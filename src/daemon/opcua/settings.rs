@@ -1,4 +1,4 @@
-//! How async-opcua is set up: addresses, security, and limits of everything that a client may send or keep.
+//! How async-opcua is set up: addresses, security, and limits of everything that a client may send or store.
 
 use super::certificates::{KEY, OWN};
 use crate::cell::OpcUa;
@@ -7,7 +7,7 @@ use opcua::server::{ServerBuilder, ServerEndpoint};
 use opcua::types::{BuildInfo, DateTime, MessageSecurityMode, UAString};
 use std::net::SocketAddr;
 
-/// A session without a request for so long is over, ms.
+/// Time without a request after which a session ends, ms.
 const SESSION_MS: u64 = 60_000;
 /// Limits of a message and its content, bytes and items.
 const MESSAGE_BYTES: usize = 256 * 1_024;
@@ -16,7 +16,8 @@ const STRING_BYTES: usize = 64 * 1_024;
 const ARRAY_ITEMS: usize = 2_000;
 const SESSIONS: usize = 40;
 
-/// The name by which clients reach the server: the one that the cell's file states, the address, or the computer's name.
+/// Returns the name by which clients reach the server: the one that the cell's file states, the address, or the
+/// computer's name.
 pub(super) fn host(settings: &OpcUa, address: SocketAddr) -> String {
     match &settings.host {
         Some(host) => host.clone(),
@@ -35,7 +36,7 @@ pub(super) fn application_uri(host: &str) -> String {
     format!("urn:{}:panelprep", host.trim_matches(['[', ']']))
 }
 
-/// The names that the certificate has.
+/// Returns the host names in the certificate.
 pub(super) fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
     let mut all =
         vec![host.trim_matches(['[', ']']).to_owned(), computer(), "localhost".to_owned(), "127.0.0.1".to_owned()];
@@ -45,7 +46,7 @@ pub(super) fn hosts(host: &str, address: SocketAddr) -> Vec<String> {
     all
 }
 
-/// A server with these settings, still without nodes.
+/// Returns a server with these settings, still without nodes.
 pub(super) fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
     let host = host(settings, address);
     let version = UAString::from(env!("CARGO_PKG_VERSION"));

@@ -1,4 +1,4 @@
-//! Values of the table of nodes as OPC UA has them.
+//! The values of the table of nodes, in OPC UA's types.
 
 use crate::packml::{Kind, Value};
 use opcua::types::{DataTypeId, DataValue, DateTime, EUInformation, LocalizedText, StatusCode, UAString, Variant};
@@ -7,7 +7,7 @@ use opcua::types::{DataTypeId, DataValue, DateTime, EUInformation, LocalizedText
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 const TICKS_IN_MS: i64 = 10_000;
 
-/// A time, given in ms since 1970.
+/// Converts a time, given in ms since 1970.
 pub(super) fn time(unix_ms: i64) -> DateTime {
     DateTime::from(
         unix_ms.saturating_mul(TICKS_IN_MS).saturating_add(UNIX_EPOCH_TICKS).clamp(0, DateTime::endtimes_ticks()),
@@ -35,7 +35,7 @@ pub(super) fn data_value(value: &Value, is_known: bool, at: DateTime) -> DataVal
     DataValue::new_at_status(variant(value), at, status)
 }
 
-/// The type of a node's values, and whether they are arrays.
+/// Returns the type of a node's values, and whether they are arrays.
 pub(super) fn data_type(kind: Kind) -> (DataTypeId, bool) {
     match kind {
         Kind::Boolean => (DataTypeId::Boolean, false),
@@ -76,7 +76,7 @@ mod tests {
         for node in NODES.iter().filter(|node| !node.unit.is_empty()) {
             assert!(unit(node.unit).is_some(), "{}: {}", node.path, node.unit);
         }
-        // As the table of OPC UA Part 8 has them.
+        // Expected values from the table of OPC UA Part 8.
         let id = |name| unit(name).map(|unit| unit.unit_id);
         assert_eq!([id("s"), id("h"), id("mm")], [Some(5_457_219), Some(4_740_434), Some(5_066_068)]);
     }

@@ -1,4 +1,4 @@
-//! The cameras as the loop sees them. Each command exposes once, now.
+//! The cameras as the loop sees them. Each command exposes once, at the time of the command.
 
 use super::port::{Command, Port};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
@@ -27,22 +27,22 @@ pub enum CameraCommand {
     Check,
 }
 
-/// What the cameras answer.
+/// An answer of the cameras.
 #[derive(Debug)]
 pub enum CameraAnswer {
     /// To `Scan`.
     Scan(OrganizedCloud<Camera>),
-    /// To `Picture` and `NextOfFilm`, with the time on the camera's own clock.
+    /// Answer to `Picture` and `NextOfFilm`, with the time on the camera's own clock.
     Picture(Picture2d),
     /// To `NextOfFilm` if no picture is due yet.
     NoneDue,
-    /// To `BeginFilm`: the time on the clock of the pictures, s.
+    /// Answer to `BeginFilm`: the time on the clock of the pictures, s.
     FilmBegan(f64),
-    /// To `EndFilm`: how many pictures were dropped.
+    /// Answer to `EndFilm`: how many pictures were dropped.
     FilmEnded(u64),
     /// To `CornerPicture`.
     Corner(ColorPicture),
-    /// To `Check`: each camera that would not deliver, with the reason.
+    /// Answer to `Check`: each camera that would not deliver, with the reason.
     Checked(Vec<CameraFault>),
 }
 
@@ -61,7 +61,7 @@ pub struct CameraFault {
 }
 
 impl CameraFault {
-    /// An answer to another command than the one that was given; no port gives one.
+    /// Returns the error for an answer to a different command; no port gives such an answer.
     fn mismatch<T>() -> Result<T, Self> {
         Err(CameraFault { camera: "a camera", why: "its answer does not match the request".to_owned() })
     }
@@ -98,7 +98,7 @@ pub trait CameraPort: Port<CameraCommand> {
         }
     }
 
-    /// Ends the film; how many of its pictures were dropped.
+    /// Ends the film; returns how many of its pictures were dropped.
     fn end_film(&mut self) -> Result<u64, CameraFault> {
         let ended = self.perform(CameraCommand::EndFilm)?;
         let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch() };
@@ -112,7 +112,7 @@ pub trait CameraPort: Port<CameraCommand> {
         Ok(picture)
     }
 
-    /// Which cameras would not deliver, and why.
+    /// Returns which cameras would not deliver, and why.
     fn check(&mut self) -> Vec<CameraFault> {
         match self.perform(CameraCommand::Check) {
             Ok(CameraAnswer::Checked(faults)) => faults,

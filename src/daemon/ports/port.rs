@@ -1,13 +1,13 @@
-//! A port: one command of its enum at a time, one answer of another enum.
+//! A port: accepts one command of its enum at a time, and returns one answer of another enum.
 
 /// A command of a port.
 pub trait Command {
-    /// What its port answers.
+    /// The answer of the port to this command.
     type Answer;
 }
 
 /// Performs commands, one at a time.
 pub trait Port<C: Command> {
-    /// Performs a command and gives its answer.
+    /// Performs a command and returns its answer.
     fn perform(&mut self, command: C) -> C::Answer;
 }

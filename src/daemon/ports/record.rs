@@ -1,4 +1,4 @@
-//! What is remembered. Each command returns when it is on disk.
+//! The record's port. Each command returns when its data is on disk.
 
 use super::port::{Command, Port};
 use crate::cycle::{Event, Motion, Outcome};
@@ -14,10 +14,10 @@ use std::sync::Arc;
 /// is full and the picture was dropped.
 pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
-/// A picture that is drawn for people.
+/// A figure for people.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Its short name, `corner_before`.
+    /// The short name of the figure, such as `corner_before`.
     pub name: String,
     /// What it shows.
     pub caption: String,
@@ -25,27 +25,27 @@ pub struct Figure {
     pub picture: ColorPicture,
 }
 
-/// What a phase leaves. Pictures and figures that came since the last finding are the finding's own.
+/// The result of a phase. Pictures and figures that came since the last finding belong to the finding.
 #[derive(Debug, Clone)]
 pub enum Note {
-    /// What a stage found.
+    /// The finding of a stage.
     Finding(Finding),
-    /// A picture as a camera gave it, with its name.
+    /// A picture from a camera, with its name.
     Picture(String, ColorPicture),
     /// The next picture of a clip, with its time, s; the next finding names the clip.
     Frame(Arc<ColorPicture>, f64, Phase),
-    /// A picture that is drawn for people.
+    /// A figure for people.
     Figure(Figure),
     /// A picture that is in the store already.
     Kept(StoredPicture),
-    /// Parts of the error at the tool that were measured now; the others stay as they are known.
+    /// Parts of the error at the tool that were measured now; the other parts stay at their known values.
     Budget(Budget),
 }
 
 /// Reference to a stored picture, attached to the next finding.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StoredPicture {
-    /// As a camera gave it.
+    /// A picture as a camera delivered it.
     Shot(KeptFile),
     /// The next picture of a clip, named by its hash.
     Frame(ClipEntry),
@@ -56,7 +56,7 @@ pub enum StoredPicture {
 /// The requests to the record.
 #[derive(Debug)]
 pub enum RecordCommand {
-    /// Keeps what a phase leaves.
+    /// Records the result of a phase.
     Note(Note),
     /// Writes one line of the journal.
     Event(Event),
@@ -66,9 +66,9 @@ pub enum RecordCommand {
     OpenContact {
         /// The motion.
         motion: Motion,
-        /// What it will touch and wear.
+        /// What the path will touch and wear.
         path: ContactPath,
-        /// How many waypoints may be sent for now.
+        /// How many waypoints may be sent at present.
         permitted: u32,
     },
     /// This many waypoints of the contact path under way may be sent.
@@ -89,38 +89,38 @@ pub enum RecordCommand {
     Asked(RequestRecord),
     /// The clock's time: when a cycle begins, and when it is concluded.
     Clock(Clock),
-    /// The cycle's end as the table has it, and why it was ended, if it was.
+    /// Records the end of the cycle according to the table, and why the cycle was ended, if it was.
     Conclude {
         /// The table's verdict.
         verdict: Verdict,
         /// Why.
         because: Vec<Reason>,
     },
-    /// Begins a cycle; what follows is its.
+    /// Begins a cycle; the commands that follow belong to it.
     Begin(CycleStart),
-    /// What follows belongs to no cycle.
+    /// The commands that follow belong to no cycle.
     BetweenCycles,
-    /// What the disc in use has swept, mm².
+    /// Asks for the area that the disc in use has swept, mm².
     DiscWorn,
     /// The disc in use swept this much more, mm².
     WearDisc(f64),
-    /// A new disc was mounted.
+    /// Records that a new disc was mounted.
     MountDisc,
-    /// Whether a cycle's record would find its place; else why not.
+    /// Checks whether there is room for the record of a cycle; if not, the answer states why.
     Check,
     /// Whether the disk has filled since the last check: why, and what to delete. From then on pictures are
     /// dropped; the journal continues until the cell is at rest.
     Filled,
 }
 
-/// What the record answers.
+/// An answer of the record.
 #[derive(Debug)]
 pub enum RecordAnswer {
     /// It is kept.
     Done,
     /// To `Begin`.
     Cycle(CycleId),
-    /// To `Conclude`: the verdict that was kept, never better than what was found.
+    /// Answer to `Conclude`: the verdict that was recorded, never better than the findings.
     Concluded(Verdict),
     /// To `DiscWorn`, mm².
     Worn(f64),
@@ -136,13 +136,13 @@ impl Command for RecordCommand {
     type Answer = Result<RecordAnswer, RecordError>;
 }
 
-/// The store does not write. Nothing moves without it.
+/// The store cannot be written. Nothing moves without it.
 #[derive(Debug, thiserror::Error)]
 #[error("the record cannot be written: {0}")]
 pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 
 impl RecordError {
-    /// An answer to another command than the one that was given; no port gives one.
+    /// Returns the error for an answer to a different command; no port gives such an answer.
     fn mismatch<T>() -> Result<T, Self> {
         Err(RecordError("its answer does not match the request".into()))
     }
@@ -150,7 +150,7 @@ impl RecordError {
 
 /// The record's commands as functions. They fail if it cannot be written or read.
 pub trait RecordPort: Port<RecordCommand> {
-    /// A command that answers nothing else than that it is kept.
+    /// Performs a command whose only answer is that its data is recorded.
     fn keep(&mut self, command: RecordCommand) -> Result<(), RecordError> {
         self.perform(command).map(drop)
     }
@@ -169,21 +169,21 @@ pub trait RecordPort: Port<RecordCommand> {
         Ok(cycle)
     }
 
-    /// Keeps a cycle's end; the verdict that was kept.
+    /// Records the end of a cycle; returns the recorded verdict.
     fn conclude(&mut self, verdict: Verdict, because: Vec<Reason>) -> Result<Verdict, RecordError> {
         let kept = self.perform(RecordCommand::Conclude { verdict, because })?;
         let RecordAnswer::Concluded(kept) = kept else { return RecordError::mismatch() };
         Ok(kept)
     }
 
-    /// What the disc in use has swept, mm².
+    /// Returns the area that the disc in use has swept, mm².
     fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
         let worn = self.perform(RecordCommand::DiscWorn)?;
         let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch() };
         Ok(worn_mm2)
     }
 
-    /// Why a cycle's record would not find its place.
+    /// Returns why there is no room for the record of a cycle.
     fn check(&mut self) -> Vec<Reason> {
         match self.perform(RecordCommand::Check) {
             Ok(RecordAnswer::Wrong(reasons)) => reasons,
@@ -207,7 +207,7 @@ pub trait Record {
     /// Keeps it.
     fn note(&mut self, note: Note) -> Result<(), RecordError>;
 
-    /// A scan in which the panel was found, for people who look on; it is not kept.
+    /// Shows a scan in which the panel was found to people who watch; the scan is not recorded.
     fn scanned(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
 
     /// See [`Note::Finding`].

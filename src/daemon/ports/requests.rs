@@ -26,19 +26,19 @@ pub enum RequestCommand {
 pub enum News {
     /// The table refused this request; a reset may fail later.
     Refused(cycle::Request, Refusal),
-    /// What was requested cannot be begun.
+    /// The requested operation cannot begin.
     Unable(Vec<Reason>),
-    /// What was requested is not done: another side commands the cell.
+    /// The request is not executed, because another side commands the cell.
     NotPermitted(Vec<Reason>),
-    /// A cycle began; with what the loop remembers from before it.
+    /// A cycle began; contains what the loop remembers from the time before the cycle.
     Begun(CycleId, Begin),
     /// The cycle has its verdict.
     Concluded(Verdict),
     /// A film is under way: this many seconds of it were seen.
     Filmed(f64),
-    /// It is recorded that a new disc was mounted.
+    /// The change to a new disc was recorded.
     DiscMounted,
-    /// What was found last is not as it should be, for these reasons, or for none.
+    /// The last check: the reasons for which something is not as it should be, or no reasons.
     Noted(Vec<Reason>),
 }
 

@@ -18,7 +18,7 @@ pub enum RobotCommand {
     Path {
         /// The points.
         points: Vec<MoveLin>,
-        /// How many of them may be sent for now.
+        /// How many of the points may be sent at present.
         permitted: Option<u32>,
     },
     /// Permits commands up to this one to be sent; all of them if it is `None`.
@@ -33,14 +33,14 @@ pub enum RobotCommand {
     Now,
 }
 
-/// What the robot answers.
+/// An answer of the robot.
 #[derive(Debug)]
 pub enum RobotAnswer {
-    /// To `Send` and `Path`: the number of the command, or of the path's last point.
+    /// Answer to `Send` and `Path`: the number of the command, or of the path's last point.
     Queued(Result<CommandId, QueueError>),
     /// To `OpenEpoch`: the requested epoch.
     Epoch(Result<Epoch, QueueError>),
-    /// To `Permit` and `Abort`.
+    /// Answer to `Permit` and `Abort`.
     Done(Result<(), QueueError>),
     /// To `Next`: a report, or none after a while without one. An error reports that the link's thread failed, so
     /// that no report will ever come.
@@ -53,7 +53,7 @@ impl PortCommand for RobotCommand {
     type Answer = RobotAnswer;
 }
 
-/// An answer to another command than the one that was given; no port gives one.
+/// The error for an answer to a different command; no port gives such an answer.
 const MISMATCH: QueueError = QueueError::NotConnected;
 
 /// The robot's commands as functions. Queuing fails if there is no controller, no open epoch, or the command cannot
@@ -65,7 +65,7 @@ pub trait RobotPort: Port<RobotCommand> {
         id
     }
 
-    /// Queues a path whole; see [`RobotCommand::Path`].
+    /// Queues a whole path; see [`RobotCommand::Path`].
     fn send_path(&mut self, points: Vec<MoveLin>, permitted: Option<u32>) -> Result<CommandId, QueueError> {
         let path = RobotCommand::Path { points, permitted };
         let RobotAnswer::Queued(last) = self.perform(path) else { return Err(MISMATCH) };
@@ -116,7 +116,7 @@ pub struct LinkedRobot {
 }
 
 impl LinkedRobot {
-    /// The robot behind this link, which runs at this pace.
+    /// Creates the port of the robot behind this link, which runs at this pace.
     pub fn new(link: BlockingLink, pace: Pace) -> Self {
         LinkedRobot {
             link,
@@ -133,8 +133,8 @@ impl LinkedRobot {
         self.last.clone()
     }
 
-    /// The same with a simulated world around it, which follows what the controller reports. A controller that is
-    /// no mock is reported as lost: nothing that is simulated may decide how a real arm moves.
+    /// Returns the robot with a simulated world around it, which follows the reports of the controller. A
+    /// controller that is no mock is reported as lost: nothing simulated may decide how a real arm moves.
     pub fn followed(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
     }
@@ -144,17 +144,17 @@ impl LinkedRobot {
         self.link.line()
     }
 
-    /// The shortest way to a stop. `None` in lock step, in which all happens in one order.
+    /// Returns the shortest way to stop the robot. `None` in lock step, in which everything happens in one order.
     pub fn stop_line(&self) -> Option<StopLine> {
         (self.pace == Pace::Wall).then(|| self.link.stop_line())
     }
 
-    /// The link's thread, for its supervisor.
+    /// Returns the link's thread, for its supervisor.
     pub fn watched(&self) -> Watched {
         self.link.watched()
     }
 
-    /// Whether time passes only while the loop waits for a report.
+    /// Returns whether time passes only while the loop waits for a report.
     pub fn is_lock_step(&self) -> bool {
         self.pace == Pace::LockStep
     }
@@ -183,8 +183,8 @@ impl LinkedRobot {
     }
 }
 
-/// How long the loop waits for the robot before it looks elsewhere, by the wall clock. In lock step time does not pass
-/// by looking elsewhere.
+/// How long the loop waits for the robot by the wall clock before it checks its other inputs. In lock step,
+/// checking other inputs takes no time.
 const REPORT_POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
 impl Port<RobotCommand> for LinkedRobot {

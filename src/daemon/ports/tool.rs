@@ -1,4 +1,4 @@
-//! The compliant tool as the loop sees it. No command waits for it.
+//! The compliant tool as the loop sees it. No command blocks for an answer of the tool.
 
 use super::port::{Command, Port};
 use crate::devices::acf::{ConnectedTool, ToolNews};
@@ -9,13 +9,13 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ToolCommand {
-    /// Presses with this from now on.
+    /// From now on, presses with these set-points.
     Press(Press),
     /// Reports the news.
     News,
 }
 
-/// What the tool answers.
+/// An answer of the tool.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ToolAnswer {
     /// To `Press`.

@@ -1,4 +1,4 @@
-//! One connection to the server: a file after the other is put.
+//! One connection to the server: the files are put one after the other.
 
 use crate::cell::{Push, WebFolder};
 use crate::trust;
@@ -17,7 +17,7 @@ use tokio_rustls::TlsConnector;
 
 /// To connect.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// One file and its answer.
+/// Time limit for one file and its answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 /// Largest part of an answer that is read, and largest part that is reported.
 const MAX_BYTES: usize = 16 * 1_024;

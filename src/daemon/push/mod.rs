@@ -17,7 +17,7 @@ pub use status::PushStatus;
 use super::background::{Background, Plan};
 use sending::Sender;
 
-/// The sender while it works; it ends when this is dropped.
+/// The thread that sends to the server; it ends when this is dropped.
 #[derive(Debug)]
 pub struct PushSender {
     _background: Background,

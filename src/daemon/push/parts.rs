@@ -1,4 +1,4 @@
-//! What the sender is made of.
+//! The parts that the sender needs.
 
 use super::status::PushStatus;
 use crate::cell::Push;
@@ -6,9 +6,9 @@ use crate::daemon::record_source::RecordSource;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What the sender is made of.
+/// The parts that the sender needs.
 pub struct PushParts {
-    /// `[push]` of the cell's file.
+    /// The `[push]` table of the cell's file.
     pub push: Push,
     /// The store's folder.
     pub folder: PathBuf,

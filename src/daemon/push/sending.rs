@@ -16,9 +16,9 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How far records were put, in the store's folder.
+/// The file in the store's folder that records how far the records were put.
 const PROGRESS: &str = "push.json";
-/// What the names of pictures, recipes and calibrations begin with.
+/// The text with which the names of pictures, recipes and calibrations begin.
 const FILES: &str = "files/";
 /// Largest number of them that is remembered: most records name the same recipe and calibrations.
 const MAX_FILES: usize = 50_000;
@@ -26,17 +26,17 @@ const JSON: &str = "application/json";
 const PDF: &str = "application/pdf";
 const BYTES: &str = "application/octet-stream";
 
-/// Up to which signature this server has everything.
+/// The last signature up to which this server has everything.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 struct Progress {
     to: String,
     number: u64,
-    /// SHA-256 of that signature's statement.
+    /// SHA-256 of the statement of the last signature.
     record_hash: String,
 }
 
-/// A file that is put.
+/// A file for the server.
 #[derive(Clone)]
 struct File {
     name: String,
@@ -121,7 +121,8 @@ impl Rounds for Sender {
                 let (to, number, record_hash) = (self.progress.to.clone(), row.number, row.record_hash.clone());
                 self.progress = Progress { to, number, record_hash };
                 progress_file::write(&self.folder, PROGRESS, &self.progress)?;
-                // Pictures, recipes and calibrations have the same name in every record.
+                // Pictures, recipes and calibrations have the same name in every record, so these names stay in the
+                // list.
                 self.put.retain(|name| name.starts_with(FILES));
                 if self.put.len() >= MAX_FILES {
                     self.put.clear();
@@ -142,7 +143,8 @@ impl Rounds for Sender {
 }
 
 impl Sender {
-    /// A store that was brought back from a backup has other signatures under the same numbers: all of them are put.
+    /// Continues after the last signature. If the store was restored from a backup, other signatures have the same
+    /// numbers, and all of them are put again.
     fn begin_where_it_was(&mut self, store: &Store) -> Result<(), String> {
         let Progress { number, record_hash, .. } = &self.progress;
         if *number == 0 {
@@ -174,8 +176,8 @@ impl Sender {
         Ok(files.into_iter().find(|file| !self.put.contains(&file.name)).cloned())
     }
 
-    /// The first file of a signature that was not put yet; one that is damaged, or was deleted after its time,
-    /// stops nothing: `record verify` names it.
+    /// Returns the first file of a signature that was not put yet. A file that is damaged, or was deleted after its
+    /// retention time, stops nothing: `record verify` names it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
         let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
         if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {

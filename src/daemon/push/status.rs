@@ -15,7 +15,7 @@ impl PushStatus {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What is wrong, for the alarms between cycles: a record that waits longer than `behind_min`.
+    /// Returns what is wrong, for the alarms between cycles: a record that waits longer than `behind_min`.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
         let late = self.waiting().late(behind_min, now_unix_ms, WORDS);
         late.into_iter().map(|words| Reason::new("push_behind", words)).collect()

@@ -6,9 +6,9 @@ use serde_json::Value;
 /// One difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// When, s since the recording began.
+    /// The time of the difference, s since the recording began.
     pub at_s: f64,
-    /// What differs: the topic, and within it the value.
+    /// What differs: the topic, and the value within the topic.
     pub what: String,
     /// What was recorded.
     pub recorded: String,
@@ -54,7 +54,7 @@ fn name(index: usize, value: &Value) -> String {
     value.get("name").and_then(Value::as_str).map_or_else(|| index.to_string(), str::to_owned)
 }
 
-/// Longest text of one side.
+/// Longest text that is shown of one side.
 const MAX_TEXT_LENGTH: usize = 200;
 
 /// Returns a value as text, cut if it is long.

@@ -10,7 +10,8 @@ use crate::record::name;
 use crate::verdict::SINCE_CHECKS;
 use serde_json::Value;
 
-/// How the names of those numbers begin that programs did not keep before a finding's numbers were its gate's checks.
+/// The beginnings of the names of the numbers that earlier versions of this program did not store. They were added
+/// when a finding's numbers became the checks of its gate.
 const NAMES_SINCE_CHECKS: [&str; 12] = [
     crate::locate::refine::FARTHEST,
     film::DRY_PICTURE,
@@ -26,7 +27,7 @@ const NAMES_SINCE_CHECKS: [&str; 12] = [
     name::BEGUN,
 ];
 
-/// A finding of this program in the form that the recorded one has.
+/// Returns a finding of this program in the form of the recorded finding.
 pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
     let empty = Vec::new();
     let kept = recorded["numbers"].as_array().unwrap_or(&empty);
@@ -44,7 +45,7 @@ pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
         !is_new || kept.iter().any(|other| other["name"] == number["name"])
     });
     let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
-    // Stable: what the recording does not have comes last and is a difference.
+    // The sort is stable: numbers that the recording does not have come last and are a difference.
     found.sort_by_key(|number| place(number).unwrap_or(usize::MAX));
     now
 }

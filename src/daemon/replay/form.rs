@@ -28,5 +28,5 @@ pub(super) fn timeless(mut finding: Value) -> Value {
     finding
 }
 
-/// Numbers by the wall clock, which no decision uses.
+/// Numbers that depend on the wall clock; no decision uses them.
 const STOPPED: [&str; 2] = [name::SCAN_TO_VERDICT, name::PER_PICTURE];

@@ -19,32 +19,34 @@ use std::time::Duration;
 /// Entries of a recording.
 type Source<'a> = Box<dyn Iterator<Item = Result<Entry, TapeError>> + Send + 'a>;
 
-/// Rounds of the loop in which nothing of the recording comes to it; then it waits for what did not come.
+/// Number of rounds of the loop that may pass without an entry of the recording; after that, the loop waits for the
+/// entry that is missing.
 const MAX_IDLE_ROUNDS: u32 = 3;
 
-/// A recording that is played. Its clones are the same player, so that each port may have one.
+/// A recording that is played. All clones share the same player, so that each port may have one.
 #[derive(Clone)]
 pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
 
-/// What a replay came to.
+/// The result of a replay.
 #[derive(Debug)]
 pub struct Played {
     /// The differences, in order.
     pub differences: Vec<Difference>,
-    /// Whether the two went the same way to the end.
+    /// Whether the replay and the recording agree to the end.
     pub to_the_end: bool,
-    /// What could not be read.
+    /// The error if the recording could not be read.
     pub error: Option<TapeError>,
-    /// Entries that were played.
+    /// Number of entries that were played.
     pub entries: u64,
 }
 
 struct Playback<'a> {
     source: Source<'a>,
     lock_step: bool,
-    /// When the last result was let in.
+    /// The time at which the last result was passed to the loop.
     result_ns: Option<u64>,
-    /// Read ahead: what the loop does and hears, and what cameras gave. Cameras may be looked at beside the loop.
+    /// Entries that were read ahead: the calls and answers of the loop. The next field has those of the cameras,
+    /// which may be read in parallel with the loop.
     ahead: VecDeque<Entry>,
     seen: VecDeque<Entry>,
     now: Time,
@@ -57,7 +59,7 @@ struct Playback<'a> {
 }
 
 impl<'a> Player<'a> {
-    /// Plays these entries of a recording in which time was, or was not, the robot's own.
+    /// Plays these entries of a recording. In the recorded cycle, time was either the robot's own or not.
     pub fn new(entries: impl Iterator<Item = Result<Entry, TapeError>> + Send + 'a, lock_step: bool) -> Self {
         Player(Arc::new(Mutex::new(Playback {
             source: Box::new(entries),
@@ -79,7 +81,7 @@ impl<'a> Player<'a> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What it came to, once the loop has left.
+    /// Returns the result of the replay, once the loop has ended.
     pub fn played(&self) -> Played {
         let mut playback = self.lock();
         if !playback.parted && playback.peek(false).is_some() {
@@ -106,7 +108,7 @@ impl<'a> Player<'a> {
 }
 
 impl Playback<'_> {
-    /// The next entry for the loop, or for the cameras.
+    /// Returns the next entry for the loop, or for the cameras, without removing it.
     fn peek(&mut self, cameras: bool) -> Option<&Entry> {
         while !self.parted {
             let is_there = if cameras { !self.seen.is_empty() } else { !self.ahead.is_empty() };
@@ -185,7 +187,7 @@ impl Playback<'_> {
         }
     }
 
-    /// The loop makes a call.
+    /// Compares a call of the loop with the next entry; returns the entry if both match.
     fn call(&mut self, topic: Topic, said: &Value) -> Option<Entry> {
         if self.parted {
             return None;
@@ -215,7 +217,7 @@ impl Playback<'_> {
         Some(entry)
     }
 
-    /// The loop does not what was recorded: the replay ends.
+    /// Ends the replay, because the loop does something other than what was recorded.
     fn part(&mut self, now: &str) {
         let next = self.peek(false).map(|next| {
             let what = if next.said.is_null() { &next.heard } else { &next.said };

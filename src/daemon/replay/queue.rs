@@ -17,10 +17,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Free disk below which a recording ends, MB: twice what the service wants before it begins a cycle.
+/// Free disk space below which a recording ends, MB: twice the space that the service needs to begin a cycle.
 pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
 
-/// Pictures and points that wait to be packed, bytes: some seconds of film at full size.
+/// Largest size of pictures and points that wait to be packed, bytes: some seconds of film at full size.
 const MAX_QUEUED_BYTES: usize = 256 << 20;
 /// Approximate size of a number, a word, a list or an object in an entry, bytes.
 const VALUE_BYTES: usize = 100;
@@ -45,7 +45,7 @@ struct Shared {
     sign: Option<Arc<Supervised>>,
 }
 
-/// How much may wait, and whether a full queue is waited for.
+/// How much data may wait, and whether the loop waits if the queue is full.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     pub waits: bool,
@@ -73,21 +73,22 @@ struct Inside {
     origin_ns: Option<u64>,
     now_ns: u64,
     lost: Vec<Lost>,
-    /// The disk hung once.
+    /// The disk has hung once.
     hung: bool,
-    /// Nothing more will come.
+    /// No more entries will come.
     closed: bool,
     /// Nothing more can be written, for this reason.
     stopped: Option<String>,
     entries: u64,
-    /// The thread is done.
+    /// The thread has ended.
     ended: bool,
 }
 
 /// Returns the free space on the disk of the recording, MB.
 pub(super) type Room = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
-/// A recording under way; [`Recording::finish`] ends it. One that is dropped is left unfinished, as by a crash.
+/// A recording under way; [`Recording::finish`] ends it. A recording that is dropped stays unfinished, as after a
+/// crash.
 #[derive(Debug)]
 pub struct Recording {
     file: String,
@@ -101,11 +102,11 @@ pub struct Recording {
 pub struct Recorded {
     /// The file.
     pub file: String,
-    /// Whether it can be run again.
+    /// Whether the recording can be run again.
     pub is: RecordingStatus,
     /// Entries in it.
     pub entries: u64,
-    /// The same for people.
+    /// The status in words for people.
     pub message: String,
 }
 
@@ -113,7 +114,7 @@ pub struct Recorded {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecordingStatus {
-    /// It is being written.
+    /// The recording is being written.
     UnderWay,
     /// It can.
     Whole,
@@ -122,13 +123,14 @@ pub enum RecordingStatus {
 }
 
 impl Recorded {
-    /// One that can be replayed.
+    /// Returns the status of a recording that can be replayed.
     pub fn whole(file: String, entries: u64) -> Self {
         let message = format!("recorded in {file}, {entries} entries");
         Recorded { file, is: RecordingStatus::Whole, entries, message }
     }
 
-    /// One that cannot, for this reason; how many entries it has is not known.
+    /// Returns the status of a recording that cannot be replayed, for this reason; its number of entries is not
+    /// known.
     pub fn not_whole(file: String, why: &str) -> Self {
         let message = format!("{file} cannot be replayed: {why}");
         Recorded { file, is: RecordingStatus::NotWhole, entries: 0, message }
@@ -150,7 +152,7 @@ impl Recording {
         let recorder = Recorder(Arc::new(shared));
         let shared = recorder.0.clone();
         let write = move || {
-            // A recording that is lost is the lesser evil, so it steps back as far as computing does.
+            // The loss of a recording is the lesser evil, so its thread gets the same low priority as computing.
             if !bounds.waits
                 && let Err(error) = rustix::process::setpriority_process(None, NICE)
             {
@@ -213,13 +215,13 @@ impl Drop for Ends {
 }
 
 impl Recorder {
-    /// Puts an entry down, at the time of the last [`Recorder::clock`].
+    /// Records an entry, at the time of the last [`Recorder::clock`].
     pub fn put(&self, mut entry: Entry) {
         let shared = &*self.0;
         let Bounds { waits, most_bytes, hangs, .. } = shared.bounds;
         let bytes = size(&entry);
         let mut inside = shared.lock();
-        // The first one always finds a place, however large it is.
+        // If the queue is empty, an entry always has room, however large it is.
         while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.is_accepting() {
             if !waits || inside.hung {
                 let at_ns = inside.now_ns;
@@ -256,7 +258,7 @@ impl Recorder {
         self.0.bounds.waits
     }
 
-    /// Nothing more will come.
+    /// Closes the queue: no more entries will come.
     pub(super) fn close(&self) {
         self.0.lock().closed = true;
         self.0.changed.notify_all();
@@ -328,7 +330,7 @@ impl Shared {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The thread: writes what comes until nothing more does, or there is too little room.
+    /// Runs the thread: writes the entries until no more come, or until the disk has too little room.
     fn write_all<W: Write>(&self, mut writer: Writer<W>, room: &mut Room) -> Result<(), TapeError> {
         let mut flushed = Instant::now();
         let mut has_room = self.has_room(room);

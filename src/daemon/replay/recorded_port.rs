@@ -14,7 +14,7 @@ pub struct RecordedPort<P> {
 }
 
 impl<P> RecordedPort<P> {
-    /// This port, recorded while the switch is on.
+    /// Returns this port, recorded while the switch is on.
     pub fn new(port: P, switch: RecordingSwitch) -> Self {
         RecordedPort { port, switch }
     }

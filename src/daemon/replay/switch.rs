@@ -27,13 +27,13 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
 pub struct RecordingPlan {
     /// A new file; `None` if the store names it by the cycle's number.
     pub file: Option<PathBuf>,
-    /// The files that the cycle works by, by their names in the recording.
+    /// The files that the cycle uses, by their names in the recording.
     pub files: Vec<(String, Vec<u8>)>,
     /// The calibrations.
     pub calibrations: Calibrations,
 }
 
-/// Whether what passes through the ports is recorded now. Clones are the same one.
+/// The switch that decides whether the traffic of the ports is recorded now. All clones share the same switch.
 #[derive(Debug, Clone)]
 pub struct RecordingSwitch(Arc<Mutex<Inside>>);
 
@@ -46,13 +46,13 @@ struct Inside {
     /// For the cycle that is being begun: how it is to be recorded, the request to the table, and its state.
     wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
-    /// The cycle is over; what still waits to be heard belongs to it.
+    /// The cycle is over; the answers that are still expected belong to it.
     is_over: bool,
     /// Kept until it is taken.
     recording: Option<Recording>,
     /// The last one, for status requests.
     last: Option<(String, Recorder)>,
-    /// Who watches the threads that write.
+    /// The supervisor of the threads that write.
     supervisor: Supervisor,
 }
 
@@ -61,7 +61,7 @@ pub fn recordings(store: &Path) -> PathBuf {
     store.join("recordings")
 }
 
-/// The recording of a cycle that was given no file of its own.
+/// Returns the recording's file for a cycle that was given no file of its own.
 pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
     recordings(store).join(format!("cycle-{:06}.mcap", cycle.0))
 }
@@ -82,7 +82,7 @@ impl RecordingSwitch {
         })))
     }
 
-    /// The threads that write are watched by this supervisor.
+    /// Lets this supervisor watch the threads that write.
     pub fn watched_by(&self, supervisor: &Supervisor) {
         self.lock().supervisor = supervisor.clone();
     }
@@ -122,7 +122,7 @@ impl RecordingSwitch {
         self.lock().recorder.clone()
     }
 
-    /// An order comes to the loop.
+    /// Notes that an order has reached the loop.
     pub(super) fn wants(&self, plan: Option<RecordingPlan>, request: Request) {
         let mut inside = self.lock();
         let state = inside.state;
@@ -131,7 +131,7 @@ impl RecordingSwitch {
         }
     }
 
-    /// The order's cycle begins.
+    /// Notes that the order's cycle begins.
     pub(super) fn begins(&self, cycle: CycleId, before: Begin) {
         let mut inside = self.lock();
         inside.last = None;
@@ -148,7 +148,7 @@ impl RecordingSwitch {
         }
     }
 
-    /// The cycle has ended, as far as it is known.
+    /// Notes that the cycle has ended, as far as is known.
     pub(super) fn is_over(&self) {
         let mut inside = self.lock();
         inside.is_over = inside.recorder.is_some();
@@ -196,7 +196,7 @@ impl Inside {
         let of_disk = sign.clone();
         let begun = move || {
             let made = open().and_then(|out| {
-                // Its name is on the disk too.
+                // The file's name must be on the disk too.
                 folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
                 Ok(out)
             });
@@ -221,8 +221,8 @@ impl Inside {
     }
 }
 
-/// A file that is flushed to the disk, and not to the system's memory alone: that ends with the power. While the disk
-/// works, the thread rests.
+/// A file that is flushed to the disk, and not only to the system's memory, which loses its content without power.
+/// While the disk works, the thread rests.
 struct OnDisk(File, Arc<Supervised>);
 
 impl OnDisk {
@@ -254,13 +254,13 @@ fn mounted(values: &Calibrations) -> [Mounted; 3] {
     ]
 }
 
-/// The cameras' lenses, for the same.
+/// Returns the cameras' lenses, for the recording.
 fn lenses(values: &Calibrations) -> [Lens; 2] {
     let lens = |topic, camera| Lens { topic, camera };
     [lens(Topic::ScannerLens, values.scanner), lens(Topic::FlangeLens, values.flange_camera)]
 }
 
-/// Free space on the disk of this file, MB.
+/// Returns a function that measures the free space on the disk of this file, MB.
 fn room(file: &Path) -> Room {
     let file = file.to_owned();
     Box::new(move || free_mb(&file))

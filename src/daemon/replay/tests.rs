@@ -17,7 +17,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// A disk that waits for a word before each write, keeps what is written, or refuses.
+/// A disk that waits for a permission before each write, then stores the data or refuses it.
 #[derive(Clone)]
 struct Disk {
     written: Arc<Mutex<Vec<u8>>>,
@@ -68,7 +68,7 @@ fn bounds(waits: bool, hangs_at_the_end: Duration) -> Bounds {
     Bounds { waits, most_bytes: 40_000, hangs: Duration::from_millis(20), hangs_at_the_end }
 }
 
-/// Writes to this disk from a queue of 40 kB, while there is room.
+/// Starts a recording to this disk, with a queue of 40 kB, that continues while there is room.
 fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
     let bounds = bounds(waits, Duration::from_secs(600));
     let mut room_mb = room_mb;
@@ -80,11 +80,11 @@ fn line(topic: Topic, said: Value, heard: Value) -> Entry {
     Entry { topic, at_ns: 0, said, heard, shot: None }
 }
 
-/// A picture of 30 kB in a queue of 40 kB.
+/// Puts pictures of 30 kB into a queue of 40 kB.
 fn put_pictures(recorder: &Recorder, count: u64) {
     for index in 0..count {
         recorder.clock((1 + index) * 100_000_000);
-        // No two bytes alike: what is packed is as large as what is not.
+        // The bytes look random, so that packing does not make them smaller.
         let noise = |pixel: u64| (pixel + 10_000 * index).wrapping_mul(0x9E37_79B9_7F4A_7C15).to_be_bytes();
         let rgb = (0..10_000).map(|pixel| [noise(pixel)[2], noise(pixel)[3], noise(pixel)[4]]).collect();
         let picture = Arc::new(ColorPicture { width: 100, height: 100, rgb });
@@ -94,11 +94,12 @@ fn put_pictures(recorder: &Recorder, count: u64) {
     }
 }
 
-/// Its beginning is written before the queue starts; then the disk hangs until it is let go.
+/// Returns a disk that hangs: the beginning of the file is written before the queue starts; then the disk hangs
+/// until it is released.
 fn hanging() -> (Disk, Sender<()>, Writer<Disk>) {
     let disk = Disk::new();
     let (go, wait) = channel();
-    // As many words as the beginning needs, however many those are.
+    // More permissions than the beginning of the file needs.
     (0..10_000).for_each(|_| go.send(()).expect("sent"));
     let wait = Arc::new(Mutex::new(wait));
     let disk = Disk { go: Some(wait.clone()), ..disk };
@@ -172,7 +173,7 @@ fn a_disk_that_hangs_at_the_end_is_left() {
     drop(go);
 }
 
-/// The file is ended with the reason; what came before it can be looked at.
+/// The file is ended with the reason; the entries before it can be read.
 #[test]
 fn below_the_floor_the_recording_ends_with_its_reason() {
     let disk = Disk::new();
@@ -191,7 +192,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
         RECORDING_FLOOR_MB + 2 - looks
     };
     let recording = recording_of(&disk, fills);
-    // It is looked again once a second.
+    // The free space is measured again once a second.
     while recording.status().is == RecordingStatus::UnderWay {
         put_pictures(&recording.recorder(), 1);
         std::thread::sleep(Duration::from_millis(10));
@@ -220,7 +221,8 @@ fn a_file_that_cannot_be_made_is_said() {
     );
 }
 
-/// By hand: a loop that has run for an hour begins a recording; its times begin at nought all the same.
+/// Calculated by hand: a loop that has run for an hour begins a recording; the recorded times begin at zero all the
+/// same.
 #[test]
 fn time_begins_with_the_recording() {
     let disk = Disk::new();
@@ -273,7 +275,7 @@ fn another_number_is_a_difference_and_the_replay_goes_on() {
     assert_eq!(difference.to_string(), "0.000 s, /robot/command send.set_base.x_mm: recorded 1.5, now 1.75");
 }
 
-/// What the robot reports next.
+/// Returns the robot's next report.
 fn next_report(player: &mut Player) -> Option<Report> {
     RobotPort::next(player).expect("no thread is lost")
 }
@@ -316,11 +318,12 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
         played.differences[0].to_string(),
         "0.000 s, request to the cameras: recorded \"picture\", now nothing"
     );
-    // By the wall clock the loop may leave in the middle of a look.
+    // By the wall clock, the loop may end in the middle of a look.
     assert!(player(vec![look()]).played().differences.is_empty());
 }
 
-/// What is computed beside the loop comes in when it came in, not before and no other.
+/// A result that is computed in parallel with the loop arrives at the recorded time, not before, and no other
+/// result arrives.
 #[test]
 fn a_result_waits_for_its_turn() {
     let reports = || line(Topic::Report, Value::Null, to_json(&Report::Progress { done: CommandId(4) }));

@@ -1,4 +1,4 @@
-//! Who is answered what, and when.
+//! Which client gets which answer, and when.
 
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
@@ -22,7 +22,7 @@ fn at(at: At) -> State {
     State { at, ..step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0 }
 }
 
-/// What comes to the loop.
+/// Returns the next request that comes to the loop.
 fn next(handler: &mut RequestHandler, state: &State) -> Option<What> {
     handler.next_request(state).expect("no thread is lost").map(|request| request.what)
 }
@@ -57,7 +57,7 @@ fn signals_stop_then_abort_and_leave_at_rest() {
     assert!(matches!(next(&mut handler, &at(At::Stopped)), Some(What::Leave)));
 }
 
-/// Its park move is still to come when the verdict is known.
+/// When the verdict is known, the park move of the cell is still to come.
 #[test]
 fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
@@ -104,7 +104,7 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
         reasons[0].message,
         "accept was decided upon step 7: held, plan (review); the cell is at step 11: held, assess (review); read it and decide again"
     );
-    // The same for a step that this service never saw, before it was started.
+    // The same answer is given for a step from before the start of this service.
     for request in [cycle::Request::Clear, cycle::Request::Unhold { dried: true }] {
         let mut stale = send(&sender, 8, What::Decided { request, step: 2 });
         assert!(matches!(next(&mut handler, &second), Some(What::Outdated { .. })));

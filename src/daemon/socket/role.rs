@@ -1,7 +1,7 @@
-//! What the users may request whom the socket's group lets in: the cell's file gives them one role.
+//! What users may request who are in the socket's group: the cell's file gives them one role.
 //!
-//! The user who runs the service, and root, may request everything: they can do it without the socket as well. Stop
-//! and abort are for everybody who reaches the cell.
+//! The user who runs the service, and root, may request everything: they can do it without the socket as well.
+//! Every person who reaches the cell may request stop and abort.
 
 use crate::accounts::{Permission, Role};
 use crate::cycle::Request;
@@ -12,14 +12,15 @@ use crate::verdict::Reason;
 /// Who may request what.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rule {
-    /// The role of the socket's users; without one they may request everything.
+    /// The role of the socket's users; without a role they may request everything.
     pub role: Option<Role>,
     /// The user who runs the service.
     pub service_uid: u32,
 }
 
 impl Rule {
-    /// Whether this user's start may bring a recipe that is none of the folder: who may change the folder may do so.
+    /// Returns whether this user's start may contain a recipe that is not in the folder. A user who may change the
+    /// folder may also do this.
     pub fn own_text(self, who: &Who) -> OwnText {
         match self.role_of(who) {
             Some(role) if !role.may(Permission::Configure) => OwnText::Refused,
@@ -27,7 +28,7 @@ impl Rule {
         }
     }
 
-    /// The role that limits this user; `None` for whom nothing is limited.
+    /// Returns the role that limits this user; `None` if the user has no limits.
     fn role_of(self, who: &Who) -> Option<Role> {
         self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))
     }
@@ -93,8 +94,8 @@ mod tests {
         Who { front: Front::Socket, uid: Some(uid), user: None }
     }
 
-    /// Every role by every request of the protocol: a viewer sees, stops and aborts, an inspector also accepts, an
-    /// operator and an engineer do everything.
+    /// Every role with every request of the protocol: a viewer reads, stops and aborts, an inspector also accepts,
+    /// an operator and an engineer do everything.
     #[test]
     fn the_group_may_what_its_role_may() {
         let table = |request: Request| match request.is_decision() {
@@ -138,7 +139,7 @@ mod tests {
         assert_eq!(Role::VARIANTS.len(), 5);
     }
 
-    /// An operator, and a role that may do less, starts by recipes of the folder.
+    /// An operator, or a person with a role that permits less, can only start recipes of the folder.
     #[test]
     fn a_text_of_ones_own_needs_who_may_change_the_folder() {
         let own = |role, uid| Rule { role, service_uid: SERVICE }.own_text(&who(uid));

@@ -31,7 +31,7 @@ impl Asking {
         }
     }
 
-    /// Keeps a line of the audit trail, on a thread that may wait for the disk.
+    /// Records a line of the audit trail, on a thread that may wait for the disk.
     pub async fn note(self, note: AuditNote) {
         let AuditNote { what, subject, refused } = note;
         // The role with which the cell's file lets hosts make requests; it is not known which host made this one.

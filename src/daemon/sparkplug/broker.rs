@@ -1,4 +1,4 @@
-//! How the broker is reached: address, TLS, user and password. The files are read anew for each connection.
+//! How the broker is reached: address, TLS, user and password. The files are read again for each connection.
 
 use crate::cell::SparkplugNode;
 use crate::sparkplug::Message;
@@ -10,7 +10,8 @@ use std::time::Duration;
 /// A connection that is silent for this time is checked; the broker reports the death after one and a half times
 /// this time.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// The largest message that is taken from the broker, and the largest that is sent, in bytes. A command is far smaller.
+/// Largest message that is accepted from the broker, and largest message that is sent, in bytes. A command is far
+/// smaller.
 const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
 /// How the broker is reached.
@@ -38,7 +39,7 @@ impl Broker {
         Ok(Broker { options })
     }
 
-    /// How to connect with this will.
+    /// Returns the options for a connection with this will.
     pub fn options(&self, will: Message) -> MqttOptions {
         let mut options = self.options.clone();
         options.set_last_will(LastWill::new(will.topic, will.payload, quality(will.qos), false));
@@ -46,7 +47,7 @@ impl Broker {
     }
 }
 
-/// The quality of service by its number.
+/// Returns the quality of service with this number.
 pub(super) fn quality(qos: u8) -> QoS {
     if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce }
 }

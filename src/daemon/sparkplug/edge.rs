@@ -12,18 +12,19 @@ use std::time::{Duration, Instant};
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-/// A lost broker is tried again after this time, then after twice as long each time, up to the second one.
+/// Times after which a lost broker is tried again: the first one at the beginning, then twice as long each time, up
+/// to the second one.
 const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
-/// A connection that lived for so long was a good one.
+/// Time after which a connection counts as stable.
 const MIN_STABLE_TIME: Duration = Duration::from_secs(30);
-/// Threads that wait for the store's disk and for names of hosts.
+/// Number of threads that wait for the store's disk and for the names of hosts.
 const BLOCKING_THREADS: usize = 3;
 
-/// What the edge node is made of.
+/// The parts that the edge node needs.
 pub struct SparkplugParts {
-    /// `[sparkplug]` of the cell's file.
+    /// The `[sparkplug]` table of the cell's file.
     pub node: SparkplugNode,
-    /// What every front works with.
+    /// The parts that every front uses.
     pub front: FrontParts,
 }
 

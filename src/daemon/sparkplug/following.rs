@@ -80,7 +80,7 @@ fn read(store: &Store, alarms: &Alarms) -> Result<StoreView, StoreError> {
     let now_unix_s = now_unix_ms() / 1_000;
     let newest = store.last_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
     let newest = newest.as_ref();
-    // Only the newest cycle can still run, so that one of two is over.
+    // Only the newest cycle can still be running, so if there are two cycles, at least one is over.
     let hits = store.search(&Query { limit: 2, ..Query::default() })?.hits;
     let last = hits.iter().find_map(|hit| Some((hit.cycle.0, hit.verdict?)));
     let lasting = alarms.lasting(store)?;

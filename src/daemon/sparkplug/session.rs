@@ -1,4 +1,4 @@
-//! One connection to the broker, from its begin to its end.
+//! One connection to the broker, from beginning to end.
 
 use super::asking::Asking;
 use super::broker::{Broker, quality};
@@ -15,7 +15,7 @@ use tokio::time::{MissedTickBehavior, interval, timeout};
 /// Largest number of messages that wait for the connection. If they are not accepted, the connection is given up:
 /// its data may be lost, their order must not.
 const MAX_WAITING: usize = 64;
-/// Packets of the broker that wait for the node; the rest waits in the broker.
+/// Largest number of packets of the broker that wait for the node; the others wait in the broker.
 const MAX_PACKETS: usize = 16;
 /// Interval at which the cell is read.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
@@ -23,7 +23,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 const CONNECT_TIMEOUT_S: u64 = 10;
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The task of the connection ended without a word, which it never should.
+/// The text for a connection's task that ended without a message, which should never occur.
 pub(super) const BROKEN: &str = "the connection's task failed";
 
 /// How a connection ended.
@@ -32,11 +32,11 @@ pub(super) enum Ended {
     Leaves,
     /// The primary host went offline.
     HostOffline,
-    /// It was lost, or never came about, for this reason.
+    /// The connection was lost, or was never established, for this reason.
     Lost(String),
 }
 
-/// What every connection works with.
+/// The parts that every connection uses.
 pub(super) struct Parts {
     pub asking: Asking,
     pub view: watch::Receiver<Option<CellView>>,
@@ -46,7 +46,7 @@ pub(super) struct Parts {
     pub alarms: Arc<Alarms>,
 }
 
-/// What it is called in the log and among alarms.
+/// The name of the node in the log and among alarms.
 pub(super) const NAME: &str = "MQTT Sparkplug";
 
 impl Parts {
@@ -74,7 +74,7 @@ struct Session<'s> {
     node: &'s mut EdgeNode,
     client: AsyncClient,
     packets: mpsc::Receiver<Result<rumqttc::Event, ConnectionError>>,
-    /// Subscriptions that the broker has not taken yet.
+    /// Number of subscriptions that the broker has not accepted yet.
     open_subscriptions: usize,
 }
 
@@ -86,11 +86,11 @@ pub(super) async fn connected(
 ) -> Ended {
     node.step(Event::Connecting, parts.now());
     let options = broker.options(node.will(parts.now()));
-    // A connection of its own each time: nothing that waited for a former one is sent in this one.
+    // Each connection has its own client: messages that waited for an earlier connection are not sent on this one.
     let (client, mut eventloop) = AsyncClient::new(options, MAX_WAITING);
     eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
     let (tell, packets) = mpsc::channel(MAX_PACKETS);
-    // Ends with this connection, since dropping a set ends its tasks.
+    // The task ends with this connection, because dropping a set ends its tasks.
     let mut polling = JoinSet::new();
     polling.spawn(poll(eventloop, tell));
     let mut session = Session { parts, node, client, packets, open_subscriptions: 0 };
@@ -99,7 +99,7 @@ pub(super) async fn connected(
     ended
 }
 
-/// Drives the connection. Dropping a poll half-way may cut a message, so that it has a task of its own.
+/// Drives the connection. This needs a task of its own: if a poll is dropped half-way, a message may be cut.
 async fn poll(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
     loop {
         let event = eventloop.poll().await;
@@ -182,7 +182,7 @@ impl Session<'_> {
                         return Some(Ended::Lost("the broker accepts no messages".to_owned()));
                     }
                 }
-                // Nothing of the connection waits for the loop or the disk; limits keep these tasks few.
+                // The connection never waits for the loop or the disk; limits keep these tasks few.
                 Act::Ask { command, is_noted } => drop(tokio::spawn(asking.ask(command, is_noted))),
                 Act::Note(note) => drop(tokio::spawn(asking.note(note))),
                 Act::Disconnect => {
@@ -194,7 +194,7 @@ impl Session<'_> {
         None
     }
 
-    /// Ends the connection once everything before it was sent.
+    /// Ends the connection once all earlier messages were sent.
     async fn disconnect(&mut self) {
         if self.client.try_disconnect().is_err() {
             return;

@@ -61,7 +61,7 @@ impl Edge {
         Edge { parts, broker, node, queue, listener, runtime, _tell: tell, _folder: folder }
     }
 
-    /// One connection to a broker that does this, and hangs up then. What the node sent comes back.
+    /// Runs one connection to a broker that does this and then closes the connection. Returns what the node sent.
     fn meets(&mut self, broker: impl FnOnce(&mut TcpStream) + Send + 'static) -> (String, Vec<u8>) {
         let listener = self.listener.try_clone().expect("the same");
         let plays = std::thread::spawn(move || {
@@ -86,10 +86,10 @@ impl Edge {
     }
 }
 
-/// A connection that is taken: no session, return code 0.
+/// The answer to an accepted connection: no session, return code 0.
 const CONNACK: [u8; 4] = [0x20, 2, 0, 0];
 
-/// A message of the broker, with these flags in its first byte.
+/// Returns a message of the broker, with these flags in its first byte.
 fn message(flags: u8, topic: &str, payload: &[u8]) -> Vec<u8> {
     let body = [&(topic.len() as u16).to_be_bytes()[..], topic.as_bytes(), payload].concat();
     let mut head = vec![0x30 | flags];
@@ -118,7 +118,8 @@ fn the_connection_has_a_will() {
     let (why, connect) = edge.meets(|_| {});
     assert!(!why.is_empty() && why != BROKEN, "{why}");
     assert_eq!(&connect[2..9], b"\x00\x04MQTT\x04", "MQTT 3.1.1");
-    // Clean session 02, will 04, its quality 1 as 08; neither retained (20) nor a user (80) nor a password (40).
+    // Clean session 02, will 04, and the will's quality 1 as 08; not retained (20), no user (80) and no password
+    // (40).
     assert_eq!(connect[9], 0x0e);
     let is_there = |part: &[u8]| connect.windows(part.len()).any(|window| window == part);
     assert!(is_there(b"spBv1.0/G/NDEATH/cell") && is_there(b"bdSeq") && is_there(b"G/cell"));
@@ -193,7 +194,7 @@ fn no_bytes_of_a_broker_do_harm() {
         }
         let shown = bytes.clone();
         let (why, _) = edge.meets(move |stream| {
-            // The node may have hung up already.
+            // The node may have closed the connection already.
             let _ = stream.write_all(&bytes);
         });
         assert!(!why.is_empty() && why != BROKEN, "{why}: {shown:02x?}");

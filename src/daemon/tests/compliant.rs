@@ -1,4 +1,5 @@
-//! The compliant tool in the loop: a whole cycle with it, its recording, and every fault at every waypoint of a path.
+//! The compliant tool in the loop: a whole cycle with the tool, the recording of the cycle, and every fault at
+//! every waypoint of a path.
 
 use super::fake::{Asks, AtContact, Cell as Fake};
 use super::*;
@@ -41,7 +42,8 @@ fn code(fault: ToolFault) -> &'static str {
     }
 }
 
-/// One waypoint of four for each fault; the next fault has the next ones, so that each waypoint has one fault at least.
+/// Each fault is tested at one of four waypoints; the next fault uses the next ones, so that each waypoint has at
+/// least one fault.
 #[test]
 fn a_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(4);
@@ -92,7 +94,7 @@ fn faults_end_contact_in_time(step: u32) {
             };
             ended += 1;
             let told = &found.judgement.reasons[0];
-            // With too little force to land with there is no contact, and no force to be judged.
+            // With too little force for landing, there is no contact, and no force that could be judged.
             let is_weak = matches!(fault, ToolFault::ForceOff(off_n) if off_n < 0.0) && told.code == "no_contact";
             let fits = told.code == code(fault) || is_weak || fault == ToolFault::Stuck;
             assert!(fits && told.message.contains("compliant tool"), "{at}");
@@ -109,7 +111,7 @@ fn faults_end_contact_in_time(step: u32) {
     assert!(ended as u32 * step > 8 * begun.waypoints(), "{ended} in steps of {step}");
 }
 
-/// No force without a compliant tool, no compliant tool without a force, and none that it does not have.
+/// A force needs a compliant tool, a compliant tool needs a force, and the tool must be able to apply the force.
 #[test]
 fn recipe_and_tool_must_agree() {
     let says = |cell: &'static str, recipe: &'static str| {

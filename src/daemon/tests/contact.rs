@@ -12,7 +12,8 @@ fn contact(state: &State) -> bool {
     matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
 }
 
-/// The robot executes no waypoint in contact before the record has that it may, and those are permitted in blocks.
+/// The robot executes no waypoint in contact before its permission is in the record; waypoints are permitted in
+/// blocks.
 #[test]
 fn no_waypoint_in_contact_comes_before_its_permission() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
@@ -24,7 +25,7 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
         "{permitted:?} of {all}"
     );
     assert!(permitted[0] < all, "the first block is not the whole path: {permitted:?} of {all}");
-    // Every grid that was planned is reached, and by a waypoint of the path.
+    // Every planned grid is reached by a waypoint of the path.
     let planned = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned").names("grids");
     let reached: Vec<&String> = path.grids.iter().map(|reached| &reached.grid).collect();
     assert!(planned.iter().all(|grid| reached.contains(&grid)) && !planned.is_empty(), "{planned:?} {reached:?}");
@@ -97,7 +98,7 @@ fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {
     (1..=times).map(|pass| EarlierPass { cycle: CycleId(7), pass, grid: None, is_sure }).collect()
 }
 
-/// Two abrasions are allowed. What an earlier cycle may have abraded counts as what it did.
+/// Two abrasions are allowed. A grid that an earlier cycle may have abraded counts as abraded.
 #[test]
 fn what_may_have_been_abraded_before_counts() {
     let mut once = Fake::new(Scene::Good);
@@ -140,7 +141,7 @@ fn a_flood_of_requests_does_not_hold_up_the_cycle() {
     assert!(story.refusals.len() > 100, "{}", story.refusals.len());
 }
 
-/// Each request is kept once with its answer; one that was refused is refused on the record.
+/// Each request is recorded once with its answer; a refused request is recorded as refused.
 #[test]
 fn each_request_is_kept_with_its_answer() {
     let works = |state: &State| matches!(state.at, At::Execute(_));

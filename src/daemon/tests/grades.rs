@@ -1,5 +1,5 @@
-//! What a contact path did decides: a reject ends the cycle, a review waits for a person. And no reason that did
-//! not happen.
+//! The execution of a contact path decides: a reject ends the cycle, a review waits for a person. No reason is
+//! reported for something that did not happen.
 
 use super::fake::{Asks, Cell as Fake};
 use super::*;
@@ -16,8 +16,8 @@ fn held_for_review(state: &State) -> bool {
     matches!(state.at, At::Held(Hold { why: Why::Review, .. }))
 }
 
-/// The robot reports poses 3.5 mm beside the planned lines, the limit is 3 mm: held, and nothing more until a
-/// person accepts. Then the cycle continues with the rinse and the next film, as it would have.
+/// The robot reports poses 3.5 mm beside the planned lines; the limit is 3 mm. The cycle is held, and nothing more
+/// happens until a person accepts. Then the cycle continues with the rinse and the next film, as usual.
 #[test]
 fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
     let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.5, [20, 30]);
@@ -31,7 +31,7 @@ fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     assert_eq!(story.motions(Path::Contact).len(), 1, "nothing was abraded again");
     assert_eq!(story.stages().last(), Some(&Kind::Inspect), "{story}");
-    // No person accepts, and the cycle is stopped.
+    // If no person accepts, the cycle can be stopped.
     let story = fake().run(Asks::one_cycle().with(held_for_review, cycle::Request::Stop));
     assert_eq!(story.outcome.verdict, Some(Verdict::Review), "{story}");
 }

@@ -1,5 +1,5 @@
-//! What of surface and paths the cycle looks at, and when: reach before the panel is wet, every motion from the actual
-//! axes, feed and rounding as planned, what was executed, the disc.
+//! What the cycle checks about surface and paths, and when: reach before the panel is wet, every motion from the
+//! actual axes, feed and rounding as planned, the executed path, the disc.
 
 use super::*;
 use crate::cell::CorrectionNumbers;
@@ -75,11 +75,12 @@ fn each_line_brings_its_feed_and_rounding() {
     assert!(fastest < 0.0601 && in_rows > story.feeds.len() / 2, "{fastest} {in_rows}");
     assert!(story.feeds.iter().all(|(_, blend_mm)| *blend_mm <= 0.2 * 40.0 + 1e-9));
     let stops = story.feeds.iter().filter(|(_, blend_mm)| *blend_mm == 0.0).count();
-    // Each area's path stops in the air before it and after it; the very first stop is the approach's.
+    // Each area's path stops in the air in front of the area and after it; the very first stop belongs to the
+    // approach.
     assert_eq!(stops % 2, 1, "{stops}");
 }
 
-/// A plan over the grid r2c3 of the panel at its taught place, and the axes at each of its waypoints.
+/// A plan for the grid r2c3 of the panel at its taught place, and the axes at each waypoint of the plan.
 struct OnOneGrid {
     setup: CycleSetup,
     place: Rigid<Base, Panel>,
@@ -183,7 +184,7 @@ fn the_path_follows_the_panel_as_it_lies_there_today() {
     assert!(deviation_mm(&plain) < 0.3 && (0.2..0.7).contains(&deviation_mm(&bowed)), "{}", deviation_mm(&bowed));
 }
 
-/// The robot reports its poses: every failed grid was under the disc, and what the disc swept is kept.
+/// The robot reports its poses: every failed grid was under the disc, and the area that the disc swept is recorded.
 #[test]
 fn what_was_executed_is_looked_at() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
@@ -230,8 +231,8 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
 }
 
-/// What is looked at is the arm that will move: over the corners that hold the place and in their order, beside the
-/// same obstacles.
+/// The arm that will move is the one that is checked: over the corners that determine the panel's place, in their
+/// order, beside the same obstacles.
 #[test]
 fn the_arm_stands_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);
@@ -249,7 +250,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
         let wanted = place * corners[last].teaching.panel_from_camera;
         assert!(camera.origin().distance_mm(wanted.origin()) < 0.01, "{chosen:?}");
     }
-    // From the ready pose straight to the second corner axis 3 would have to go beyond its margin.
+    // Directly from the ready pose to the second corner, axis 3 would have to move beyond its margin.
     let second_first = at(&[1, 0], None).expect_err("out of reach");
     assert!(
         second_first.message.contains("corner 2") && second_first.message.contains("axis 3"),

@@ -7,7 +7,8 @@ use crate::cycle::State;
 use crate::tape::{Begin, Entries, Entry, Topic, check};
 use std::path::Path as File;
 
-/// Serves by this script, the second order of which is recorded, and runs that again: what passed, and the verdict.
+/// Serves this script, records its second order, and runs the recording again; returns what passed, and the
+/// verdict.
 fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script) -> (Vec<Entry>, Option<Verdict>) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("cycle.mcap");
@@ -34,7 +35,8 @@ fn asked(entries: &[Entry]) -> Vec<String> {
     heard.map(|entry| entry.heard.to_string()).collect()
 }
 
-/// The first cycle is not recorded and leaves its deadlines; of the second all is, contact and second film included.
+/// The first cycle is not recorded, and its deadlines remain. Of the second cycle everything is recorded, contact
+/// and second film included.
 #[test]
 fn a_cycle_of_the_service_replays_without_a_difference() {
     let (entries, verdict) = recorded(Fake::new(Scene::Good), |script, plain, taped| {

@@ -1,4 +1,4 @@
-//! The service: computing aside, orders, self-tests.
+//! The service: computing in parallel, orders, self-tests.
 
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
@@ -87,7 +87,7 @@ fn cycles_come_one_after_the_other() {
     assert_eq!(script.refusals, []);
 }
 
-/// The disc is changed while the cell is held for it; the result is accepted, and its wear begins anew.
+/// The disc is changed while the cell is held for it; the result is accepted, and the wear of the disc begins anew.
 #[test]
 fn a_new_disc_goes_on_after_a_review() {
     let mut cell = Fake::new(Scene::Good);
@@ -167,7 +167,8 @@ fn a_command_without_an_epoch_is_a_fault() {
     assert_eq!(script.verdicts, [Verdict::Aborted]);
 }
 
-/// The first start needs the switch at local; it is turned, and the same start is taken.
+/// The first start is refused, because the switch must be at local. The switch is turned, and the same start is
+/// accepted.
 #[test]
 fn a_start_is_taken_from_the_selected_side() {
     let mut cell = Fake::new(Scene::Clean);
@@ -185,7 +186,7 @@ fn a_start_is_taken_from_the_selected_side() {
     assert_eq!((script.not_permitted, script.verdicts), (vec!["local_control".to_owned()], vec![Verdict::Pass]));
 }
 
-/// The same cycle, computed here and aside: the same events, in the same order.
+/// The same cycle, computed in the loop and in parallel: the same events, in the same order.
 #[test]
 fn where_it_is_computed_does_not_matter() {
     let here = Fake::new(Scene::Good).run(super::fake::Asks::one_cycle()).events;
@@ -200,7 +201,7 @@ struct Odd {
     cameras: FakeCameras,
     /// The first scan lasts until the test releases it.
     go_on: Option<Receiver<()>>,
-    /// What a check finds.
+    /// The faults that a check finds.
     wrong: Vec<CameraFault>,
     /// Pictures of each film that are not fetched in time.
     drops: Range<u64>,
@@ -262,7 +263,7 @@ fn a_film_goes_on_without_the_robot() {
         seen_s.extend(watched_s(&worked));
         perception = worked.artifacts.expect("not lost").0;
     }
-    // The first picture is due at once, then one each two seconds.
+    // The first picture is due at once, then one every two seconds.
     for passes_ms in [0, 2_000, 2_000, 2_000] {
         fake.time_passes(passes_ms);
         seen_s.extend(watched_s(&worked(&mut computing).expect("in time")));
@@ -298,13 +299,14 @@ fn dropped_pictures_are_a_gap_in_time() {
     let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
     assert_eq!(film.number("pictures that were dropped"), Some(6.0));
-    // By hand: one in two seconds; after the fourth, which came at six, the eleventh came at twenty.
+    // Calculated by hand: one picture in two seconds; after the fourth one, which came at six seconds, the eleventh
+    // one came at twenty.
     let longest_s = film.number("longest time between two of them").expect("measured");
     assert!((longest_s - 14.0).abs() < 1e-6, "{longest_s}");
 }
 
-/// A stop while the scan is under way ends in Stopped before the scan does; what the scan then finds is dropped, and
-/// the next cycle makes its own.
+/// A stop during the scan ends in Stopped before the scan ends. The result of the scan is dropped, and the next
+/// cycle makes its own scan.
 #[test]
 fn a_stop_does_not_wait_for_a_computation() {
     let cell = Fake::new(Scene::Clean);
@@ -347,7 +349,7 @@ fn an_order_out_of_turn_begins_nothing() {
     assert_eq!(script.refusals[0].1, Refusal::NotNow);
 }
 
-/// Each thing that is wrong is a reason, and the reset ends in Stopped.
+/// Each thing that is wrong gives a reason, and the reset ends in Stopped.
 #[test]
 fn a_self_test_names_all_that_is_wrong() {
     let failed = |script: &Script| matches!(script.refusals[..], [(cycle::Request::Reset, Refusal::Failed(_))]);

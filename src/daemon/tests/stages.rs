@@ -113,7 +113,7 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
         (2, 2, 2),
         "a broken film, and a whole one"
     );
-    // The second one shows places that were sanded.
+    // The second film shows places that were sanded.
     for (index, by_loop) in by_loop.into_iter().enumerate().take(1) {
         let end = starts.get(index + 1).copied().unwrap_or(story.frames.len());
         let mut filming = film::Filming::begin(&film_setup, setup.demands().observation_s).expect("in the picture");
@@ -132,7 +132,8 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
     }
 }
 
-/// The loop's last word on the corners: the two pictures by which it corrected the place, given to the stage at once.
+/// The loop's last finding on the corners: the two pictures with which the loop corrected the place are given to
+/// the stage together.
 #[test]
 fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     let fake = Fake::new(Scene::Good);
@@ -165,7 +166,7 @@ fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     for check in &by_command {
         let same = by_loop.iter().find(|of_loop| of_loop.name == check.name).unwrap_or_else(|| panic!("{check:?}"));
         assert_eq!((&same.limit, &same.message, &same.unit), (&check.limit, &check.message, &check.unit));
-        // The commands have the place and the flange with the digits of a pose in a file.
+        // The commands get the place and the flange with the digits of a pose in a file.
         let (value, other) = (same.value.expect("measured"), check.value.expect("measured"));
         assert!((value - other).abs() < 1e-3, "{}: {value} and {other}", check.name);
     }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Who may use a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Access {
-    /// Everybody, logged in or not.
+    /// All persons may use the route, logged in or not.
     Open,
     /// Visitors with a role that has this permission.
     Needs(Permission),

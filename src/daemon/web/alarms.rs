@@ -65,7 +65,7 @@ fn body(words: Language<'_>, alarms: &[Alarm], may_acknowledge: bool) -> Markup 
     }
 }
 
-/// The word of a priority, with signs that need no colour.
+/// Returns the key of a priority's word, with signs that need no colour.
 fn priority_key(priority: Priority) -> &'static str {
     match priority {
         Priority::High => "alarms.priority.high",
@@ -106,7 +106,7 @@ fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
     }
 }
 
-/// Which alarm is acknowledged; a form sends texts.
+/// The alarm that is acknowledged; a form sends texts.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AcknowledgeForm {
@@ -135,7 +135,7 @@ pub(super) async fn acknowledge(
 /// Returns false if there is no such alarm, or it was already acknowledged.
 fn kept(web: &Web, line: AuditEntry, form: &AcknowledgeForm, who: String) -> Result<bool, StoreError> {
     let Ok(raised_unix_ms) = form.raised_unix_ms.parse() else { return Ok(false) };
-    // What arose between cycles names none.
+    // An alarm between cycles names no cycle.
     let cycle = match form.cycle.as_str() {
         "" => None,
         number => match number.parse() {

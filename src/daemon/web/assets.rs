@@ -1,5 +1,5 @@
-//! The page's own files: styles and scripts, part of the program. Their address has the hash of all of them, so
-//! that a browser keeps them until the program is another one.
+//! The page's own files: styles and scripts, which are part of the program. Their address contains the hash of all
+//! of them, so that a browser keeps them until the program changes.
 
 use super::guard::not_found;
 use crate::files::hex;
@@ -33,7 +33,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
     hex(&hasher.finalize()[..6])
 });
 
-/// The address of a file.
+/// Returns the address of a file.
 pub(super) fn address(name: &str) -> String {
     format!("/assets/{}-{name}", *VERSION)
 }
@@ -43,7 +43,7 @@ pub(super) async fn asset(Path(name): Path<String>) -> Response {
     let own = name.strip_prefix(VERSION.as_str()).and_then(|rest| rest.strip_prefix('-'));
     match own.and_then(|own| FILES.iter().find(|(name, ..)| *name == own)) {
         Some((_, kind, text)) => {
-            // A script names another one by its address.
+            // A script refers to another script by its address.
             let text = ["PAGE_JS", "SHEET_JS", "MATRIX_JS"].iter().fold(text.to_string(), |text, name| {
                 text.replace(name, &format!("{}-{}", *VERSION, name.to_lowercase().replace('_', ".")))
             });

@@ -14,7 +14,7 @@ use maud::html;
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Lines of one page, and of one file.
+/// Number of lines on one page, and in one file.
 const PAGE: usize = 100;
 const FILE: usize = 100_000;
 
@@ -23,7 +23,7 @@ pub(super) struct Before {
     before: Option<i64>,
 }
 
-/// The newest lines, or those before a number.
+/// Shows the newest lines, or the lines before a number.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,

@@ -7,7 +7,7 @@ use std::io::{Error, ErrorKind};
 use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
-/// The whole body comes within this time after its head.
+/// Time after the head of a request within which its whole body must arrive.
 pub(super) const BODY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Returns a request with a body that ends with an error if it does not come in time.

@@ -25,9 +25,9 @@ use maud::{Markup, html};
 use serde_json::json;
 use std::sync::Arc;
 
-/// The widest picture that is sent, px.
+/// The largest width of a picture that is sent, px.
 const MAX_WIDTH_PX: usize = 1_280;
-/// Each camera, by its word in addresses and the key of its name.
+/// Each camera, with its name in addresses and the key of its displayed name.
 const EYES: [(&str, &str, Eye); 2] =
     [("scanner", "cameras.scanner", Eye::Scanner), ("flange", "cameras.flange", Eye::Flange)];
 
@@ -92,7 +92,7 @@ fn figures(view: &View) -> Vec<(&'static str, String)> {
     of_picture.into_iter().chain(of_camera.into_iter().flatten()).collect()
 }
 
-/// The last picture of a camera.
+/// Serves the last picture of a camera.
 pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Response {
     match eye(&name).and_then(|at| web.views.last(at)) {
         Some(view) => ([(header::CONTENT_TYPE, "image/jpeg")], view.jpeg.clone()).into_response(),

@@ -126,7 +126,7 @@ fn short(text: &str) -> String {
     if text.chars().count() > 20 { text.chars().take(16).chain(['…']).collect() } else { text.to_owned() }
 }
 
-/// A check with the values of both, each beside its limit.
+/// Shows a check with the values of both cycles, each beside its limit.
 fn check(pair: &CheckPair) -> Markup {
     let allowed = |limit: Option<Limit>| match limit {
         None | Some(Limit::Unlimited) => String::new(),

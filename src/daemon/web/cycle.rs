@@ -21,11 +21,12 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// The record's page has its style and its pictures inside, and no script. The page around it may frame it.
+/// The content security policy of the record's page: style and pictures are inside the page, and there is no
+/// script. Only the page around it may frame it.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; form-action 'none'; base-uri 'none'; \
                       frame-ancestors 'self'";
 
-/// The number of a cycle; what is none is nowhere.
+/// Parses the number of a cycle; a text that is no number gives "not found".
 async fn id(number: &str) -> Result<CycleId, Response> {
     match number.parse() {
         Ok(number @ 1..) => Ok(CycleId(number)),
@@ -33,7 +34,7 @@ async fn id(number: &str) -> Result<CycleId, Response> {
     }
 }
 
-/// A cycle with its record inside, its signatures and the form to sign it.
+/// Shows a cycle with its record inside, its signatures and the form to sign it.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -92,12 +93,12 @@ fn form(visitor: &Visitor, id: CycleId) -> Markup {
     }
 }
 
-/// A meaning's word in requests, as it is kept.
+/// Returns the word of a meaning in requests, as it is stored.
 fn meaning_key(meaning: Meaning) -> String {
     serde_json::to_value(meaning).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// The page of the record alone, as a person reads and prints it.
+/// Serves the page of the record only, as a person reads and prints it.
 pub(super) async fn record(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -113,7 +114,7 @@ pub(super) async fn record(
     Ok((headers, html).into_response())
 }
 
-/// The record as PDF/A-3 with the signed JSON inside.
+/// Serves the record as PDF/A-3 with the signed JSON inside.
 pub(super) async fn pdf(State(web): State<Arc<Web>>, Extension(visitor): By, Path(number): Path<String>) -> Answer {
     let id = known(&web, &visitor, &number).await?;
     let unsigned = visitor.language().word("cycle.unsigned");
@@ -125,7 +126,7 @@ pub(super) async fn pdf(State(web): State<Arc<Web>>, Extension(visitor): By, Pat
     Ok((headers, pdf).into_response())
 }
 
-/// The number of a cycle that there is.
+/// Returns the number of a cycle, if the cycle exists.
 async fn known(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleId, Response> {
     let id = id(number).await?;
     match reading(web, visitor, move |store| store.has_cycle(id)).await? {
@@ -134,7 +135,7 @@ async fn known(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleI
     }
 }
 
-/// A cycle's record as JSON.
+/// Serves a cycle's record as JSON.
 pub(super) async fn json(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -145,7 +146,7 @@ pub(super) async fn json(
     Ok(Json(record).into_response())
 }
 
-/// A picture that a finding of the cycle names.
+/// Serves a picture that a finding of the cycle names.
 pub(super) async fn picture(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -175,7 +176,7 @@ pub(super) struct Signs {
     password: String,
 }
 
-/// Signs the record as the person who is logged in, who gives the password once more.
+/// Signs the record as the person who is logged in; the person must give the password once more.
 pub(super) async fn sign(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,

@@ -1,4 +1,4 @@
-//! The cell from the bottom up, as `panelprep doctor` sees it: each thing with what was found and what to do.
+//! The cell from the bottom up, as `panelprep doctor` sees it: each thing with its findings and what to do.
 
 use super::guard::By;
 use super::layout::Frame;
@@ -22,7 +22,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
     Ok(frame.page(&body(words, &examined)))
 }
 
-/// What is not right first, each part in the order from the bottom up.
+/// Shows the things that are not right first, then the others, both in the order from the bottom up.
 fn body(words: Language<'_>, examined: &[Examined]) -> Markup {
     let word = |key| words.word(key);
     let (right, wrong): (Vec<&Examined>, Vec<&Examined>) = examined.iter().partition(|one| one.is_right);

@@ -1,4 +1,4 @@
-//! What a page shows as a file: CSV for a spreadsheet, JSON for a program.
+//! The data of a page as a file: CSV for a spreadsheet, JSON for a program.
 
 use super::layout::failed;
 use super::visitor::Visitor;
@@ -16,7 +16,7 @@ pub(super) enum Form {
     Json,
 }
 
-/// A table as a file of this name, without its ending.
+/// Returns a table as a file; `name` is the file name without its extension.
 pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
     csv_file(name, table).unwrap_or_else(|error| failed(visitor, &error))
 }
@@ -32,7 +32,7 @@ pub(in crate::daemon) fn csv_file(name: &str, table: &Table) -> Result<Response,
     Ok((headers, table.csv()?).into_response())
 }
 
-/// The same data for a program.
+/// Returns the same data as JSON for a program.
 pub(super) fn json(data: &impl Serialize) -> Response {
     Json(data).into_response()
 }

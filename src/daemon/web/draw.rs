@@ -1,5 +1,5 @@
-//! Drawing a recipe's region, outline and masks on the taught scan's picture. What was drawn becomes a proposed
-//! text with its difference; it is approved and saved as every other change of a recipe is.
+//! Drawing a recipe's region, outline and masks on the taught scan's picture. The drawing becomes a proposed text
+//! with its difference; the text is approved and saved like every other change of a recipe.
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};
@@ -19,7 +19,7 @@ use maud::{Markup, PreEscaped, html};
 use serde_json::json;
 use std::sync::Arc;
 
-/// Work with the recipes that may wait for a disk; what it could not do becomes the response.
+/// Does work with the recipes that may wait for a disk; an error becomes the response.
 async fn with<T: Send + 'static>(
     web: &Web,
     work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
@@ -32,7 +32,7 @@ async fn with<T: Send + 'static>(
     }
 }
 
-/// The sheet with its tools, and the form that approves what was drawn.
+/// Shows the sheet with its tools, and the form that approves the drawing.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By, Path(name): Path<String>) -> Answer {
     let asked = name.clone();
     with(&web, move |source| source.recipe(&asked)).await?;
@@ -56,7 +56,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By, Pa
         .page(&body))
 }
 
-/// What was drawn, as lines of the recipe, and the form by which it is approved.
+/// Shows the drawing as lines of the recipe, and the form that approves them.
 fn approval<'w>(own: &str, word: &dyn Fn(&'w str) -> &'w str) -> Markup {
     html! {
         section.card #proposal hidden {
@@ -77,7 +77,7 @@ fn encoded(name: &str) -> String {
     form_urlencoded::byte_serialize(name.as_bytes()).collect::<String>().replace('+', "%20")
 }
 
-/// The taught scan's picture.
+/// Serves the taught scan's picture.
 pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
     let png = with(&web, move |source| {
         let picture = source.taught_picture(&name)?;

@@ -11,7 +11,7 @@ pub enum PageError {
         "{address}: the operator's page cannot be served here: {source}; name another address or port at [page] listen"
     )]
     Listen {
-        /// As the cell's file has it.
+        /// The address that the cell's file states.
         address: SocketAddr,
         /// The system's message.
         source: std::io::Error,
@@ -19,7 +19,7 @@ pub enum PageError {
     /// A file.
     #[error("the operator's page: {0}; check the files that [page] in the cell's file names")]
     File(#[from] PageFileError),
-    /// The system gives no thread.
+    /// The system could not start a thread.
     #[error("the operator's page has no thread: {0}")]
     Thread(std::io::Error),
 }
@@ -30,7 +30,7 @@ pub enum PageError {
 pub struct PageFileError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
+    /// What is wrong with the file.
     pub problem: String,
 }
 

@@ -1,4 +1,4 @@
-//! The picture that people look on at: drawn, made small and encoded once for all who look.
+//! The live picture for people who watch: drawn, reduced and encoded once for all of them.
 
 use crate::daemon::live_scene::LiveScene;
 use crate::daemon::live_view::{LiveFrame, LiveView};
@@ -6,7 +6,7 @@ use crate::files;
 use crate::report::canvas::resized;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The widest picture that is sent, px.
+/// The largest width of a picture that is sent, px.
 const MAX_WIDTH_PX: usize = 960;
 
 /// The newest picture as a JPEG.
@@ -20,12 +20,12 @@ impl Frames {
         Frames { view, last: Mutex::new(None) }
     }
 
-    /// The newest cycle in three dimensions.
+    /// Returns the newest cycle in three dimensions.
     pub fn scene(&self) -> LiveScene {
         self.view.scene().clone()
     }
 
-    /// The number of the newest picture and its name.
+    /// Returns the number of the newest picture and its name.
     pub fn newest(&self) -> (u64, Option<String>) {
         let (number, frame) = self.view.newest();
         (number, frame.map(|frame| frame.name.clone()))

@@ -15,18 +15,18 @@ use serde_json::json;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-/// The header that each change by a person must bring along.
+/// The header that each change by a person must contain.
 const CSRF: &str = "x-csrf-token";
-/// Nothing is fetched from elsewhere, run from a text, or framed.
+/// The content security policy: nothing is fetched from elsewhere, executed from inline text, or framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
-/// The name of the cookie; with TLS one that only this host can set.
+/// Returns the name of the cookie; with TLS, a name that only this host can set.
 pub(in crate::daemon) fn cookie_name(is_tls: bool) -> &'static str {
     if is_tls { "__Host-panelprep" } else { "panelprep" }
 }
 
-/// The value of this cookie.
+/// Returns the value of this cookie.
 pub(in crate::daemon) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
     let all = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut each = all.flat_map(|value| value.split(';')).filter_map(|part| part.trim().split_once('='));
@@ -48,7 +48,7 @@ pub(super) async fn pass(
     let headers = request.headers();
     let (is_change, access) = (route.method == Method::Post, route.access);
     let mut visitor = visitor(&web, headers, from, is_change || !is_by_itself(request.uri().path()));
-    // What is open to everybody, such as a stop, waits for no disk.
+    // A request that is open to all persons, such as a stop, waits for no disk.
     if let (Access::Needs(_), Some(person)) = (access, &visitor.person)
         && !web.stamps.count(&web.front.people, person).await
     {
@@ -142,7 +142,7 @@ pub(super) async fn not_found() -> Response {
     refusal(StatusCode::NOT_FOUND, "not_found", "there is no such page")
 }
 
-/// The headers of every response; and without TLS only this computer's own name is answered to.
+/// Sets the headers of every response. Without TLS, only requests to this computer's own name are answered.
 pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>, next: Next) -> Response {
     if let Some(hosts) = &web.hosts {
         let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());

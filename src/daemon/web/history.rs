@@ -1,4 +1,4 @@
-//! The history: a search for cycles, and what it finds as a table.
+//! The history: a search for cycles, and its results as a table.
 
 use super::downloads::{self, Form};
 use super::guard::By;
@@ -18,9 +18,9 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Cycles on one page.
+/// Number of cycles on one page.
 const PAGE: usize = 50;
-/// Cycles in one file.
+/// Largest number of cycles in one file.
 const FILE: usize = crate::history::MAX_HITS;
 const VERDICTS: [Verdict; 7] = [
     Verdict::Pass,
@@ -31,10 +31,10 @@ const VERDICTS: [Verdict; 7] = [
     Verdict::Accept,
     Verdict::Aborted,
 ];
-/// A cycle without an end, in the form's list of verdicts.
+/// The entry in the form's list of verdicts for a cycle that has not ended.
 const RUNNING: &str = "running";
 
-/// The fields of the form, as they were filled in; an empty one does not matter.
+/// The fields of the form, as they were filled in; an empty field is ignored.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct SearchForm {
@@ -180,7 +180,7 @@ fn fields(words: Language<'_>, form: &SearchForm) -> Markup {
     }
 }
 
-/// A verdict's word in the reader's language.
+/// Returns the word of a verdict in the reader's language.
 pub(super) fn verdict_word(words: Language<'_>, verdict: &str) -> String {
     match verdict {
         RUNNING => words.word("js.state.execute").to_owned(),
@@ -192,7 +192,7 @@ pub(super) fn verdict_word(words: Language<'_>, verdict: &str) -> String {
     }
 }
 
-/// The cycles that were found; two of them can be compared.
+/// Shows the cycles that were found; two of them can be compared.
 fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
     let word = |key| words.word(key);
     html! {
@@ -227,7 +227,7 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
     }
 }
 
-/// The first reason of each code, in their order, with how often the code came.
+/// Returns the first reason of each code, in their order, and how often the code occurs.
 fn codes(reasons: &[Reason]) -> Vec<(&Reason, usize)> {
     let mut counted: Vec<(&Reason, usize)> = Vec::new();
     for reason in reasons {

@@ -8,16 +8,16 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};
 
-/// Scripts beside the one that every page has.
+/// Scripts in addition to the script that every page has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Script {
-    /// Forms that are sent as JSON.
+    /// For forms that are sent as JSON.
     Forms,
-    /// The page of the cell as it runs.
+    /// For the page of the running cell.
     Run,
-    /// The newest cycle in three dimensions.
+    /// For the newest cycle in three dimensions.
     Scene,
-    /// The sheet to draw on a picture, with its styles.
+    /// For the sheet to draw on a picture, with the sheet's styles.
     Draw,
 }
 
@@ -32,7 +32,7 @@ impl Script {
     }
 }
 
-/// What a page is framed by.
+/// What the frame of a page needs.
 pub(super) struct Frame<'p> {
     pub visitor: &'p Visitor,
     pub title: &'p str,
@@ -53,7 +53,7 @@ const PAGES: [(&str, &str, Option<Permission>); 7] = [
 ];
 
 impl Frame<'_> {
-    /// The whole page around this body.
+    /// Returns the whole page around this body.
     pub fn page(&self, body: &Markup) -> Response {
         let words = self.visitor.language();
         let word = |key| words.word(key);
@@ -120,12 +120,12 @@ impl Frame<'_> {
     }
 }
 
-/// A time, which the browser shows as its own local time with the offset.
+/// Shows a time, which the browser displays as its own local time with the offset.
 pub(super) fn local(unix_ms: i64) -> Markup {
     html! { time data-ms=(unix_ms) { (utc(unix_ms.div_euclid(1_000))) } }
 }
 
-/// A page about something that went wrong below.
+/// Returns a page about an error outside the page itself.
 pub(super) fn failed(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
     tracing::warn!("the page could not be made: {error}");
     let words = visitor.language();

@@ -32,7 +32,7 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
             // made.
             Some(_) if tell.receiver_count() <= 1 => Live::from_reply(reply, (was.frame, was.frame_name.clone())),
             Some(_) => Live::from_reply(reply, frames.newest()),
-            // What was last known stays, with the time when it was.
+            // The last known values stay, with their time.
             None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };
         if !now.says_the_same(&was) || told.elapsed() >= KEEP_ALIVE_INTERVAL {

@@ -14,7 +14,7 @@ pub(super) struct Live {
     pub answers: bool,
     pub state: Option<String>,
     pub phase: Option<String>,
-    /// The step of the cycle's table that is shown; a decision names it.
+    /// The step of the cycle's table that is shown; a person's decision names this step.
     pub step: Option<u64>,
     pub panel: Option<String>,
     pub pass: Option<u8>,
@@ -29,7 +29,7 @@ pub(super) struct Live {
     pub possible: Vec<&'static str>,
     pub is_review: bool,
     pub grids: Vec<String>,
-    /// The newest picture, by its number and name.
+    /// The number of the newest picture; the picture's name follows.
     pub frame: u64,
     pub frame_name: Option<String>,
 }
@@ -59,7 +59,7 @@ impl Live {
         }
     }
 
-    /// Whether nothing changed but the time.
+    /// Returns whether nothing changed except the time.
     pub fn says_the_same(&self, other: &Live) -> bool {
         Live { answered_ms: 0, ..self.clone() } == Live { answered_ms: 0, ..other.clone() }
     }

@@ -24,8 +24,8 @@ pub(super) struct Next {
     next: String,
 }
 
-/// A path of this page alone: a log-in leads to no other site. A browser leaves out tabs and line feeds of an
-/// address before it reads it, so that `/<tab>/host` would be another host.
+/// Returns the path if it is on this page, otherwise `/`: a log-in leads to no other site. A browser removes tabs
+/// and line feeds from an address before it reads it, so that `/<tab>/host` would be another host.
 fn own_path(next: &str) -> &str {
     let is_own = next.starts_with('/')
         && !next.starts_with("//")
@@ -84,7 +84,7 @@ pub(super) async fn log_in(
     begin(&web, &visitor, account)
 }
 
-/// A session under a new token, whatever the browser had before.
+/// Begins a session under a new token, whatever token the browser had before.
 fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return refusal(StatusCode::SERVICE_UNAVAILABLE, "random", "this computer has no random numbers yet");
@@ -121,7 +121,7 @@ pub(super) struct NewPassword {
     new: String,
 }
 
-/// Changes one's own password, by the old one.
+/// Changes the person's own password; the old password is needed.
 pub(super) async fn change_password(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -162,13 +162,13 @@ pub(super) async fn change_password(
 enum NotChanged {
     /// Log-in to the account is blocked for this many more seconds.
     Pauses(f64),
-    /// The old one is wrong.
+    /// The old password is wrong.
     WrongPassword,
     /// In words.
     Problem(String),
 }
 
-/// Chooses a language, and goes back to the page that it was chosen on.
+/// Chooses a language, and returns to the page on which it was chosen.
 pub(super) async fn language(
     State(web): State<Arc<Web>>,
     Path(name): Path<String>,

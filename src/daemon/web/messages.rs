@@ -11,7 +11,7 @@ use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde_json::json;
 
-/// What a code means and what to do, in the visitor's language.
+/// Returns what a code means and what to do, in the visitor's language.
 pub(super) async fn json(Extension(visitor): By, Path(code): Path<String>) -> Answer {
     match visitor.language().message(&code) {
         Some((cause, remedy)) => Ok(Json(json!({ "cause": cause, "remedy": remedy })).into_response()),
@@ -19,7 +19,7 @@ pub(super) async fn json(Extension(visitor): By, Path(code): Path<String>) -> An
     }
 }
 
-/// Reasons as one text, each in the person's language first.
+/// Returns the reasons as one text, each in the person's language first.
 pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
     let one = |reason: &Reason| match words.message(&reason.code).filter(|_| !words.is_english()) {
         Some((cause, remedy)) => format!("{cause} {remedy} ({})", reason.message),
@@ -41,7 +41,7 @@ pub(super) fn by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     html! { ul { @for (code, messages) in &codes { li { (explained(words, code, messages)) } } } }
 }
 
-/// The sentences of a code and what it means, in the order in which the person reads them, and what to do.
+/// Shows the sentences of a code, its meaning and what to do, in the order in which the person reads them.
 pub(super) fn explained(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
     let remedy = |remedy| html! { p { strong { (words.word("alarms.remedy")) ": " } (prose(remedy)) } };
     let sentences =

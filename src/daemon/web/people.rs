@@ -1,4 +1,4 @@
-//! Accounts: who may log in, as what.
+//! Accounts: who may log in, and with which role.
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use strum::VariantArray;
 
-/// All accounts, with a form for each.
+/// Shows all accounts, with a form for each.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let accounts = reading(&web, &visitor, Store::accounts).await?;
     let words = visitor.language();

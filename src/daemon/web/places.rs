@@ -1,4 +1,4 @@
-//! How many connections a page has room for, of one address and of all.
+//! The largest number of connections to a page, from one address and from all.
 
 use crate::daemon::slots::{Most, Slots};
 use std::net::{IpAddr, Ipv6Addr};
@@ -6,7 +6,7 @@ use std::net::{IpAddr, Ipv6Addr};
 /// Largest number of connections at one time. If there is no room, the one that has been silent for longest gives
 /// way to a new one.
 pub(super) const CONNECTIONS: Most = Most { of_one: 256, of_all: 512 };
-/// Of them, those that look on at the events, which have no end.
+/// Of all connections, the largest number of those that follow the events, which have no end.
 pub(super) const LOOKERS: Most = Most { of_one: 64, of_all: 192 };
 
 /// Places of connections, by their owners.

@@ -9,10 +9,10 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 
-/// What a handler answers: a page, or in its place what went wrong.
+/// The answer of a handler: a page, or an error response in its place.
 pub(super) type Answer = Result<Response, Response>;
 
-/// Reads the store. What is not there, or cannot be read, becomes the response.
+/// Reads the store. If the data does not exist or cannot be read, the error becomes the response.
 pub(super) async fn reading<T: Send + 'static>(
     web: &Arc<Web>,
     visitor: &Visitor,
@@ -27,7 +27,7 @@ pub(super) async fn reading<T: Send + 'static>(
     }
 }
 
-/// Does work that may wait for a disk; what it could not do, in words, becomes the response.
+/// Does work that may wait for a disk; an error, in words, becomes the response.
 pub(super) async fn doing<T: Send + 'static>(
     visitor: &Visitor,
     work: impl FnOnce() -> Result<T, String> + Send + 'static,
@@ -39,7 +39,7 @@ pub(super) async fn doing<T: Send + 'static>(
     }
 }
 
-/// The thread that worked is gone: its panic is in the log.
+/// Returns the response if the thread that worked has ended: its panic is in the log.
 pub(super) fn ended() -> Response {
     StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }

@@ -4,15 +4,15 @@
 use crate::accounts::{AuditEntry, LineLimit, MostLines};
 use std::collections::BTreeMap;
 
-/// Lines of one account in a minute; one more counts what is left out.
+/// Lines of one account in a minute; one more line counts the lines that are left out.
 const LINES: MostLines = MostLines { done: 0, refused: 19 };
 
-/// Of each account that was refused something in this minute: its lines, and the last one.
+/// For each account whose requests were refused in this minute: its line limit and the last line.
 #[derive(Debug, Default)]
 pub(super) struct Refusals(BTreeMap<String, (LineLimit, AuditEntry)>);
 
 impl Refusals {
-    /// Whether this line of a refusal is written; else it is counted.
+    /// Returns whether this line of a refusal is written; if not, the line is counted.
     pub fn allows(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
         let who = line.who.clone().unwrap_or_default();
         let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(LINES, now_ms), line.clone()));
@@ -20,7 +20,7 @@ impl Refusals {
         limit.allows(true)
     }
 
-    /// The lines that count what was left out of minutes that are over.
+    /// Returns the lines that count what was left out in minutes that are over.
     pub fn over(&mut self, now_ms: u64) -> Vec<AuditEntry> {
         let mut counted = Vec::new();
         self.0.retain(|_, (limit, last)| {

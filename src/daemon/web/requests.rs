@@ -1,4 +1,4 @@
-//! Requests of the cell from the page: each goes through the gateway, as one of the socket does.
+//! Requests to the cell from the page: each request goes through the gateway, like a request from the socket.
 
 use super::guard::By;
 use super::messages;
@@ -16,7 +16,7 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// What came of a request, for the page.
+/// Returns the outcome of a request, for the page.
 fn to_response(visitor: &Visitor, reply: &Reply) -> Response {
     let status = match reply.answer {
         Exit::Done => StatusCode::OK,
@@ -49,14 +49,14 @@ table_requests! {
     reset => cycle::Request::Reset,
 }
 
-/// What a person decides upon the step that the page showed.
+/// A person's decision on the step that the page showed.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Decision {
     step: u64,
 }
 
-/// After an abort: the cause is gone.
+/// Reports that the cause of an abort is gone.
 pub(super) async fn clear(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -125,18 +125,18 @@ pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): By
 #[serde(deny_unknown_fields)]
 pub(super) struct Start {
     recipe: String,
-    /// SHA-256 of the recipe as the page offered it.
+    /// SHA-256 of the recipe that the page offered.
     sha256: String,
     #[serde(default)]
     serial: String,
     #[serde(default)]
     order: String,
-    /// Another part than in the cycles before lies there.
+    /// Whether another part than in the earlier cycles is in the cell.
     #[serde(default)]
     another_part: bool,
 }
 
-/// Begins a cycle by one of the offered recipes.
+/// Begins a cycle with one of the offered recipes.
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,

@@ -1,4 +1,5 @@
-//! The one table of routes: each with its method and who may use it. What is not in it is not served.
+//! The one table of routes: each route with its method and who may use it. A route that is not in the table is not
+//! served.
 
 use super::access::{Access, Method, Route};
 use super::state::Web;
@@ -13,7 +14,7 @@ use axum::middleware::from_fn_with_state;
 use axum::routing::{MethodRouter, get, post};
 use std::sync::Arc;
 
-/// The longest body that is read: a recipe that is edited, with its escapes.
+/// The longest body that is read: an edited recipe, with its escapes.
 pub(super) const MAX_BODY_BYTES: usize = 512 * 1_024;
 
 const fn look(path: &'static str, access: Access, handler: fn() -> MethodRouter<Arc<Web>>) -> Route {
@@ -91,7 +92,7 @@ pub(super) static ROUTES: &[Route] = &[
     look("/audit.csv", Needs(Audit), || get(audit::csv)),
 ];
 
-/// The router of the table, each route behind the guard.
+/// Returns the router of the table, each route behind the guard.
 pub(super) fn router(web: &Arc<Web>) -> Router {
     let router = ROUTES.iter().fold(Router::new(), |router, route| {
         let guarded = (web.clone(), route);

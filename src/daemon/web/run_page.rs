@@ -1,4 +1,4 @@
-//! The page of the cell as it runs: readable from two metres. A script keeps it up to date by the events.
+//! The page of the running cell: readable from two metres. A script updates it with the events.
 
 use super::guard::{By, not_found};
 use super::layout::{Frame, Script};
@@ -140,7 +140,7 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup
     }
 }
 
-/// What the camera sees now.
+/// Serves the picture that the camera sees now.
 pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
     match blocking(move || web.frames.jpeg()).await.flatten() {
         Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg.to_vec()).into_response(),

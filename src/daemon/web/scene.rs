@@ -24,7 +24,7 @@ fn newest(web: &Web, number: &str) -> Option<CycleId> {
     web.live.borrow().cycle.filter(|newest| *newest == asked).map(CycleId)
 }
 
-/// The points of the scan.
+/// Serves the points of the scan.
 pub(super) async fn points(State(web): State<Arc<Web>>, Path(number): Path<String>) -> Answer {
     let points = newest(&web, &number).and_then(|_| web.scene.newest().0);
     match points {
@@ -61,7 +61,7 @@ fn scene_json(record: &CycleRecord, paths: &[ScenePath], has_points: bool) -> Va
     json!({ "has_points": has_points, "facing": facing, "paths": paths.iter().map(of_path).collect::<Vec<_>>() })
 }
 
-/// How many waypoints of a plan were executed, the first not counted.
+/// Returns how many waypoints of a plan were executed; the first waypoint is not counted.
 fn executed(record: &CycleRecord, plan: u64) -> u32 {
     let of_plan = record.motions.iter().filter(|motion| motion.motion.plan == plan);
     of_plan.filter_map(|motion| motion.contact.as_ref()).map(|contact| contact.told).max().unwrap_or(0)

@@ -1,4 +1,4 @@
-//! The page's thread: it listens, speaks TLS, and holds every connection to limits of time and number.
+//! The page's thread: listens, handles TLS, and limits every connection in time and number.
 
 use super::bodies;
 use super::error::{PageError, PageFileError};
@@ -36,34 +36,35 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
-/// Connections that have given way and are still listened to: a request that was written meanwhile is read.
+/// Largest number of connections that must give way and are still read: a request that was written meanwhile is
+/// processed.
 const MAX_DRAINING: usize = 64;
-/// How long they are.
+/// How long a connection that must give way is still read.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
-/// The TLS handshake, and the head of each request, must come within this time.
+/// Time within which the TLS handshake, and the head of each request, must arrive.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
-/// An address that could not be had is tried again after this time.
+/// Time after which an unavailable address is tried again.
 const BIND_RETRY_DELAY: Duration = Duration::from_secs(1);
 /// A peer that accepts no data for this time is gone.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
-/// Threads that wait for the store's disk, hash passwords and encode pictures.
+/// Number of threads that wait for the store's disk, hash passwords and encode pictures.
 const BLOCKING_THREADS: usize = 4;
 
-/// What the page is made of.
+/// The parts that the page needs.
 pub struct PageParts {
-    /// `[page]` of the cell's file.
+    /// The `[page]` table of the cell's file.
     pub page: cell::Page,
     /// The store's folder.
     pub folder: PathBuf,
-    /// What every front works with.
+    /// The parts that every front uses.
     pub front: FrontParts,
-    /// What the cameras see.
+    /// The live view of the cameras.
     pub view: LiveView,
-    /// Pages of cycles, and their signatures.
+    /// The source of the cycles' pages and of their signatures.
     pub records: Arc<dyn RecordSource>,
 }
 
-/// The page while it is served; it ends when this is dropped.
+/// The operator's page; it is served until this is dropped.
 #[derive(Debug)]
 pub struct OperatorPage {
     /// What people open.
@@ -179,7 +180,7 @@ async fn bound(address: SocketAddr) -> TcpListener {
     }
 }
 
-/// Serves these pages on an address, with a certificate or without, until it is dropped.
+/// Serves these pages on an address, with or without a certificate, until the returned future is dropped.
 pub(in crate::daemon) async fn listen_on(listener: TcpListener, certificate: Option<Certificate>, router: Router) {
     accept(listener, certificate.map(|certificate| TlsAcceptor::from(certificate.config)), router).await;
 }

@@ -4,7 +4,7 @@ use crate::accounts::Role;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// A session ends so long after the person logged in, whatever they do, s.
+/// Time after the log-in at which a session ends, whatever the person does, s.
 const MAX_SESSION_S: f64 = 12.0 * 3_600.0;
 /// Largest number of sessions of all accounts.
 const MAX_SESSIONS: usize = 200;
@@ -18,15 +18,15 @@ pub struct Session {
     pub printed_name: String,
     /// The role.
     pub role: Role,
-    /// What the account was when the person logged in (`people::stamp`).
+    /// The stamp of the account when the person logged in (`people::stamp`).
     pub stamp: String,
-    /// What each change must bring along, so that no other site can cause one.
+    /// The token that each change must contain, so that no other site can cause a change.
     pub csrf: String,
     began_s: f64,
     seen_s: f64,
 }
 
-/// Who a session is for.
+/// The person who owns a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Holder {
     /// The account's name.
@@ -35,7 +35,7 @@ pub struct Holder {
     pub printed_name: String,
     /// The role.
     pub role: Role,
-    /// What the account is now.
+    /// The stamp of the account now.
     pub stamp: String,
 }
 
@@ -62,7 +62,8 @@ impl Sessions {
         Sessions { open: BTreeMap::new(), idle_s, of_account }
     }
 
-    /// Begins a session under a new token. Of too many of this account, the one that was silent for longest ends.
+    /// Begins a session under a new token. If this account has too many sessions, the session that was silent for
+    /// longest ends.
     pub fn begin(&mut self, (token, csrf): (&str, String), who: Holder, now_s: f64) {
         self.forget(now_s);
         let Holder { name, printed_name, role, stamp } = who;
@@ -92,12 +93,12 @@ impl Sessions {
         Some(session.clone())
     }
 
-    /// Ends the session of this token.
+    /// Ends the session with this token.
     pub fn end(&mut self, token: &str) -> Option<Session> {
         self.open.remove(&key(token))
     }
 
-    /// Ends every session of this account, as when it is changed.
+    /// Ends every session of this account, for example when the account is changed.
     pub fn end_all_of(&mut self, name: &str) {
         self.open.retain(|_, session| session.name != name);
     }

@@ -1,4 +1,4 @@
-//! What is set up: recipes with what is wrong with them, and the equipment with the age of its calibrations.
+//! The set-up of the cell: recipes with their problems, and the equipment with the age of its calibrations.
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, local};
@@ -61,7 +61,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
     Frame { visitor: &visitor, title: word("nav.setup"), here: "/setup", scripts: &[] }.page(&body)
 }
 
-/// One recipe: its text, what is wrong with it, and for who may, a form to change it.
+/// Shows one recipe: its text, its problems, and a form to change it for persons who may do so.
 pub(super) async fn recipe(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -152,7 +152,7 @@ pub(super) struct Text {
     before: String,
 }
 
-/// What is wrong with this text; nothing is written.
+/// Checks this text and returns what is wrong with it; nothing is written.
 pub(super) async fn check(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
@@ -168,7 +168,7 @@ pub(super) async fn check(
     }
 }
 
-/// Writes the recipe; the audit trail has it before and after, with the reason.
+/// Writes the recipe; the audit trail contains the text before and after the change, with the reason.
 pub(super) async fn save(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,

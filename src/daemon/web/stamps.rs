@@ -1,5 +1,5 @@
-//! Whether a session's account is as it was when the session began: it may have been disabled, or given another
-//! role or password, at another page, at the terminal, or while the person was logging in.
+//! Checks whether a session's account is unchanged since the session began. The account may have been disabled, or
+//! given another role or password: at another page, at the terminal, or while the person was logging in.
 
 use super::visitor::Person;
 use crate::daemon::people::{People, stamp};
@@ -11,11 +11,11 @@ use tokio::task::spawn_blocking;
 /// Shortest time between two readings of the accounts for this, s, unless one has changed.
 const MIN_READ_INTERVAL_S: f64 = 1.0;
 
-/// The accounts as they were read last; none before they were.
+/// The accounts as they were read last; `None` before the first reading.
 #[derive(Debug, Default)]
 pub(super) struct Stamps(Mutex<Option<Known>>);
 
-/// The stamps of all accounts that are enabled.
+/// The stamps of all enabled accounts.
 #[derive(Debug)]
 struct Known {
     read_s: f64,
@@ -29,7 +29,7 @@ impl Known {
 }
 
 impl Stamps {
-    /// Whether this person's session still counts. It waits for the store's disk once in a while.
+    /// Returns whether this person's session is still valid. From time to time, this waits for the store's disk.
     pub async fn count(&self, people: &Arc<People>, person: &Person) -> bool {
         let mut known = self.0.lock().await;
         let read_s = people.now_s();

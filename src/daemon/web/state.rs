@@ -25,13 +25,13 @@ pub(super) struct Web {
     pub scene: LiveScene,
     pub words: Arc<Words>,
     pub records: Arc<dyn RecordSource>,
-    /// Whether the page goes by TLS.
+    /// Whether the page uses TLS.
     pub is_tls: bool,
     /// The hosts by which a page without TLS may be requested.
     pub hosts: Option<[String; 2]>,
     /// Held while a person has the whole cell examined.
     pub examining: Semaphore,
-    /// What the cameras saw last between cycles.
+    /// The last pictures of the cameras between cycles.
     pub views: Views,
     /// The viewers of the events.
     pub lookers: Places,
@@ -43,7 +43,7 @@ pub(super) struct Web {
     sessions: Mutex<Sessions>,
 }
 
-/// What a page is made with.
+/// The parts from which the shared data of the page is made.
 pub(super) struct WebParts {
     pub front: FrontParts,
     pub live: watch::Receiver<Arc<Live>>,
@@ -78,13 +78,13 @@ impl Web {
         }
     }
 
-    /// Seconds on a clock that does not jump.
+    /// Returns the seconds on a clock that does not jump.
     pub fn now_s(&self) -> f64 {
         self.front.people.now_s()
     }
 
     pub fn sessions(&self) -> MutexGuard<'_, Sessions> {
-        // Every change is made whole under the lock.
+        // Every change is completed under the lock.
         self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -98,18 +98,18 @@ impl Web {
         }
     }
 
-    /// Keeps the lines that count refusals of minutes that are over by this time; on the calling thread.
+    /// Records the lines that count the refusals of minutes that are over by this time. Runs on the calling thread.
     pub fn count_refusals(&self, now_ms: u64) {
         let counted = self.refusals().over(now_ms);
         counted.iter().for_each(|line| self.audit(line));
     }
 
     fn refusals(&self) -> MutexGuard<'_, Refusals> {
-        // Every change is made whole under the lock.
+        // Every change is completed under the lock.
         self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Milliseconds on the clock of [`Web::now_s`].
+    /// Returns the milliseconds on the clock of [`Web::now_s`].
     pub fn now_ms(&self) -> u64 {
         (self.now_s() * 1_000.0) as u64
     }
@@ -141,7 +141,7 @@ pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
     format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil())
 }
 
-/// A line of the audit trail about this visitor, done.
+/// Returns a line of the audit trail for this visitor and an action that was done.
 pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
     let (who, role) = visitor.person.as_ref().map(|person| (person.name.clone(), person.role)).unzip();
     AuditEntry::done(who, role, visitor.from.clone(), what)
@@ -152,7 +152,7 @@ pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send 
     tokio::task::spawn_blocking(work).await.ok()
 }
 
-/// Works with passwords, one at a time, beside the page's runtime.
+/// Does work with passwords, one task at a time, outside of the page's runtime.
 pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     web.front.people.hashing(work).await
 }

@@ -1,4 +1,4 @@
-//! The page as browsers and attackers meet it: its own router, with a queue in place of the loop.
+//! The page as browsers and attackers meet it: the page's own router, with a queue in place of the loop.
 
 mod attacks;
 mod drawing;
@@ -44,11 +44,11 @@ pub(super) const PASSWORD: &str = "correct horse";
 /// One hash for all, since it needs a while.
 static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nobody", [3; 16]).expect("allowed"));
 
-/// A recipe that is right, with a comment that stays.
+/// A correct recipe, with a comment that must stay.
 pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
                                [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
 
-/// Recipes, of which one can be changed.
+/// A source of recipes; one of them can be changed.
 #[derive(Default)]
 struct Source {
     door: Mutex<Option<String>>,
@@ -146,7 +146,7 @@ pub(super) struct FullResponse {
 }
 
 impl FullResponse {
-    /// The session's cookie that was set.
+    /// Returns the session's cookie that the response set.
     pub fn cookie(&self) -> Option<String> {
         let set = self.headers.get_all("set-cookie").iter().filter_map(|value| value.to_str().ok());
         set.map(|value| value.split(';').next().unwrap_or("").to_owned())
@@ -213,7 +213,7 @@ impl PageFixture {
         PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder }
     }
 
-    /// The same page for its own server.
+    /// Returns the parts of the same page for its own server.
     pub fn parts(&self, page: crate::cell::Page) -> PageParts {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let people = Arc::new(People::new(folder.clone()));
@@ -234,7 +234,7 @@ impl PageFixture {
         let request = request.body(Body::from(body.to_owned())).expect("a request");
         let response = self.router.clone().oneshot(request).await.expect("infallible");
         let (parts, body) = response.into_parts();
-        // The events have no end.
+        // The stream of events has no end.
         let is_endless = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
         let body = if is_endless { Default::default() } else { to_bytes(body, 1 << 24).await.expect("whole") };
         let body = String::from_utf8_lossy(&body).into_owned();
@@ -246,7 +246,7 @@ impl PageFixture {
         self.send("GET", path, &[("cookie", &cookie)], "").await
     }
 
-    /// A change as the page's own script sends it.
+    /// Sends a change as the page's own script does.
     pub async fn post(&self, browser: &Browser, path: &str, body: &str) -> FullResponse {
         let cookie = browser.cookie.clone().unwrap_or_default();
         let headers = [

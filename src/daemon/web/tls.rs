@@ -1,4 +1,5 @@
-//! The page's certificate: a given one, or one that the program makes for itself and keeps beside its store.
+//! The page's certificate: a given certificate, or one that the program makes for itself and stores beside its
+//! store.
 
 use super::error::PageFileError;
 use crate::disk;
@@ -16,9 +17,9 @@ use tempfile::NamedTempFile;
 /// The names of the files that the program makes.
 const OWN: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
 
-/// What a server shows by TLS.
+/// The certificate that a server presents in TLS.
 pub struct Certificate {
-    /// The server's side of TLS.
+    /// The configuration of the server's side of TLS.
     pub config: Arc<ServerConfig>,
     /// The SHA-256 of the certificate, as browsers show it, if it is the program's own.
     pub fingerprint: Option<String>,
@@ -80,7 +81,7 @@ fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileEr
     write(text, &certificate.pem())
 }
 
-/// Writes a file whole, which only its owner reads.
+/// Writes a whole file that only its owner can read.
 fn write(file: &Path, text: &str) -> Result<(), PageFileError> {
     let folder = file.parent().unwrap_or(Path::new("."));
     let written = NamedTempFile::new_in(folder).and_then(|mut new| new.write_all(text.as_bytes()).map(|()| new));

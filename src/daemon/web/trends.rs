@@ -18,10 +18,10 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// The newest cycles of a panel, or verifications, that are shown.
+/// Largest number of the newest cycles of a panel, or of the newest verifications, that are shown.
 const CYCLES: usize = 200;
 
-/// What is to be shown; what is empty is chosen.
+/// The selection of what is shown; empty fields are chosen by the page.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct TrendQuery {
@@ -40,7 +40,7 @@ struct Shown {
 }
 
 impl TrendQuery {
-    /// The panel that is meant: the one that was named, else the one of the newest cycle.
+    /// Returns the selected panel: the panel that was named, otherwise the panel of the newest cycle.
     fn panel(&self, store: &Store, panels: &[String]) -> Result<String, StoreError> {
         if !self.panel.is_empty() {
             return Ok(self.panel.clone());
@@ -50,7 +50,7 @@ impl TrendQuery {
         Ok(newest.or_else(|| panels.first().cloned()).unwrap_or_default())
     }
 
-    /// A check's name goes before the list of numbers.
+    /// Returns the selected number's name: a typed name of a check has priority over the list of numbers.
     fn name(&self) -> String {
         let names = [self.check.trim(), self.name.as_str(), Known::LocalizationResidual.word()];
         names.into_iter().find(|name| !name.is_empty()).unwrap_or_default().to_owned()

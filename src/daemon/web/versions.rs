@@ -1,5 +1,5 @@
-//! The versions of a recipe: who approved each, when and why, and what it changed, line by line. They come from the
-//! audit trail.
+//! The versions of a recipe: who approved each version, when and why, and what it changed, line by line. The
+//! versions come from the audit trail.
 
 use super::layout::local;
 use super::words::Language;
@@ -7,15 +7,15 @@ use crate::store::NumberedEntry;
 use maud::{Markup, html};
 use similar::{ChangeTag, TextDiff};
 
-/// What a change of a recipe is called in the audit trail.
+/// The name of a recipe's change in the audit trail.
 pub(super) const CHANGE: &str = "change recipe";
 
-/// How the audit trail names a change of this recipe, with its reason.
+/// Returns the subject in the audit trail for a change of this recipe, with its reason.
 pub(super) fn subject(name: &str, why: &str) -> String {
     format!("{name}: {why}")
 }
 
-/// The versions, each with its difference to the one before.
+/// Shows the versions, each with its difference from the previous one.
 pub(super) fn shown(words: Language<'_>, name: &str, versions: &[NumberedEntry]) -> Markup {
     let beginning = subject(name, "");
     let word = |key| words.word(key);
@@ -34,7 +34,7 @@ pub(super) fn shown(words: Language<'_>, name: &str, versions: &[NumberedEntry])
     }
 }
 
-/// The lines that went and that came, with one line around them.
+/// Shows the lines that were removed and added, with one unchanged line around them.
 pub(in crate::daemon) fn difference(before: &str, after: &str) -> Markup {
     let difference = TextDiff::from_lines(before, after);
     html! {

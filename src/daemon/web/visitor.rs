@@ -5,14 +5,14 @@ use crate::accounts::{Permission, Role};
 use crate::record::{Front, Who};
 use std::sync::Arc;
 
-/// Who sent a request.
+/// The sender of a request.
 #[derive(Debug, Clone)]
 pub(super) struct Visitor {
     /// From which address.
     pub from: String,
     /// The person, if one is logged in.
     pub person: Option<Person>,
-    /// The language that was chosen, and those that the browser prefers.
+    /// The language that was chosen; the next field has those that the browser prefers.
     pub chosen: Option<String>,
     pub accepted: Option<String>,
     pub words: Arc<Words>,
@@ -24,19 +24,19 @@ pub(super) struct Person {
     pub name: String,
     pub printed_name: String,
     pub role: Role,
-    /// What the account was when the person logged in.
+    /// The stamp of the account when the person logged in.
     pub stamp: String,
     pub csrf: String,
     pub token: String,
 }
 
 impl Visitor {
-    /// The words of the visitor's language.
+    /// Returns the words of the visitor's language.
     pub fn language(&self) -> Language<'_> {
         self.words.language(self.chosen.as_deref(), self.accepted.as_deref())
     }
 
-    /// As the service keeps who requested something.
+    /// Returns the visitor in the form in which the service records who requested something.
     pub fn who(&self) -> Who {
         Who { front: Front::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
     }
@@ -48,7 +48,7 @@ impl Visitor {
     }
 }
 
-/// The key of a role's word.
+/// Returns the key of a role's word.
 pub(super) fn role_key(role: Role) -> &'static str {
     match role {
         Role::Viewer => "role.viewer",

@@ -1,5 +1,5 @@
-//! Looks at the cell once a minute, for the alarms between cycles (`daemon::alarms`), and counts what was refused
-//! in a flood.
+//! Checks the cell once a minute, for the alarms between cycles (`daemon::alarms`), and counts what was refused in
+//! a flood.
 
 use super::state::{Web, blocking};
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use std::time::Duration;
 /// Interval at which the cell is checked.
 const CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
-/// Looks again and again, as long as the page is served.
+/// Repeats the check as long as the page is served.
 pub(super) async fn follow(web: Arc<Web>) {
     loop {
         let shared = web.clone();

@@ -1,25 +1,25 @@
 //! The page's words: one table, a column for each language. A further language is a further column, without code.
 //!
-//! Messages of the program are English sentences with their values, each with a code. What a code means and what to
-//! do is a part of the table too (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of
-//! messages; a further table may leave those keys out and has them in English then.
+//! Messages of the program are English sentences with their values, each with a code. The table also contains what
+//! a code means and what to do (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of messages.
+//! A further table may leave those keys out; the English texts are then used.
 
 use crate::history::{codes, row};
 use std::collections::BTreeMap;
 
-/// The table that the program brings: English and German.
+/// The table that is part of the program: English and German.
 const TABLE: &str = include_str!("words.csv");
-/// What other parts of the program bring along for its pages.
+/// The tables that other parts of the program add for their pages.
 const MORE: [&str; 1] = [crate::page::drawing::sheet::WORDS];
 
-/// How the keys of messages begin.
+/// The text with which the keys of messages begin.
 const MESSAGE: &str = "message.";
 
 /// Why a table of words cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct WordsError {
-    /// The line, from 1.
+    /// The line, counted from 1.
     pub line: u64,
     /// What is wrong.
     pub problem: String,
@@ -93,12 +93,13 @@ impl Words {
         Ok(Words { languages, table })
     }
 
-    /// The languages, the default one first.
+    /// Returns the languages, the default one first.
     pub fn languages(&self) -> &[String] {
         &self.languages
     }
 
-    /// The language that was chosen, or the first of those that a browser prefers (`Accept-Language`), or the default one.
+    /// Returns the chosen language, or the first of those that a browser prefers (`Accept-Language`), or the
+    /// default one.
     pub fn language(&self, chosen: Option<&str>, accepted: Option<&str>) -> Language<'_> {
         let place = |name: &str| self.languages.iter().position(|language| language == name);
         let preferred = || {
@@ -112,7 +113,8 @@ impl Words {
     }
 }
 
-/// What every code means and what to do, in each language that has a page of messages, otherwise in English.
+/// Returns what every code means and what to do, in each language that has a page of messages, otherwise in
+/// English.
 fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
     let mut table = BTreeMap::new();
     for code in codes() {
@@ -135,7 +137,7 @@ impl<'w> Language<'w> {
         Some((word("cause")?, word("remedy")?))
     }
 
-    /// Whether it is English, as the program's sentences are.
+    /// Returns whether the language is English, like the program's sentences.
     pub fn is_english(&self) -> bool {
         self.name() == "en"
     }
@@ -145,12 +147,12 @@ impl<'w> Language<'w> {
         self.words.table.get(key).and_then(|row| row.get(self.column)).map_or(key, String::as_str)
     }
 
-    /// The language's name, `en`.
+    /// Returns the language's name, such as `en`.
     pub fn name(&self) -> &'w str {
         self.words.languages.get(self.column).map_or("en", String::as_str)
     }
 
-    /// Every key that begins so, with its word: what a script needs.
+    /// Returns every key with this beginning and its word: the words that a script needs.
     pub fn all(&self, beginning: &str) -> BTreeMap<&'w str, &'w str> {
         let words = self.words.table.iter().filter(|(key, _)| key.starts_with(beginning));
         words.filter_map(|(key, row)| Some((key.as_str(), row.get(self.column)?.as_str()))).collect()

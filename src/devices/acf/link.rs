@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// Time limit for making a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(1_000);
-/// A lost link is tried again after this time.
+/// Time after which a lost link is tried again.
 const RECONNECT_DELAY: Duration = Duration::from_millis(300);
 /// Longest time until the thread checks for new commands and sends them.
 const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
@@ -26,7 +26,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 #[error("the thread of the compliant tool's link cannot be had: {0}")]
 pub struct AcfStartError(#[from] io::Error);
 
-/// A link that is kept by its thread; dropped, it closes its connection.
+/// A link that its thread keeps connected; when it is dropped, the connection is closed.
 pub struct AcfLink {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -79,7 +79,7 @@ impl AcfLink {
         Ok(AcfLink { shared, thread: Some(thread), watched, told: None })
     }
 
-    /// The link's thread, for its supervisor.
+    /// Returns the link's thread, for its supervisor.
     pub fn watched(&self) -> Watched {
         self.watched.clone()
     }
@@ -112,7 +112,7 @@ impl Drop for AcfLink {
     }
 }
 
-/// What the thread has.
+/// The data of the link's thread.
 struct LinkThread {
     address: ToolAddress,
     limits: SessionLimits,
@@ -154,11 +154,11 @@ impl LinkThread {
         Ok(stream)
     }
 
-    /// One session, to its end.
+    /// Runs one session to its end.
     fn keep(&self, mut stream: TcpStream, sign: &Supervised, told: &mut Option<Loss>) -> Option<Loss> {
         let mut session = Session::new(self.limits.clone());
         let login = session.connected(self.now());
-        // What was meant for the session before is not this one's.
+        // Set-points for the previous session do not apply to this one.
         self.shared.lock().pressed = None;
         if stream.write_all(&login).is_err() {
             return Some(Loss::Closed);

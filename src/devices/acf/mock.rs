@@ -8,16 +8,17 @@
 
 use crate::cell::CompliantTool;
 
-/// How fast the actuator is, mm/s.
+/// Speed of the actuator, mm/s.
 const SPEED_MM_S: f64 = 250.0;
-/// Noise of the sensor, N, to either side.
+/// Noise of the sensor in each direction, N.
 const NOISE_N: f64 = 0.2;
-/// Force for each millimetre that the panel pushes a tool farther than it goes back, or a stuck one, N/mm.
+/// Stiffness, N/mm: the force for each millimetre that the panel pushes a tool beyond its retracted position, or
+/// pushes a stuck tool.
 const STIFF_N_MM: f64 = 40.0;
 /// Gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// What is around the tool.
+/// The surroundings of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surrounding {
     /// The time, ms.
@@ -29,18 +30,18 @@ pub struct Surrounding {
     pub downwards: f64,
 }
 
-/// What the mock does wrong.
+/// A fault of the mock.
 #[derive(Debug, Clone, Copy, PartialEq, strum::Display)]
 pub enum ToolFault {
-    /// The connection is cut.
+    /// The mock cuts the connection.
     LinkCut,
     /// It accepts commands and does not answer.
     Silent,
     /// It answers this many ms late.
     Late(u64),
-    /// It answers with what is no reply.
+    /// The tool answers with bytes that are no reply.
     Garbage,
-    /// It answers with another tool's number.
+    /// The tool answers with another tool's number.
     OtherId,
     /// It reports these errors, as bits.
     Errors(u8),
@@ -48,7 +49,7 @@ pub enum ToolFault {
     ForceOff(f64),
     /// It reports that there is no contact, whatever the truth is.
     NoContact,
-    /// Its actuator does not move any more.
+    /// The tool's actuator does not move any more.
     Stuck,
 }
 
@@ -59,7 +60,7 @@ pub struct MockAcf {
     fault: Option<ToolFault>,
     is_logged_in: bool,
     heard: Vec<u8>,
-    /// What is to be sent, and when.
+    /// The bytes that are to be sent, and the times.
     sends: Vec<(u64, Vec<u8>)>,
     told_n: [f64; 2],
     position_mm: f64,
@@ -69,7 +70,7 @@ pub struct MockAcf {
 }
 
 impl MockAcf {
-    /// A tool as the cell's file has it.
+    /// Creates a tool as the cell's file describes it.
     pub fn new(tool: &CompliantTool) -> Self {
         MockAcf {
             tool: tool.clone(),
@@ -114,7 +115,7 @@ impl MockAcf {
             let most_mm = SPEED_MM_S * passed_s;
             let goal_mm = if total_n > 0.0 { touches_at_mm.min(self.tool.stroke_mm) } else { 0.0 };
             let step_mm = (goal_mm - self.position_mm).clamp(-most_mm, most_mm);
-            // The panel pushes it in as fast as the arm comes.
+            // The panel pushes the actuator in as fast as the arm comes.
             self.position_mm = (self.position_mm + step_mm).min(touches_at_mm).max(0.0);
         }
         let pushed_mm = self.position_mm - touches_at_mm;
@@ -176,13 +177,13 @@ impl MockAcf {
         Some(due.flat_map(|(_, bytes)| bytes).collect())
     }
 
-    /// How far it is out, mm.
+    /// Returns how far the actuator is extended, mm.
     pub fn position_mm(&self) -> f64 {
         self.position_mm
     }
 }
 
-/// Noise by the time alone.
+/// Returns noise that depends only on the time.
 fn noise_n(time_ms: u64) -> f64 {
     let mixed = time_ms.wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(17).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     NOISE_N * ((mixed >> 40) as f64 / f64::from(1_u32 << 23) - 1.0)

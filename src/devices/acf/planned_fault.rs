@@ -1,4 +1,4 @@
-//! A fault of the simulated tool that begins on the way: `silent@40`, from the 40th waypoint in contact on.
+//! A fault of the simulated tool that begins during a path: `silent@40`, from the 40th waypoint in contact on.
 
 use super::mock::ToolFault;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use std::str::FromStr;
 const LATE_MS: u64 = 130;
 const FORCE_OFF_N: f64 = 12.0;
 
-/// A fault, and the waypoint from which on the tool has it.
+/// A fault, and the waypoint from which on the tool has the fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedToolFault {
     /// What goes wrong.
@@ -24,7 +24,7 @@ pub struct PlannedToolFaultError {
 }
 
 impl PlannedToolFault {
-    /// How it is written.
+    /// The syntax of a fault.
     pub const HELP: &'static str = "NAME[=VALUE]@N, N being a waypoint in contact from 1 on: link-cut, silent, late=MS, garbage, \
                                     other-id, errors=BITS, force=N, no-contact, stuck; for example silent@40 or force=-12@3";
 }

@@ -9,10 +9,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long it waits for bytes or a client.
+/// How long the mock waits for bytes or a client.
 const POLL_TIMEOUT: Duration = Duration::from_millis(2);
 
-/// A mock that listens; dropped, it ends.
+/// A mock that listens; when it is dropped, it ends.
 pub struct MockAcfServer {
     address: SocketAddr,
     fault: Arc<Mutex<Option<ToolFault>>>,
@@ -49,7 +49,7 @@ impl MockAcfServer {
         self.address
     }
 
-    /// Does this wrong from now on.
+    /// Sets the fault that the mock has from now on.
     pub fn breaks(&self, fault: Option<ToolFault>) {
         *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = fault;
     }
@@ -67,7 +67,7 @@ impl Drop for MockAcfServer {
 
 type Control<'a> = (&'a Mutex<Option<ToolFault>>, &'a AtomicBool);
 
-/// One client, until it leaves or the mock cuts the connection.
+/// Serves one client, until the client leaves or the mock cuts the connection.
 fn serve(
     mut stream: TcpStream,
     mock: &mut MockAcf,

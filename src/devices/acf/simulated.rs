@@ -10,18 +10,18 @@ use crate::eki::Time;
 use crate::force::{Loss, Press, Session, State, downwards};
 use crate::geometry::{Flange, Rigid, Tool};
 
-/// So finely time passes between two looks, ms.
+/// Step in which time passes between two calls, ms.
 const STEP_MS: u64 = 5;
-/// A lost link is tried again after this time, ms.
+/// Time after which a lost link is tried again, ms.
 const RECONNECT_DELAY_MS: u64 = 500;
-/// A disc that is farther beside the panel's outline than this has nothing before it, mm.
+/// If a disc is farther outside of the panel's outline than this, nothing is in front of it, mm.
 const BESIDE_MM: f64 = 15.0;
 
 /// The source of the tool's surroundings.
 pub trait Surroundings: Send {
     /// Returns its present surroundings; `None` if they are not known yet.
     fn now(&mut self) -> Option<Surrounding>;
-    /// The fault that it has now.
+    /// Returns the fault that the tool has now.
     fn fault(&mut self) -> Option<ToolFault> {
         None
     }
@@ -40,7 +40,7 @@ pub struct SimulatedAcf<S> {
 }
 
 impl<S: Surroundings> SimulatedAcf<S> {
-    /// A tool as the cell's file has it, in these surroundings.
+    /// Creates a tool as the cell's file describes it, in these surroundings.
     pub fn new(tool: &CompliantTool, around: S) -> Self {
         SimulatedAcf {
             around,
@@ -54,7 +54,7 @@ impl<S: Surroundings> SimulatedAcf<S> {
         }
     }
 
-    /// Session and mock up to now.
+    /// Advances session and mock to the present time.
     fn pass(&mut self, now: Surrounding) {
         let from = self.last.replace(now).unwrap_or(Surrounding { time_ms: now.time_ms, ..now });
         let span_ms = now.time_ms.saturating_sub(from.time_ms);
@@ -120,7 +120,7 @@ impl<S: Surroundings> ConnectedTool for SimulatedAcf<S> {
     }
 }
 
-/// The true panel before the arm of the simulated world.
+/// The true panel in front of the arm of the simulated world.
 pub struct SimulatedPanel {
     world: SimulatedWorld,
     arm: Arm,
@@ -130,7 +130,7 @@ pub struct SimulatedPanel {
 }
 
 impl SimulatedPanel {
-    /// A tool of this stroke, mounted so on this arm.
+    /// Creates the panel for a tool of this stroke that is mounted on this arm.
     pub fn new((world, arm): (SimulatedWorld, Arm), flange_from_tool: Rigid<Flange, Tool>, stroke_mm: f64) -> Self {
         SimulatedPanel { world, arm, flange_from_tool, stroke_mm, planned: None }
     }
@@ -150,7 +150,7 @@ impl Surroundings for SimulatedPanel {
         let base_from_tool = moment.base_from_flange() * self.flange_from_tool;
         let tip = (truth.base_from_panel.inverse() * base_from_tool).origin();
         let is_beside = truth.outline_distance_mm(tip) > BESIDE_MM;
-        // The disc is flat on the panel: along the tool's axis it is as far as along the normal.
+        // The disc is flat on the panel: the distance along the tool's axis equals the distance along the normal.
         let height_mm = if is_beside { f64::INFINITY } else { truth.distance_mm(tip) };
         Some(Surrounding {
             time_ms: moment.time_ms(),

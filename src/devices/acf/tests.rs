@@ -1,4 +1,4 @@
-//! The link over a real socket, with each fault; and the mock's actuator by hand.
+//! The link over a real socket, with each fault; and the mock's actuator, calculated by hand.
 
 use super::*;
 use crate::cell::CompliantTool;
@@ -17,7 +17,7 @@ fn started(server: &MockAcfServer) -> AcfLink {
     AcfLink::start(&tool(), &address).expect("a thread")
 }
 
-/// Returns the wanted news that comes within four seconds, and the time until then.
+/// Returns the expected news that comes within four seconds, and the time until then.
 fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolNews) -> bool) -> (ToolNews, Duration) {
     let began = Instant::now();
     while began.elapsed() < Duration::from_secs(4) {

@@ -5,7 +5,7 @@ use crate::force::{Loss, Press, Reading, SessionLimits};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// What is newly known of a tool.
+/// News of a tool.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ToolNews {
@@ -20,7 +20,7 @@ pub enum ToolNews {
     Lost(Loss),
 }
 
-/// A compliant tool at the end of a link. No call waits for it.
+/// A compliant tool at the end of a link. No call blocks for an answer of the tool.
 pub trait ConnectedTool: Send {
     /// Commands the force with which it presses from now on.
     fn press(&mut self, press: Press);
@@ -28,7 +28,7 @@ pub trait ConnectedTool: Send {
     fn news(&mut self) -> Option<ToolNews>;
 }
 
-/// What a session with this tool works by.
+/// Returns the limits that a session with this tool uses.
 pub fn session_limits(tool: &CompliantTool) -> SessionLimits {
     SessionLimits {
         login: tool.login.clone(),

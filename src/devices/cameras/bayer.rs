@@ -7,13 +7,13 @@ use crate::devices::gige::{PixelFormat, demosaic, mosaic};
 /// The filters of the simulated sensor.
 pub(super) const FORMAT: PixelFormat = PixelFormat::BayerRG8;
 
-/// The simulated flange camera with such a sensor, and nothing between it and the program.
+/// The simulated flange camera with such a sensor; the pixels reach the program without any other device between.
 pub struct BayerFlangeCamera {
     simulated: SimulatedFlangeCamera,
 }
 
 impl BayerFlangeCamera {
-    /// Puts the filters before it.
+    /// Adds the filters to a simulated camera.
     pub fn new(simulated: SimulatedFlangeCamera) -> Self {
         BayerFlangeCamera { simulated }
     }

@@ -11,9 +11,9 @@ use crate::sim::BoardCell;
 /// Which camera is used, and the place of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoardView {
-    /// The fixed camera; a person holds the board before it.
+    /// The fixed camera; a person holds the board in front of it.
     FixedByHand,
-    /// The camera on the flange; a person holds the board before it.
+    /// The camera on the flange; a person holds the board in front of it.
     FlangeByHand,
     /// The fixed camera; the board is on the flange.
     Fixed,
@@ -22,7 +22,7 @@ pub enum BoardView {
 }
 
 impl BoardView {
-    /// Is it the fixed camera that looks?
+    /// Returns whether the fixed camera looks at the board.
     pub fn is_fixed(self) -> bool {
         matches!(self, BoardView::Fixed | BoardView::FixedByHand)
     }

@@ -37,7 +37,7 @@ pub struct FlangePicture {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
-    /// How long it was exposed, µs; of several exposures all together.
+    /// The exposure time, µs; the sum if there are several exposures.
     pub exposure_us: Option<f64>,
     /// The temperature of its lens or, if it has no such sensor, of its housing, °C.
     pub camera_c: Option<f64>,
@@ -90,13 +90,13 @@ pub trait Scanner: Send {
     /// [`Scanner::check`].
     fn warm(&mut self) {}
 
-    /// What it reports about its last shot.
+    /// Returns what the camera reports about its last shot.
     fn conditions(&self) -> Conditions {
         Conditions::default()
     }
 }
 
-/// The colour camera on the flange, with a lamp of its own.
+/// The colour camera on the flange, with its own lamp.
 pub trait FlangeCamera: Send {
     /// Takes a picture from the present pose of the flange.
     ///
@@ -110,7 +110,7 @@ pub trait FlangeCamera: Send {
     /// If it would not.
     fn check(&mut self) -> Result<(), CameraError>;
 
-    /// What it reports about its last shot.
+    /// Returns what the camera reports about its last shot.
     fn conditions(&self) -> Conditions {
         Conditions::default()
     }

@@ -4,7 +4,8 @@ use super::Scanner;
 use crate::geometry::PinholeCamera;
 use std::collections::BTreeSet;
 
-/// 3D shots: of the calibrated size, each point in the pixel that sees it, with colours, in the order of their times.
+/// Checks 3D shots: of the calibrated size, each point in the pixel that sees it, with colours, in the order of
+/// their times.
 pub fn shots(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     scanner.warm();
     scanner.check().expect("it would deliver");
@@ -31,7 +32,7 @@ pub fn shots(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     }
 }
 
-/// Pictures: of the calibrated size, with something on them, in the order of their times; and shots in between.
+/// Checks pictures: of the calibrated size, with some content, in the order of their times; and shots in between.
 pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
     let mut last_s = f64::NEG_INFINITY;
     for _ in 0..3 {

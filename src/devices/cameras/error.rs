@@ -30,15 +30,15 @@ pub enum CameraError {
     NotThere {
         /// Which.
         which: Which,
-        /// What was met instead.
+        /// What was found instead.
         reason: String,
     },
-    /// It answers, but no shot came.
+    /// The camera answers, but no shot came.
     #[error("no shot of the {which} within {waited_ms} ms")]
     Timeout {
         /// Which.
         which: Which,
-        /// How long was waited.
+        /// How long the program waited, ms.
         waited_ms: u64,
     },
     /// A recording has come to its end.
@@ -48,7 +48,7 @@ pub enum CameraError {
         folder: PathBuf,
         /// The item that was requested.
         what: &'static str,
-        /// How many there were.
+        /// Number of captures that were played.
         played: usize,
     },
     /// A shot of another size than the calibrated one.
@@ -61,7 +61,7 @@ pub enum CameraError {
         /// Width and height in the calibration, px.
         expected_px: [usize; 2],
     },
-    /// It answers, and what it delivers is not to be used.
+    /// The camera answers, but its data cannot be used.
     #[error("the {which} gives no picture that may be used: {reason}")]
     Unusable {
         /// Which.
@@ -75,35 +75,35 @@ pub enum CameraError {
         /// Which.
         which: Which,
     },
-    /// A 3D shot with the arm before the camera.
+    /// A 3D shot with the arm in front of the camera.
     #[error("a 3D shot needs the arm at rest in its park pose; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
     ArmInView {
-        /// How far the axis that is farthest off is from the park pose, degrees.
+        /// The deviation from the park pose of the axis that is farthest off, degrees.
         axis_off_deg: f64,
         /// Whether the arm moves.
         moving: bool,
     },
-    /// A picture from the flange while it moves.
+    /// A picture of the flange camera while the flange moves.
     #[error("a picture of the flange camera needs the arm at rest, but it moves")]
     ArmMoves,
-    /// The service has the cameras, and gives no picture.
+    /// The service uses the cameras, and delivers no picture.
     #[error("the service, which has the cameras: {problem}")]
     Service {
         /// Its message, or the state of the connection to it.
         problem: String,
     },
-    /// The service has the cameras, and the cell is at work.
+    /// The service uses the cameras, and the cell is at work.
     #[error("the service has the cameras, and the cell is at work; try again when the cycle has ended")]
     AtWork,
-    /// The Zivid, in the words of the fault model.
+    /// A fault of the Zivid, in the terms of the fault model.
     #[error(transparent)]
     Zivid(#[from] ZividFault),
-    /// A file of a recording that is not one.
+    /// A file of a recording that cannot be used.
     #[error("{}: {cause}", file.display())]
     File {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// What is wrong with the file.
         cause: FileError,
     },
 }
@@ -123,7 +123,7 @@ pub enum FileError {
     /// The pose of the flange.
     #[error(transparent)]
     Pose(#[from] PoseError),
-    /// The times of the pictures.
+    /// A fault in the times of the pictures.
     #[error(transparent)]
     Clip(#[from] ClipError),
 }

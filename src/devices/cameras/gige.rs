@@ -58,7 +58,7 @@ impl GigeFlangeCamera {
         Ok(GigeFlangeCamera { camera, exposure_us: cell.exposure_us, conditions, began })
     }
 
-    /// What its link has counted, now and later.
+    /// Returns the counters of the camera's link, now and later.
     pub fn gauge(&self) -> Gauge {
         self.camera.gauge()
     }
@@ -68,7 +68,7 @@ impl FlangeCamera for GigeFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let frame = self.camera.picture().map_err(failed)?;
         let exposure_us = Some(self.exposure_us);
-        // Such a camera has no projector and pauses for no heat.
+        // Such a camera has no projector, and makes no pauses because of heat.
         self.conditions = Conditions { exposure_us, camera_c: frame.camera_c, throttled_ms: None };
         let picture = colored(&frame)?;
         Ok(FlangePicture { picture, base_from_flange: None, time_s: self.began.elapsed().as_secs_f64() })
@@ -88,10 +88,10 @@ const SERIAL: &str = "SIMULATED";
 
 /// The simulated flange camera, with its pictures sent over GigE Vision through the loopback interface.
 pub struct LoopbackFlangeCamera {
-    // Dropped in this order: a camera that is gone is waited for.
+    // Fields are dropped in this order, because the driver waits for a camera that is gone.
     camera: GigeCamera,
     _loopback: LoopbackCamera,
-    /// What the sensor sees.
+    /// The pixels that the sensor sees.
     sensor: Arc<Mutex<Vec<u8>>>,
     simulated: SimulatedFlangeCamera,
 }
@@ -135,14 +135,14 @@ impl LoopbackFlangeCamera {
         Ok(LoopbackFlangeCamera { camera, _loopback: loopback, sensor, simulated })
     }
 
-    /// What its link has counted, now and later.
+    /// Returns the counters of the camera's link, now and later.
     pub fn gauge(&self) -> Gauge {
         self.camera.gauge()
     }
 }
 
 impl FlangeCamera for LoopbackFlangeCamera {
-    /// Renders, streams and compares: what comes out is what went in, byte by byte.
+    /// Renders a picture, streams it and compares: the received bytes are equal to the rendered bytes.
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let seen = self.simulated.capture()?;
         let raw = mosaic(&seen.picture, FORMAT);
@@ -205,7 +205,7 @@ mod tests {
     use super::*;
     use crate::cell::PIXEL_FORMATS;
 
-    /// What a cell may name and what this program reads are the same.
+    /// The pixel formats that a cell may name are the same as those that this program reads.
     #[test]
     fn every_pixel_format_of_a_cell_is_known() {
         assert!(PIXEL_FORMATS.into_iter().all(|name| PixelFormat::named(name).is_some_and(|f| f.name() == name)));

@@ -1,14 +1,14 @@
-//! The quality of a shot, in numbers that a person can act on: sharpness, saturation, darkness, missing points.
+//! The quality of a shot, in numbers on which a person can act: sharpness, saturation, darkness, missing points.
 //!
 //! Sharpness is the steepness of edges: the gradient of grey levels, √(gᵤ² + gᵥ²) by central differences, at the
-//! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on what is in view.
-//! It can therefore compare two focus settings before the same scene and cannot judge one alone.
+//! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on the scene. It can
+//! therefore compare two focus settings for the same scene, but it cannot judge one setting alone.
 
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 
-/// A channel from this level on is saturated …
+/// A channel at or above this level is saturated.
 const SATURATED: u8 = 254;
-/// … and a pixel whose brightest channel is below this one is dark.
+/// A pixel is dark if its brightest channel is below this level.
 const DARK: u8 = 10;
 /// The steepest pixels.
 const STEEPEST_SHARE: f64 = 0.001;
@@ -16,7 +16,7 @@ const STEEPEST_SHARE: f64 = 0.001;
 /// The quality of a picture, from its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureQuality {
-    /// Slope at the steepest thousandth of the pixels, grey levels a pixel.
+    /// Gradient at the steepest thousandth of the pixels, grey levels per pixel.
     pub sharpness_gray_per_px: f64,
     /// Share of pixels with a saturated channel.
     pub saturated_share: f64,
@@ -56,11 +56,11 @@ impl PictureQuality {
 /// The quality of a scan, from its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanQuality {
-    /// Pixels that have a point.
+    /// Number of pixels that have a point.
     pub points: usize,
-    /// Share of pixels without one.
+    /// Share of pixels without a point.
     pub missing_share: f64,
-    /// Distance along the camera's axis within which 5, 50 and 95 % of the points lie, mm; none without points.
+    /// Distances along the camera's axis within which 5, 50 and 95 % of the points lie, mm; `None` without points.
     pub depth_mm: Option<[f64; 3]>,
 }
 
@@ -89,8 +89,8 @@ fn below(values: &mut [f64], share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// By hand: an upright edge from 40 to 200 has a slope of 80 grey levels a pixel in two columns of twenty;
-    /// blurred over four pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
+    /// Calculated by hand: a vertical edge from 40 to 200 has a slope of 80 grey levels a pixel in two columns of
+    /// twenty; blurred over four pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
     #[test]
     fn an_edge_is_as_steep_as_it_is_sharp() {
         let picture = |levels: [u8; 20]| {

@@ -1,9 +1,10 @@
-//! Cameras that play a folder in file order, one file a capture. Running out is an error.
+//! Cameras that play a folder in file order, one file for each capture. If no file is left, that is an error.
 //!
-//! Of a scanner's folder `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in its
-//! order and with its times. Of a flange camera's folder each picture `NAME.png` has its pose in `NAME.json`; other
-//! pictures in it are refused, since a corner is measured in each. What has no recorded time counts captures
-//! instead, 0, 1, 2 … s. Only names are read ahead, so that a folder may be long.
+//! In a scanner's folder, `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in
+//! the file's order and with its times. In a flange camera's folder, each picture `NAME.png` has its pose in
+//! `NAME.json`; other pictures are refused, since a corner is measured in each picture. A capture without a
+//! recorded time gets a count as its time: 0, 1, 2 … s. Only names are read ahead, so a folder may contain many
+//! files.
 
 use super::{CameraError, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
 use crate::disk;
@@ -38,14 +39,14 @@ impl<T> Reel<T> {
         Ok(next)
     }
 
-    /// Whether something is left.
+    /// Checks whether a file is left.
     fn check(&self) -> Result<(), CameraError> {
         let Reel { folder, what, played, ahead } = self;
         let out = || CameraError::RanOut { folder: folder.clone(), what, played: *played };
         ahead.front().map(drop).ok_or_else(out)
     }
 
-    /// The count of the capture that was just made, s.
+    /// Returns the count of the last capture, as a time, s.
     fn count_s(&self) -> f64 {
         self.played.saturating_sub(1) as f64
     }
@@ -190,7 +191,7 @@ fn wrong_size(which: Which, found_px: [usize; 2], camera: &PinholeCamera) -> Cam
     CameraError::WrongSize { which, found_px, expected_px: [camera.width_px, camera.height_px] }
 }
 
-/// The folder's files of these kinds, in the order of their names.
+/// Returns the folder's files of these kinds, in the order of their names.
 fn files_of(folder: &Path, kinds: &[&str], which: Which) -> Result<Vec<PathBuf>, CameraError> {
     let gone = |error: std::io::Error| CameraError::NotThere {
         which,

@@ -1,6 +1,6 @@
-//! The simulated world's cameras: each capture asks the arm for its time and pose, then has the world rendered as
-//! it is at that time. The arm is a mock controller in this process, or one in another process that is followed by
-//! its messages.
+//! The simulated world's cameras: each capture asks the arm for its time and pose, then has the world rendered at
+//! that time. The arm is a mock controller in this process, or a mock controller in another process that is
+//! followed by its messages.
 
 use super::{CameraError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
 use crate::devices::mock::{MockHandle, Sample};
@@ -69,7 +69,7 @@ pub struct SimulatedFlangeCamera {
     arm: Arm,
 }
 
-/// Both cameras of a world and the arm that moves in it.
+/// Returns both cameras of a world and of the arm that moves in it.
 pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, SimulatedFlangeCamera) {
     let (scanner, flange) = (world.clone(), world.clone());
     (
@@ -127,7 +127,7 @@ impl Scanner for SimulatedScanner {
         Ok(0)
     }
 
-    /// The renderer is part of this program.
+    /// Always succeeds: the renderer is part of this program.
     fn check(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
@@ -138,7 +138,7 @@ impl FlangeCamera for SimulatedFlangeCamera {
         self.world.flange_picture(&self.arm.moment(Which::Flange)?)
     }
 
-    /// The renderer is part of this program.
+    /// Always succeeds: the renderer is part of this program.
     fn check(&mut self) -> Result<(), CameraError> {
         Ok(())
     }

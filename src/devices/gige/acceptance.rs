@@ -12,13 +12,13 @@ use super::format::PixelFormat;
 pub enum Delivery {
     /// Every packet arrived.
     Complete,
-    /// Packets are missing and were not sent again in time.
+    /// Packets are missing and did not arrive in time when they were requested again.
     MissingPackets,
     /// The remaining packets did not come in time.
     TimedOut,
-    /// It is larger than announced.
+    /// The frame is larger than announced.
     SizeMismatch,
-    /// Anything else that makes it useless.
+    /// Any other fault that makes the frame useless.
     Broken,
 }
 
@@ -34,7 +34,7 @@ impl Delivery {
     }
 }
 
-/// What is known of a frame besides its pixels.
+/// The data of a frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
     /// How it arrived. Of a frame that is not complete only its number is valid, and only if its first packet came;
@@ -42,7 +42,7 @@ pub struct Facts {
     pub delivery: Delivery,
     /// Its number.
     pub id: u64,
-    /// When it was exposed, by the camera's clock, ns.
+    /// Time of the exposure by the camera's clock, ns.
     pub camera_time_ns: u64,
     /// Width and height, px.
     pub size_px: [usize; 2],
@@ -50,29 +50,29 @@ pub struct Facts {
     pub format: u32,
 }
 
-/// What a frame must be.
+/// The requirements that a frame must satisfy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Expected {
-    /// Width and height, px: the calibrated camera's.
+    /// Width and height of the calibrated camera, px.
     pub size_px: [usize; 2],
     /// The pixel format.
     pub format: PixelFormat,
-    /// What a gap in the numbers means.
+    /// How a gap in the frame numbers is handled.
     pub gaps: Gaps,
-    /// Whether two frames in a row may have the same pixels. A real sensor's noise never repeats itself.
+    /// Whether two consecutive frames may have the same pixels. The noise of a real sensor never repeats.
     pub may_repeat: bool,
 }
 
-/// What a gap in the numbers means.
+/// How a gap in the frame numbers is handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Gaps {
-    /// One frame belongs to each trigger: the number after the last, or none.
+    /// One frame belongs to each trigger: a frame with any other number than the next one is refused.
     Refused,
-    /// The camera runs freely: what is missing is counted.
+    /// The camera runs freely: missing frames are counted.
     Counted,
 }
 
-/// Why a frame is not taken.
+/// Why a frame is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
     /// Not whole.
@@ -83,7 +83,7 @@ pub enum Refused {
         /// How it arrived.
         delivery: Delivery,
     },
-    /// Another size or pixel format.
+    /// The frame has another size or pixel format.
     #[error(
         "frame {id} is {}×{} with pixel format {format:#010x}, expected are {}×{} and {}", found_px[0], found_px[1],
         expected_px[0], expected_px[1], expected.name()
@@ -91,23 +91,23 @@ pub enum Refused {
     WrongForm {
         /// Its number.
         id: u64,
-        /// Width and height, px.
+        /// Width and height of the frame, px.
         found_px: [usize; 2],
-        /// Its pixel format's code.
+        /// The code of the frame's pixel format.
         format: u32,
         /// Width and height of the calibrated camera, px.
         expected_px: [usize; 2],
         /// The pixel format that was set.
         expected: PixelFormat,
     },
-    /// Fewer or more bytes than its form needs.
+    /// The frame has fewer or more bytes than its size and format need.
     #[error("frame {id} has {found} bytes, its size needs {expected}")]
     WrongLength {
         /// Its number.
         id: u64,
         /// Bytes.
         found: usize,
-        /// Bytes that its size needs.
+        /// Number of bytes that the frame's size needs.
         expected: usize,
     },
     /// By the camera's clock it is no newer than the last.
@@ -117,10 +117,10 @@ pub enum Refused {
         id: u64,
         /// Its time, ns.
         found_ns: u64,
-        /// The last taken frame's, ns.
+        /// Time of the last accepted frame, ns.
         last_ns: u64,
     },
-    /// Not the next number.
+    /// The frame does not have the next number.
     #[error("frame {id} does not follow frame {last}")]
     OutOfSequence {
         /// Its number.
@@ -128,7 +128,7 @@ pub enum Refused {
         /// The last one's.
         last: u64,
     },
-    /// The pixels of the last frame once more.
+    /// The frame has the same pixels as the last frame.
     #[error("frame {id} repeats the last picture pixel by pixel")]
     Repeated {
         /// Its number.
@@ -137,7 +137,7 @@ pub enum Refused {
 }
 
 impl Refused {
-    /// Whether it speaks of a camera that shows an old scene.
+    /// Returns whether the reason shows that the camera delivers an old scene.
     pub fn is_stale(&self) -> bool {
         matches!(self, Refused::NotNewer { .. } | Refused::OutOfSequence { .. } | Refused::Repeated { .. })
     }
@@ -150,7 +150,7 @@ pub fn ahead(last: u64, id: u64) -> Option<u64> {
     match (last, id) {
         (_, 0) => None,
         (last, id) if last > CYCLE || id > CYCLE => id.checked_sub(last).filter(|&ahead| ahead > 0),
-        // Half a cycle on is as good as half a cycle back; nearer is what it is.
+        // At half a cycle, forward and backward cannot be distinguished; a smaller difference gives the direction.
         (last, id) => Some((id + CYCLE - last) % CYCLE).filter(|ahead| (1..=CYCLE / 2).contains(ahead)),
     }
 }
@@ -159,21 +159,21 @@ pub fn ahead(last: u64, id: u64) -> Option<u64> {
 #[derive(Debug, Clone)]
 pub struct Acceptance {
     expected: Expected,
-    /// The number of the last frame that was seen, taken or not.
+    /// The number of the last frame that was received, accepted or not.
     last_id: Option<u64>,
-    /// The last taken frame.
+    /// Time of the last accepted frame.
     last_time_ns: Option<u64>,
     /// The time of the previous frame, if that frame was refused as no newer than the last accepted one.
     older_time_ns: Option<u64>,
     clock_steps: u64,
     last_pixels: Vec<u8>,
     lost: u64,
-    /// Incomplete frames without a number of their own since the last that had one.
+    /// Number of incomplete frames without a number since the last frame that had a number.
     unnumbered: u64,
 }
 
 impl Acceptance {
-    /// Nothing was seen yet.
+    /// Creates the judge of a stream from which no frame was received yet.
     pub fn new(expected: Expected) -> Self {
         Acceptance {
             expected,
@@ -197,12 +197,12 @@ impl Acceptance {
         self.expected
     }
 
-    /// Frames that are missing in the numbers, of a free running camera.
+    /// Returns the number of frames that are missing in the numbering of a free running camera.
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// How often the camera's clock was set back.
+    /// Returns how often the camera's clock was set back.
     pub fn clock_steps(&self) -> u64 {
         self.clock_steps
     }
@@ -251,7 +251,7 @@ impl Acceptance {
             self.older_time_ns = Some(camera_time_ns);
             return Err(Refused::NotNewer { id, found_ns: camera_time_ns, last_ns });
         }
-        // A picture of one brightness, as of a shut lens, does repeat.
+        // A picture of uniform brightness, such as from a shut lens, may repeat.
         let plain = pixels.iter().all(|level| Some(level) == pixels.first());
         if !may_repeat && !plain && pixels == self.last_pixels {
             return Err(Refused::Repeated { id });
@@ -316,7 +316,7 @@ mod tests {
         }
     }
 
-    /// A shut lens shows the same black again and again; a new stream begins at any number.
+    /// A shut lens gives the same black picture again and again; a new stream begins at any number.
     #[test]
     fn black_may_repeat_and_streams_begin_anywhere() {
         let mut acceptance = Acceptance::new(EXPECTED);
@@ -347,8 +347,8 @@ mod tests {
     }
 
     proptest! {
-        /// From any start, by any losses, across both wraps: what is taken is always newer, nothing is taken twice,
-        /// and of a stream every missing number is counted.
+        /// From any start, with any losses, across both wraps: an accepted frame is always newer, no frame is
+        /// accepted twice, and in a stream every missing number is counted.
         #[test]
         fn a_stream_is_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),
             fates in prop::collection::vec(0u8..8, 1..400)) {
@@ -358,7 +358,7 @@ mod tests {
             };
             let mut acceptance = Acceptance::new(Expected { gaps: Gaps::Counted, may_repeat: true, ..EXPECTED });
             let (mut taken, mut broken, mut numbered) = (0, 0, 0);
-            // The first and the last are whole, so that it is known how many there are.
+            // The first and the last frame are complete, so that the number of frames is known.
             let fates: Vec<u8> = [vec![9], fates, vec![9]].concat();
             for (index, fate) in fates.iter().enumerate() {
                 let index = index as u64;
@@ -366,7 +366,7 @@ mod tests {
                 let (facts, expect) = match fate {
                     0 => continue, // lost whole
                     1 => (Facts { delivery: Delivery::TimedOut, ..facts }, false),
-                    // Without its first packet: the number is of the buffer's last use, or none.
+                    // Without the first packet, the number is that of the buffer's last use, or there is none.
                     2 => (Facts { delivery: Delivery::TimedOut, id: numbered, ..facts }, false),
                     3 => (Facts { delivery: Delivery::MissingPackets, id: 0, ..facts }, false),
                     _ => (facts, true),
@@ -375,7 +375,7 @@ mod tests {
                 prop_assert_eq!(acceptance.judge(&facts, &pixels(index)).is_ok(), expect);
                 if expect {
                     taken += 1;
-                    // The same once more is never taken.
+                    // The same frame is never accepted a second time.
                     prop_assert!(acceptance.judge(&facts, &pixels(index)).is_err());
                 } else {
                     broken += 1;

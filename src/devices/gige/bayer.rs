@@ -12,7 +12,8 @@ use super::format::PixelFormat;
 use crate::geometry::ColorPicture;
 use rayon::prelude::*;
 
-/// What a sensor with these filters sees of a picture: the inverse of [`demosaic`], up to what (1) cannot know.
+/// Returns what a sensor with these filters sees of a picture: the inverse of [`demosaic`], except for what (1)
+/// cannot restore.
 pub fn mosaic(picture: &ColorPicture, format: PixelFormat) -> Vec<u8> {
     let gray = || picture.to_gray().gray;
     let pick = |(index, rgb): (usize, &[u8; 3])| {
@@ -50,7 +51,7 @@ pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) ->
     Some(picture)
 }
 
-/// The pixel at this offset, mirrored at the picture's rim without repeating the rim.
+/// Returns the pixel at this offset, mirrored at the picture's rim without repeating the rim.
 fn mirrored(at: usize, by: isize, count: usize) -> usize {
     let to = at.saturating_add_signed(by);
     match to {
@@ -60,7 +61,7 @@ fn mirrored(at: usize, by: isize, count: usize) -> usize {
     }
 }
 
-/// Equation (1) at one pixel; `around(2, 2)` is the pixel itself.
+/// Calculates equation (1) at one pixel; `around(2, 2)` is the pixel itself.
 fn three(format: PixelFormat, [column, row]: [usize; 2], around: impl Fn(usize, usize) -> i32) -> [u8; 3] {
     let sum = |places: [[usize; 2]; 4]| places.into_iter().map(|[across, down]| around(across, down)).sum::<i32>();
     let own = around(2, 2);
@@ -100,7 +101,8 @@ mod tests {
         ColorPicture { width, height, rgb }
     }
 
-    /// By hand, red = 160 at the one red pixel of a dark 5×5 picture: green there ½·160 = 80, blue ¾·160 = 120.
+    /// Calculated by hand, for red = 160 at the one red pixel of a dark 5×5 picture: green there is ½·160 = 80,
+    /// blue ¾·160 = 120.
     #[test]
     fn a_single_pixel_shows_the_kernels() {
         let mut raw = vec![0; 25];
@@ -122,7 +124,8 @@ mod tests {
     }
 
     proptest! {
-        /// One colour stays that colour; a grey ramp stays itself away from the rim; what a filter passed stays exact.
+        /// A uniform colour stays the same; a grey ramp stays the same away from the rim; the values that a filter
+        /// passed stay exact.
         #[test]
         fn colour_and_ramp_stay(format in prop::sample::select(FORMATS.to_vec()), rgb in any::<[u8; 3]>(),
             size in (6usize..20, 6usize..20), slope in (0usize..4, 0usize..4)) {

@@ -1,8 +1,8 @@
-//! A camera that is connected: Aravis's objects, which one thread owns, and what is known of its frames.
+//! A connected camera: Aravis's objects, which one thread owns, and the data of the camera's frames.
 //!
-//! Aravis's packet socket is never used: it needs root, and delivers nothing on the loopback interface. Packet size and
-//! socket buffer are set outright: what is negotiated may be more than the way lets through, and the default buffer holds a
-//! tenth of a picture.
+//! Aravis's packet socket is never used: it needs root, and delivers nothing on the loopback interface. Packet size
+//! and socket buffer are set to fixed values: the negotiated size may be more than the network permits, and the
+//! default buffer has room for only a tenth of a picture.
 
 use super::acceptance::{Acceptance, Expected, Facts, Gaps, Refused};
 use super::configure::{configure, found};
@@ -19,18 +19,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// Pictures that may be torn before the first whole one: the socket is sized when the first packet comes.
+/// Number of pictures within which the first complete one must come, because the socket is sized when the first
+/// packet comes.
 pub const WARM_UP: u32 = 5;
 
-/// Aravis's list of interfaces and cameras is one for the whole program and not guarded.
+/// Guards Aravis's list of interfaces and cameras, which the whole program shares and which has no lock of its own.
 static LIBRARY: Mutex<()> = Mutex::new(());
 
-/// A frame that was taken.
+/// A frame that was accepted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// The frame's facts.
     pub facts: Facts,
-    /// Its pixels, one byte each, row by row.
+    /// The pixels of the frame, one byte each, row by row.
     pub pixels: Vec<u8>,
     /// The camera's temperature at that time, °C, if the camera reports one.
     pub camera_c: Option<f64>,
@@ -77,7 +78,7 @@ impl Connected {
         Ok(connected)
     }
 
-    /// Until the first whole picture; what comes before is not counted.
+    /// Takes pictures until the first complete one; the pictures before it are not counted.
     fn warm_up(&mut self) -> Result<(), GigeError> {
         let mut last = "nothing came".to_owned();
         for _ in 0..WARM_UP {
@@ -104,7 +105,7 @@ impl Connected {
         })
     }
 
-    /// A picture that is exposed now.
+    /// Takes a picture that is exposed now.
     pub fn still(&mut self) -> Result<Frame, GigeError> {
         let taken = still::capture(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
         let camera_c = if taken.is_ok() { self.sensor.temperature_c() } else { None };
@@ -116,7 +117,7 @@ impl Connected {
         })
     }
 
-    /// The next picture of a free running camera that may be taken.
+    /// Returns the next acceptable picture of a free running camera.
     pub fn next(&mut self) -> Result<Frame, GigeError> {
         let begun = Instant::now();
         while begun.elapsed() < self.settings.patience() * MAX_ATTEMPTS {
@@ -136,12 +137,12 @@ impl Connected {
         Err(GigeError::Timeout { waited_ms: whole_ms(begun.elapsed()) })
     }
 
-    /// Whether the camera has reported that it is gone.
+    /// Checks whether the camera has reported that it is gone.
     pub fn check(&self) -> Result<(), GigeError> {
         self.sensor.check()
     }
 
-    /// What was counted since it was connected.
+    /// Returns what was counted since the camera was connected.
     pub fn statistics(&self) -> Statistics {
         let packets = self.sensor.packets();
         Statistics {

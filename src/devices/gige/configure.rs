@@ -1,4 +1,4 @@
-//! Finds a camera and sets it; what was set is read back.
+//! Finds a camera and configures it; the settings are read back.
 
 use super::error::GigeError;
 use super::search::search;
@@ -10,7 +10,7 @@ use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{GvDevice, GvInterface, GvPacketSizeAdjustment};
 
-/// Opens the camera that is meant.
+/// Finds and opens the selected camera.
 pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
     let wanted = which.to_string();
     let not_found = |found: String| GigeError::NotFound { wanted: wanted.clone(), found };
@@ -48,7 +48,7 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
     device.downcast::<GvDevice>().map_err(|_| not_found("it is no GigE Vision camera".to_owned()))
 }
 
-/// Sets the camera and reads back what a picture's meaning depends on.
+/// Configures the camera and reads back the settings on which the meaning of a picture depends.
 pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<(), GigeError> {
     let has = |node: &str| camera.is_feature_available(node).unwrap_or(false);
     if let Some(expected) = &settings.serial {
@@ -79,7 +79,7 @@ pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<
     Ok(())
 }
 
-/// One step; what was set is read back.
+/// Performs one step; the value that was set is read back.
 fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
     let (node, value) = match step {
         Step::Command(node) => (*node, "()".to_owned()),
@@ -112,7 +112,7 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;
-            // A sensor exposes whole rows, an amplifier has steps.
+            // A sensor exposes whole rows, and an amplifier has steps, so the set value may differ slightly.
             let near = (taken - number).abs() <= 0.02 * number.abs() + 0.1;
             if near { Ok(()) } else { Err(not_taken(format!("it set {taken} instead"))) }
         }

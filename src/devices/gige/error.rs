@@ -15,7 +15,7 @@ pub enum GigeError {
         /// What was found instead.
         found: String,
     },
-    /// It answers and does not open.
+    /// The camera answers, but cannot be opened.
     #[error("{wanted} does not open: {why}")]
     NotOpened {
         /// Which one.
@@ -23,13 +23,13 @@ pub enum GigeError {
         /// The message from Aravis.
         why: String,
     },
-    /// Another program has it.
+    /// Another program controls the camera.
     #[error("{wanted} is controlled by another program; end that one, or wait until its heartbeat is over")]
     Controlled {
         /// Which one.
         wanted: String,
     },
-    /// Settings that this camera cannot have.
+    /// The camera does not support the settings.
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// A value that the camera does not accept.
@@ -42,7 +42,7 @@ pub enum GigeError {
         /// The allowed values, or the camera's message.
         why: String,
     },
-    /// It is another one than the calibrated camera.
+    /// The camera is not the calibrated one.
     #[error(
         "the camera found is {found}, expected is {expected}: its calibration is for that one; calibrate this one, or put the \
          other back"
@@ -53,7 +53,7 @@ pub enum GigeError {
         /// The calibration's.
         expected: String,
     },
-    /// It is another size than the calibrated camera.
+    /// The camera has another size than the calibrated one.
     #[error("the camera's picture is {}×{}, its calibration is for {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Width and height, px.
@@ -61,7 +61,7 @@ pub enum GigeError {
         /// Width and height in the calibration, px.
         expected_px: [usize; 2],
     },
-    /// No whole picture came when it was opened.
+    /// No complete picture came when the camera was opened.
     #[error(
         "no whole picture came in {tries} tries; are packets of {packet_bytes} bytes too large for a port on the way, is \
          net.core.rmem_max (now {rmem_max}) below {wanted_bytes}, does a firewall of this computer drop UDP from the camera? \
@@ -76,7 +76,7 @@ pub enum GigeError {
         rmem_max: String,
         /// The requested receive buffer, bytes.
         wanted_bytes: usize,
-        /// What came of the last.
+        /// The result of the last try.
         last: String,
     },
     /// The camera sends another format than configured, and reports the format that it sends.
@@ -87,35 +87,35 @@ pub enum GigeError {
     OtherFormat {
         /// What it sends.
         found: String,
-        /// What it was set to.
+        /// The pixel format that was set.
         expected: PixelFormat,
-        /// In the words of the refusal.
+        /// Why the last frame was refused.
         last: Refused,
     },
-    /// It was there and is not any more.
+    /// The camera was connected and is lost.
     #[error("the camera is lost: {why}")]
     Lost {
         /// How that shows.
         why: String,
     },
-    /// It does not answer in time.
+    /// The camera does not answer in time.
     #[error("no picture within {waited_ms} ms")]
     Timeout {
-        /// How long was waited.
+        /// How long the program waited, ms.
         waited_ms: u64,
     },
-    /// What came is not to be used.
+    /// The frames that came cannot be used.
     #[error("no picture that may be used came in {tries} tries; the last: {last}")]
     Refused {
-        /// How many were taken.
+        /// Number of frames that were tried.
         tries: u32,
-        /// Why the last was refused.
+        /// Why the last frame was refused.
         last: Refused,
     },
-    /// It shows an old scene.
+    /// The camera delivers an old scene.
     #[error("the camera is frozen: {last}, at the second try too")]
     Frozen {
-        /// Why the last was refused.
+        /// Why the last frame was refused.
         last: Refused,
     },
 }

@@ -1,19 +1,19 @@
-//! The pixel formats that are taken, by their names in GenICam's Pixel Format Naming Convention.
+//! The supported pixel formats, by their names in GenICam's Pixel Format Naming Convention.
 
 use strum::{IntoStaticStr, VariantArray};
 
-/// One byte a pixel: brightness, or the one colour that the pixel's filter passes.
+/// A format with one byte a pixel: brightness, or the one colour that the pixel's filter passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum PixelFormat {
     /// Brightness.
     Mono8,
-    /// Filters red, green in the first row, green, blue in the second.
+    /// Filters red, green in the first row; green, blue in the second.
     BayerRG8,
-    /// Green, red; blue, green.
+    /// Filters green, red in the first row; blue, green in the second.
     BayerGR8,
-    /// Green, blue; red, green.
+    /// Filters green, blue in the first row; red, green in the second.
     BayerGB8,
-    /// Blue, green; green, red.
+    /// Filters blue, green in the first row; green, red in the second.
     BayerBG8,
 }
 
@@ -37,7 +37,7 @@ impl PixelFormat {
         }
     }
 
-    /// The format of this name.
+    /// Returns the format with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|format| format.name() == name)
     }

@@ -23,7 +23,7 @@ const SEARCH_TIMEOUT: Duration = Duration::from_secs(5);
 const RELEASE_TIMEOUT: Duration = Duration::from_secs(15);
 /// Interval between checks of a camera that has no request.
 const CHECK_INTERVAL: Duration = Duration::from_millis(100);
-/// From one search for a lost camera to the next, at first and at most.
+/// Time between two searches for a lost camera: the first interval. The next constant is the longest one.
 const MIN_SEARCH_INTERVAL: Duration = Duration::from_millis(200);
 const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 
@@ -34,24 +34,24 @@ pub enum LinkStatus {
     Searching,
     /// It delivers.
     Connected,
-    /// It is away, for this reason.
+    /// The camera is away, for this reason.
     Away(GigeError),
 }
 
 /// A request to the thread.
 enum CameraRequest {
-    /// A still, or of a free running camera its next picture.
+    /// Requests a still; from a free running camera, its next picture.
     Picture { asked: Instant, reply: Sender<Result<Frame, GigeError>> },
 }
 
 #[derive(Debug)]
 struct Shared {
     standing: LinkStatus,
-    /// Of the present connection and all before it.
+    /// Statistics of the present connection and all earlier ones.
     statistics: Statistics,
 }
 
-/// A GigE Vision camera that looks after its own connection.
+/// A GigE Vision camera that keeps its own connection.
 #[derive(Debug)]
 pub struct GigeCamera {
     asks: Option<Sender<CameraRequest>>,
@@ -165,7 +165,7 @@ impl Gauge {
         lock(&self.0).standing.clone()
     }
 
-    /// The statistics up to now.
+    /// Returns the statistics up to now.
     pub fn statistics(&self) -> Statistics {
         lock(&self.0).statistics
     }
@@ -193,7 +193,7 @@ struct Link {
     longest: Duration,
     shared: Arc<Mutex<Shared>>,
     connected: Option<Connected>,
-    /// What earlier connections counted.
+    /// The counts of earlier connections.
     before: Statistics,
     away_since: Option<Instant>,
     next_search: Instant,
@@ -272,14 +272,15 @@ impl Link {
         }
     }
 
-    /// The camera that was there gives no picture.
+    /// Handles a connected camera that gives no picture.
     fn lost(&mut self, why: GigeError) {
         self.before.losses += 1;
         self.publish();
         self.away(why);
     }
 
-    /// Lets a camera go that gives no picture: opened anew it is set anew, whatever it was that had changed.
+    /// Releases a camera that gives no picture. When it is opened again, all settings are written again, whatever
+    /// had changed.
     fn let_go(&mut self) {
         let Some(connected) = self.connected.take() else { return };
         self.before = self.before.and(connected.statistics());

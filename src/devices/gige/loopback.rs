@@ -19,7 +19,7 @@ use std::net::{TcpListener, UdpSocket};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The address that every machine has, and at which one loopback camera can be at a time.
+/// The address that every machine has. Only one loopback camera can use it at a time.
 pub const ADDRESS: &str = "127.0.0.1";
 
 /// The port of GigE Vision's control packets.
@@ -28,12 +28,12 @@ const PORT: u16 = 3956;
 /// The camera's features and their registers.
 const DESCRIPTION: &str = include_str!("test_camera.xml");
 
-/// A register of a feature that the description adds to Aravis's own.
+/// A register for a feature that the description adds to Aravis's own features.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Register {
-    /// Which set of values was chosen.
+    /// The selected set of values.
     UserSetSelector = 0x4000,
-    /// 1 once it was loaded.
+    /// 1 after the selected set was loaded.
     UserSetLoad = 0x4004,
     /// 0 for off.
     ExposureAuto = 0x4008,
@@ -47,7 +47,7 @@ pub enum Register {
     ChunkModeActive = 0x401c,
     /// 1 if the network sets the camera's clock.
     PtpEnable = 0x4020,
-    /// Its temperature, tenths of a degree.
+    /// Temperature of the camera, tenths of a degree.
     DeviceTemperature = 0x4024,
     /// Gain, tenths of a dB.
     Gain = 0x0110,
@@ -59,13 +59,13 @@ pub enum Register {
     FramePeriod = 0x0138,
 }
 
-/// Fills an exposure's pixels, given how many exposures there were before.
+/// Fills the pixels of an exposure, given the number of earlier exposures.
 pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 
 /// Why there is no loopback camera.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoLoopback {
-    /// The port is taken.
+    /// The port is in use.
     #[error(
         "no GigE Vision camera can be simulated at {ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
     )]
@@ -73,12 +73,12 @@ pub enum NoLoopback {
     /// The fake camera does not accept its size.
     #[error("the simulated GigE Vision camera is at most {sensor_px} px wide and high, requested are {}×{}", size_px[0], size_px[1])]
     TooLarge {
-        /// Width and height of its sensor, px.
+        /// Width and height of the sensor, px.
         sensor_px: usize,
         /// The requested size, px.
         size_px: [usize; 2],
     },
-    /// Its description cannot be handed to Aravis.
+    /// The camera's description cannot be given to Aravis.
     #[error("the simulated GigE Vision camera's description cannot be written into a file: {0}")]
     NoDescription(String),
 }
@@ -96,12 +96,12 @@ impl Exposures {
     }
 }
 
-/// A simulated camera on the loopback interface; it is gone when this is dropped.
+/// A simulated camera on the loopback interface; it is removed when this is dropped.
 pub struct LoopbackCamera {
-    // Dropped in this order: the camera's thread has ended before what it uses goes.
+    // Fields are dropped in this order: the camera's thread must end before the data that it uses is dropped.
     fake: GvFakeCamera,
     exposures: Arc<Exposures>,
-    /// Held while it lives.
+    /// The lock on the address; it is kept as long as the camera exists.
     _lock: TcpListener,
 }
 
@@ -147,7 +147,7 @@ impl LoopbackCamera {
         let lock = TcpListener::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
         // A camera of another program, which does not know the lock.
         UdpSocket::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
-        // Aravis reads it while it starts.
+        // Aravis reads the file while it starts.
         let no_file = |error: std::io::Error| NoLoopback::NoDescription(error.to_string());
         let mut file = tempfile::Builder::new().suffix(".xml").tempfile().map_err(no_file)?;
         file.write_all(description.as_bytes()).and_then(|()| file.flush()).map_err(no_file)?;
@@ -170,12 +170,12 @@ impl LoopbackCamera {
         Ok(LoopbackCamera { fake, exposures, _lock: lock })
     }
 
-    /// How often it exposed.
+    /// Returns the number of exposures.
     pub fn exposures(&self) -> u64 {
         self.exposures.count.load(Ordering::Relaxed)
     }
 
-    /// What a register holds.
+    /// Returns the value of a register.
     pub fn register(&self, register: Register) -> Option<u32> {
         self.exposures.camera().read_register(register as u32)
     }
@@ -185,7 +185,7 @@ impl LoopbackCamera {
         self.exposures.camera().write_register(register as u32, value);
     }
 
-    /// Has it lose this share of its packets, 0…1.
+    /// Lets the camera lose this share of its packets, 0…1.
     pub fn lose_packets(&self, share: f64) {
         self.fake.set_gvsp_lost_ratio(share);
     }
@@ -213,7 +213,7 @@ fn set_fill(exposures: &Arc<Exposures>) {
     unsafe { ffi::arv_fake_camera_set_fill_pattern(exposures.camera().to_glib_none().0, Some(filled), data) }
 }
 
-/// Aravis's callback: an exposure's pixels into its buffer.
+/// Aravis's callback: writes an exposure's pixels into its buffer.
 #[allow(unsafe_code, reason = "called from C with C's pointers")]
 unsafe extern "C" fn filled(
     buffer: *mut ffi::ArvBuffer,

@@ -1,9 +1,9 @@
-//! Which cameras answer, before one is chosen.
+//! Finds the cameras that answer, before one of them is selected.
 
 /// A camera that answers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundCamera {
-    /// By what Aravis opens it.
+    /// The identifier with which Aravis opens the camera.
     pub id: String,
     /// Its serial number.
     pub serial: String,
@@ -29,7 +29,7 @@ pub fn search() -> Result<Vec<FoundCamera>, String> {
     Ok((0..interface.n_devices()).map(camera).collect())
 }
 
-/// The same of a program that was built without the driver.
+/// The search in a program that was built without the driver.
 ///
 /// # Errors
 /// Always.

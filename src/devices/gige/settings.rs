@@ -11,11 +11,11 @@ use std::time::Duration;
 /// Which camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Which {
-    /// The only one that is found.
+    /// The only camera that is found.
     Only,
-    /// By its serial number.
+    /// The camera with this serial number.
     Serial(String),
-    /// By its IP address or host name, without a search.
+    /// The camera with this IP address or host name, without a search.
     Address(String),
 }
 
@@ -48,38 +48,38 @@ pub struct Settings {
     pub which: Which,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
-    /// The set of values kept in the camera that all else starts from.
+    /// The set of values stored in the camera from which all other settings start.
     pub user_set: String,
     /// Width and height of the calibrated camera, px.
     pub size_px: [usize; 2],
-    /// One byte a pixel.
+    /// The pixel format, with one byte a pixel.
     pub format: PixelFormat,
-    /// Exposure time, µs; none leaves the user set's.
+    /// Exposure time, µs; with `None` the user set's value stays.
     pub exposure_us: Option<f64>,
-    /// Gain, dB; none leaves the user set's.
+    /// Gain, dB; with `None` the user set's value stays.
     pub gain_db: Option<f64>,
     /// When it exposes.
     pub exposing: Exposing,
-    /// Size of a packet with its headers, bytes: at most what every port on the way lets through.
+    /// Size of a packet with its headers, bytes: at most the size that every port on the way permits.
     pub packet_bytes: u16,
-    /// Whether the same picture may come twice in a row: of a simulated sensor.
+    /// Whether the same picture may come twice in a row, as from a simulated sensor.
     pub may_repeat: bool,
 }
 
-/// From trigger to picture, besides the exposure.
+/// Time limit from trigger to picture, in addition to the exposure.
 const PICTURE_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 impl Settings {
-    /// How long one picture is waited for.
+    /// Returns how long the program waits for one picture.
     pub fn patience(&self) -> Duration {
         PICTURE_TIMEOUT + Duration::from_micros(self.exposure_us.unwrap_or_default() as u64)
     }
 }
 
-/// The packet size that every network lets through: Ethernet's 1500 less what tunnels and tags may need.
+/// The packet size that every network permits: Ethernet's 1500 less what tunnels and tags may need.
 pub const PACKET_BYTES: u16 = 1_400;
 
-/// One thing to set.
+/// One setting of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
     /// Execute a command.
@@ -94,7 +94,7 @@ pub enum Step {
     Limit(&'static str, f64),
 }
 
-/// A key that this camera has no node for.
+/// A setting for which this camera has no node.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the camera has no {wanted} (looked for {}); {advice}", nodes.join(", "))]
 pub struct NoNode {
@@ -109,10 +109,10 @@ pub struct NoNode {
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// Something has no node.
+    /// A setting has no node.
     #[error(transparent)]
     NoNode(#[from] NoNode),
-    /// Pictures that would overlap.
+    /// The pictures would overlap.
     #[error(
         "an exposure of {exposure_us} µs does not go with {frames_per_s} pictures a second, one of which lasts {} µs; shorten          exposure_us", (1e6 / frames_per_s).floor()
     )]
@@ -236,7 +236,8 @@ mod tests {
         steps.into_iter().map(told).collect()
     }
 
-    /// The nodes that LUCID's own driver names. By hand: 8 ms are nine tenths of 8.889 ms, 112.5 pictures a second.
+    /// The nodes that LUCID's own driver names. Calculated by hand: 8 ms are nine tenths of 8.889 ms, 112.5
+    /// pictures a second.
     #[test]
     fn a_triton_is_set_from_its_user_set_on() {
         let nodes = [
@@ -283,7 +284,7 @@ mod tests {
         );
     }
 
-    /// Without user sets, without automatics, by an older name.
+    /// A camera without user sets and without automatic functions, and with an older name of a node.
     #[test]
     fn what_is_not_there_is_left_out() {
         let nodes = ["PixelFormat", "ExposureTimeAbs", "TriggerMode", "AcquisitionFrameRate"];

@@ -14,7 +14,8 @@ pub fn socket_buffer_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
 /// Returns the receive buffer that a socket needs for a picture in one burst, bytes. The kernel counts each packet
 /// with its own overhead, and grants twice the requested size.
 pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
-    // IP, UDP and GVSP headers of a packet; what the kernel counts for one of these sizes, by powers of two.
+    // `HEADERS`: IP, UDP and GVSP headers of a packet. `OVERHEAD`: what the kernel adds to a packet before it
+    // rounds the size up to a power of two.
     const HEADERS: usize = 36;
     const OVERHEAD: usize = 600;
     let each = (usize::from(packet_bytes) + OVERHEAD).next_power_of_two() + 256;
@@ -40,7 +41,7 @@ fn largest(socket: &std::net::UdpSocket) -> Option<usize> {
     socket.recv_buffer_size().ok().map(|granted| granted / 2)
 }
 
-/// This computer's subnets, as the kernel lists them; the service sees its own process alone in /proc.
+/// Returns this computer's subnets, as the kernel lists them; the service can read only its own process in /proc.
 #[cfg(feature = "gige")]
 pub(super) fn subnets_here() -> Vec<Subnet> {
     subnets(&std::fs::read_to_string("/proc/self/net/route").unwrap_or_default())
@@ -64,7 +65,7 @@ mod tests {
     fn a_burst_is_its_packets_as_the_kernel_counts_them() {
         assert_eq!(burst_bytes([2_048, 1_536], 1_400), 2_309 * 2_304 / 2);
         assert_eq!(socket_buffer_bytes([2_048, 1_536], 1_400), 8 << 20);
-        // 19,961,856 bytes in packets of 7,964: 2,507 and two, 16,384 + 256 each.
+        // 19,961,856 bytes in packets of 7,964: 2,507 packets and two more, 16,384 + 256 bytes each.
         assert_eq!(socket_buffer_bytes([5_472, 3_648], 8_000), 2_509 * 16_640 / 2);
     }
 }

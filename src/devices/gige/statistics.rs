@@ -1,33 +1,33 @@
 //! What a camera's link has counted since the program began.
 
-/// Frames, packets and losses; sums over every time that the camera was connected.
+/// Frames, packets and losses: sums over all connections of the camera.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Frames that were taken.
+    /// Number of accepted frames.
     pub accepted: u64,
-    /// Frames that came and were refused.
+    /// Number of frames that were received and refused.
     pub refused: u64,
-    /// Frames that are missing in the camera's numbering, of a free running camera.
+    /// Number of frames that are missing in the numbering of a free running camera.
     pub lost: u64,
-    /// Stills for which nothing came in time.
+    /// Number of stills for which nothing came in time.
     pub timeouts: u64,
-    /// Stills that were triggered once more.
+    /// Number of stills that were triggered once more.
     pub retries: u64,
     /// Triggers given to a camera that did not report that it was ready.
     pub unarmed: u64,
-    /// Times that the camera's clock was set back.
+    /// Number of times that the camera's clock was set back.
     pub clock_steps: u64,
     /// Packets that came.
     pub packets: u64,
     /// Packets that arrived only after a resend request.
     pub resent_packets: u64,
-    /// Packets that never came.
+    /// Number of packets that never came.
     pub missing_packets: u64,
-    /// Frames for which no buffer was free.
+    /// Number of frames for which no buffer was free.
     pub underruns: u64,
-    /// Times that the camera was lost.
+    /// Number of times that the camera was lost.
     pub losses: u64,
-    /// Times that it was connected.
+    /// Number of times that the camera was connected.
     pub connections: u64,
 }
 

@@ -1,13 +1,13 @@
-//! One picture on demand: trigger, wait, judge; a bounded number of times.
+//! One picture on demand: trigger, wait, judge; a limited number of times.
 //!
-//! After a frame that did not come, one may still be on its way, and would be taken for the next trigger's. So each
-//! try that failed ends with a new stream, into which no older exposure can come. A camera that shows an old scene
-//! twice in a row is frozen; that is not tried a third time.
+//! If a frame did not come, it may still be on its way, and would be taken for the frame of the next trigger. So
+//! each failed try ends with a new stream, into which no older exposure can come. A camera that shows an old scene
+//! twice in a row is frozen; no third try is made.
 
 use super::acceptance::{Acceptance, Facts, Refused};
 use super::statistics::Statistics;
 
-/// Triggers of one still, at most.
+/// Largest number of triggers for one still.
 pub const MAX_ATTEMPTS: u32 = 3;
 
 /// A camera that exposes on demand.
@@ -21,13 +21,13 @@ pub trait Shutter {
     /// If the camera is gone; likewise for the other methods.
     fn trigger(&mut self) -> Result<(), Self::Gone>;
 
-    /// The frame that comes, or none in time.
+    /// Waits for the next frame; returns `None` if no frame came in time.
     ///
     /// # Errors
     /// As [`Shutter::trigger`].
     fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, Self::Gone>;
 
-    /// Begins a new stream: nothing exposed before comes any more.
+    /// Begins a new stream: no earlier exposure arrives after this.
     ///
     /// # Errors
     /// As [`Shutter::trigger`].
@@ -39,11 +39,11 @@ pub trait Shutter {
 pub enum NoStill<G> {
     /// The camera is gone.
     Gone(G),
-    /// Nothing came in time, at the last try.
+    /// At the last try, nothing came in time.
     Timeout,
-    /// What came was not to be used, at the last try.
+    /// At the last try, the frame could not be used.
     Refused(Refused),
-    /// It shows an old scene.
+    /// The camera shows an old scene.
     Frozen(Refused),
 }
 
@@ -96,14 +96,14 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::VecDeque;
 
-    /// What one exposure leads to.
+    /// The result of one exposure.
     #[derive(Debug, Clone, Copy, PartialEq)]
     enum Fate {
         Good,
         Torn,
         Late,
         Nothing,
-        /// The first exposure once more.
+        /// The pixels of the first exposure once more.
         Old,
         Gone,
     }
@@ -135,7 +135,7 @@ mod tests {
         type Gone = ();
 
         fn trigger(&mut self) -> Result<(), ()> {
-            // As Aravis would: what lies in the buffers is thrown away, what is still on its way is not.
+            // As Aravis does: frames in the buffers are discarded, but frames that are still on their way are not.
             self.exposures += 1;
             let shows = self.exposures;
             match self.fates.front() {
@@ -196,11 +196,12 @@ mod tests {
         assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(NoStill::Timeout));
         assert!(matches!(take_of(&[Torn; 4]).0, Err(NoStill::Refused(Refused::Incomplete { .. }))));
         assert_eq!(take_of(&[Torn, Gone]).0, Err(NoStill::Gone(())));
-        // The first exposure's frame comes when the second's is waited for; it is not taken for it.
+        // The first exposure's frame comes while the program waits for the second one; it is not taken for the
+        // second one.
         assert_eq!(take_of(&[Late, Good]).0, Ok(2));
     }
 
-    /// By hand: exposure 1 is taken; then the camera shows 1 again twice.
+    /// Calculated by hand: exposure 1 is accepted; then the camera shows exposure 1 twice more.
     #[test]
     fn a_frozen_camera_is_told_at_its_second_old_frame() {
         let mut camera = Scripted::new(&[Fate::Good]);

@@ -12,28 +12,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Pictures that Aravis may fill before the first is fetched.
+/// Number of pictures that Aravis may fill before the first one is fetched.
 const BUFFERS: usize = 8;
 /// Timeouts for the rest of a picture, and for a packet that was requested again, µs.
 const FRAME_RETENTION_US: u32 = 200_000;
 const PACKET_TIMEOUT_US: u32 = 20_000;
-/// The wait for a picture looks this often whether the camera is still there.
+/// Interval at which the wait for a picture checks that the camera is still there.
 const CONNECTION_CHECK_INTERVAL: Duration = Duration::from_millis(50);
-/// The wait for a sensor that is not ready for its trigger.
+/// Interval at which the wait for a sensor checks that it is ready for its trigger.
 const TRIGGER_POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// The node that reports it, of cameras that have one.
+/// The node that reports that the sensor is ready, in cameras that have this node.
 const ARMED: &str = "TriggerArmed";
 /// Some models report ready only after the first trigger, and some never: the maximum number of waits.
 const MAX_UNARMED_WAITS: u64 = 3;
-/// Room for pictures of two bytes a pixel, so that one of a deeper format than was set arrives complete and reports
-/// its name.
+/// Buffer size in bytes per pixel. A picture with a deeper format than was set then arrives complete and reports
+/// its format.
 const ROOM: usize = 2;
-/// The node of the camera's temperature, of cameras that have one.
+/// The node of the camera's temperature, in cameras that have this node.
 const TEMPERATURE: &str = "DeviceTemperature";
 
-/// A camera that is set, and its stream.
+/// A configured camera and its stream.
 pub(super) struct Streaming {
-    // Dropped in this order.
+    // Fields are dropped in this order.
     stream: Option<GvStream>,
     camera: aravis::Camera,
     payload: usize,
@@ -47,7 +47,7 @@ pub(super) struct Streaming {
     pub lost: Arc<AtomicBool>,
     /// No more pictures are requested.
     is_ending: Arc<AtomicBool>,
-    /// What streams that have ended counted.
+    /// The counts of the streams that have ended.
     ended: Packets,
 }
 
@@ -116,7 +116,7 @@ impl Streaming {
         }
     }
 
-    /// What was counted since it was opened.
+    /// Returns what was counted since the camera was opened.
     pub fn packets(&self) -> Packets {
         self.ended.and(self.stream.as_ref().map(Packets::from_stream).unwrap_or_default())
     }
@@ -244,7 +244,7 @@ fn read(buffer: &aravis::Buffer) -> (Facts, Vec<u8>) {
     (facts, buffer.image_data())
 }
 
-/// The camera did not answer.
+/// Returns the error for a camera that did not answer.
 pub(super) fn gone(error: aravis::glib::Error) -> GigeError {
     GigeError::Lost { why: error.to_string() }
 }

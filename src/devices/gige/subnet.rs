@@ -28,7 +28,8 @@ impl std::fmt::Display for Subnet {
     }
 }
 
-/// The subnets of a table of routes, as `/proc/net/route` has it: hexadecimal, in the machine's order of bytes.
+/// Returns the subnets of a table of routes in the form of `/proc/net/route`: hexadecimal, in the machine's byte
+/// order.
 pub fn subnets(routes: &str) -> Vec<Subnet> {
     let of_line = |line: &str| {
         let fields: Vec<&str> = line.split_whitespace().collect();
@@ -58,7 +59,7 @@ pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
     ))
 }
 
-/// The subnets in words.
+/// Describes the subnets in words.
 pub fn describe(subnets: &[Subnet]) -> String {
     match subnets {
         [] => "of which there are none".to_owned(),
@@ -70,8 +71,8 @@ pub fn describe(subnets: &[Subnet]) -> String {
 mod tests {
     use super::*;
 
-    /// As Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The first line
-    /// is the way out through a router and makes nothing a neighbour.
+    /// The table as Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The
+    /// first line is the way out through a router and makes no address a neighbour.
     #[cfg(target_endian = "little")]
     const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
         eth0\t00000000\t01011FAC\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\

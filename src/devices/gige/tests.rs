@@ -9,14 +9,14 @@ use crate::sim;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// One camera is at the port at a time.
+/// Only one camera can use the port at a time.
 static PORT: Mutex<()> = Mutex::new(());
 
 pub(in crate::devices) fn alone() -> MutexGuard<'static, ()> {
     PORT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The loopback camera; another program may be about to give the port back.
+/// Starts the loopback camera; another program may still be about to release the port.
 fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
     size_px: [usize; 2],
     format: PixelFormat,
@@ -48,8 +48,9 @@ fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
     }
 }
 
-/// Each feature that a Triton has and this program sets meets Aravis and the camera. By hand: 100 ms are nine tenths of one
-/// picture's time, 111.1 ms; the camera ran 25 pictures a second, at which it exposes for 40 ms at most.
+/// Each feature that a Triton has and this program sets is set in Aravis and the camera. Calculated by hand: 100 ms
+/// are nine tenths of one picture's time, 111.1 ms; the camera ran 25 pictures a second, at which it exposes for 40
+/// ms at most.
 #[test]
 fn a_camera_is_set_feature_by_feature() {
     let _alone = alone();
@@ -88,7 +89,7 @@ fn a_camera_is_set_feature_by_feature() {
     assert_eq!(camera.statistics().unarmed, 0);
 }
 
-/// Waits for what must come.
+/// Waits until this condition is true.
 fn wait_for(what: &str, mut there: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !there() {
@@ -97,14 +98,14 @@ fn wait_for(what: &str, mut there: impl FnMut() -> bool) {
     }
 }
 
-/// Pictures of the simulated cell's flange camera, at a quarter of its size.
+/// Returns pictures of the simulated cell's flange camera, at a quarter of its size.
 fn flange_pictures() -> Vec<ColorPicture> {
     let cell = sim::Cell::new(1, sim::Scene::Good, 4);
     let views = cell.corner_views();
     views.iter().map(|view| cell.flange_picture(&view.base_from_flange, sim::PanelPosition::Nominal)).collect()
 }
 
-/// Each exposure shows another one of these, with its own number in its first eight bytes.
+/// Lets each exposure show another one of these pictures, with its own number in its first eight bytes.
 fn numbered(pictures: Vec<Vec<u8>>) -> impl Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static {
     move |exposure, pixels| {
         let shown = &pictures[exposure as usize % pictures.len()];
@@ -123,7 +124,7 @@ fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
     number
 }
 
-/// Colour and brightness, each picture of the simulated cell comes out as it went in.
+/// In colour and in brightness, each picture of the simulated cell is received as it was sent.
 #[test]
 fn stills_come_byte_by_byte() {
     let _alone = alone();
@@ -132,7 +133,7 @@ fn stills_come_byte_by_byte() {
     for format in [PixelFormat::BayerRG8, PixelFormat::BayerGB8, PixelFormat::Mono8] {
         let raw: Vec<Vec<u8>> = pictures.iter().map(|picture| mosaic(picture, format)).collect();
         let loopback = loopback(size_px, format, numbered(raw.clone()));
-        // By serial number: it is found by a search.
+        // With a serial number, the camera is found by a search.
         let settings = Settings { which: Which::Serial("T1".to_owned()), ..settings(size_px, format) };
         let mut camera = GigeCamera::open(settings).expect("a thread");
         camera.check().unwrap_or_else(|error| panic!("{error}"));

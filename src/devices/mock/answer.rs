@@ -1,9 +1,9 @@
-//! What the controller sent last.
+//! The documents that the controller sent last.
 
 use super::codec::Template;
 use super::setup::Setup;
 
-/// What the programs set, in the order in which they do.
+/// The tags that the programs set, in the order in which they set them.
 const ACK_TAGS: [&str; 6] = ["Ack/@Rx", "Ack/@Done", "Ack/@Free", "Ack/@Err", "Ack/@ErrId", "Ack/@Ep"];
 #[rustfmt::skip] // a row for each element
 const STATE_TAGS: [&str; 37] = [
@@ -24,7 +24,7 @@ pub(super) struct Ack {
     pub(super) epoch: i32,
 }
 
-/// What was sent last.
+/// The documents that were sent last.
 #[derive(Debug)]
 pub(super) struct Answers {
     pub(super) ack: Template,
@@ -47,7 +47,7 @@ impl Answers {
         }
     }
 
-    /// Nothing has been sent to a new client.
+    /// Forgets the last acknowledgement: nothing has been sent to a new client.
     pub(super) fn forget_ack(&mut self) {
         self.last_ack = None;
     }

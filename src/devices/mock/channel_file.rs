@@ -1,6 +1,6 @@
-//! An EthernetKRL configuration, as far as the mock keeps to it: buffers, flags, what is received, what is sent.
+//! An EthernetKRL configuration, as far as the mock supports it: buffers, flags, received and sent elements.
 //!
-//! Sections and attributes are those of the classic dialect. What is unknown is passed over, as the controller does.
+//! Sections and attributes are those of the classic dialect. Unknown ones are ignored, as the controller does.
 
 use super::error::FileProblem;
 use quick_xml::events::{BytesStart, Event};
@@ -25,7 +25,7 @@ pub(super) enum ReadOrder {
     Lifo,
 }
 
-/// What ends a channel, besides a new I/O configuration.
+/// The event that ends a channel, besides a new I/O configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Environment {
     /// Deselecting or resetting the robot program.
@@ -36,16 +36,16 @@ pub(super) enum Environment {
     System,
 }
 
-/// A received or sent element. `Root/Child/@Name` is an attribute, without `@` it is the node itself.
+/// A received or sent element. In the tag, `Root/Child/@Name` is an attribute; without `@` it is the node itself.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Element {
-    /// As in the file.
+    /// The tag as written in the file.
     pub(super) tag: String,
     /// `None` if the element only sets a flag.
     pub(super) kind: Option<Kind>,
     /// Only if it differs from the channel's order.
     pub(super) order: Option<ReadOrder>,
-    /// $FLAG and $OUT that are set when it has arrived.
+    /// The $FLAG and $OUT that are set when the element has arrived.
     pub(super) set_flag: Option<u16>,
     pub(super) set_out: Option<u16>,
     /// The position of `/@` in the tag.
@@ -53,13 +53,13 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// An element that raises nothing.
+    /// Creates an element that sets no flag or output.
     pub(super) fn new(tag: &str, kind: Option<Kind>) -> Self {
         let split = tag.find("/@");
         Element { tag: tag.to_owned(), kind, order: None, set_flag: None, set_out: None, split }
     }
 
-    /// The node's path and, of an attribute, its name.
+    /// Returns the node's path and, if the element is an attribute, its name.
     pub(super) fn address(&self) -> (&str, Option<&str>) {
         match self.split {
             Some(at) => (&self.tag[..at], Some(&self.tag[at + 2..])),
@@ -71,16 +71,16 @@ impl Element {
 /// One channel's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelFile {
-    /// Most entries of a tag's memory; one more closes the connection.
+    /// Largest number of entries in a tag's memory; one more closes the connection.
     pub(super) limit_entries: usize,
     /// Which entry is read first, unless a tag states otherwise.
     pub(super) order: ReadOrder,
-    /// Most bytes that may wait for the end of their document.
+    /// Largest number of bytes that may wait for the end of their document.
     pub(super) limit_bytes: usize,
     /// The port that the controller listens on.
     pub(super) port: u16,
     pub(super) environment: Environment,
-    /// How long an opened channel waits for a client; `None` for ever.
+    /// How long an opened channel waits for a client; `None` if it waits without limit.
     pub(super) listens_for_ms: Option<u64>,
     /// $FLAG and $OUT that are true while a client is connected.
     pub(super) alive: (Option<u16>, Option<u16>),
@@ -89,7 +89,7 @@ pub struct ChannelFile {
 }
 
 impl ChannelFile {
-    /// The port that the file names.
+    /// Returns the port that the file names.
     pub fn port(&self) -> u16 {
         self.port
     }

@@ -4,20 +4,20 @@ use super::channel_file::{ChannelFile, Environment};
 use super::error::EkiFault;
 use super::memory::{Memory, Raised};
 
-/// One channel: what came, what is to go.
+/// One channel: the received values and the bytes to send.
 #[derive(Debug)]
 pub(super) struct Link {
     pub(super) memory: Memory,
     pub(super) out: Vec<u8>,
     pub(super) connected: bool,
     pub(super) fault: Option<EkiFault>,
-    /// The program opens the channel again at this time.
+    /// The time at which the program opens the channel again.
     pub(super) listens_at_ms: u64,
     pub(super) environment: Environment,
     pub(super) listens_for_ms: Option<u64>,
-    /// $FLAG and $OUT that are true while connected.
+    /// The $FLAG and $OUT that are true while a client is connected.
     pub(super) alive: (Option<u16>, Option<u16>),
-    /// Flags and outputs that its elements set.
+    /// Flags and outputs that the channel's elements set.
     pub(super) raises: Vec<Raised>,
 }
 

@@ -32,7 +32,7 @@ impl Controller {
             self.answers.forget_ack();
         }
         self.last_frame_ms = now_ms;
-        // Beside a client that is gone without a word a new one must not keep him alive by trying.
+        // If a client is lost without notice, a new client's attempts must not keep the old one alive.
         if !self.is_connected(channel.other()) {
             self.last_request_ms = now_ms;
         }
@@ -41,8 +41,8 @@ impl Controller {
         true
     }
 
-    /// The client is gone, or the controller closed the channel. What is queued is not executed; the program clears and
-    /// opens the channel again.
+    /// Handles the loss of the client, or the closing of the channel by the controller. The queued commands are not
+    /// executed; the program clears and opens the channel again.
     pub fn disconnect(&mut self, channel: Channel) {
         if self.troubles.unplugged() {
             self.troubles.hung_up[channel as usize] = true;
@@ -51,7 +51,7 @@ impl Controller {
         self.drop_client(channel, EkiFault::Disrupted);
     }
 
-    /// The program closes the channel, whatever the cable does.
+    /// Closes the channel by the program, even if the cable is out.
     pub(super) fn drop_client(&mut self, channel: Channel, fault: EkiFault) {
         if self.running.is_some() {
             return self.lose_interpreted(channel, fault);
@@ -70,11 +70,11 @@ impl Controller {
         self.serve_in_lock_step();
     }
 
-    /// Bytes that arrived on the command channel.
+    /// Accepts bytes that arrived on the command channel.
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         let Some(documents) = self.receive(Channel::Command, bytes) else { return };
         if documents > 0 && self.running.is_some() {
-            // In lock step they were counted when they arrived.
+            // In lock step, the commands were counted when they arrived.
             if self.setup.clock == Clock::Free {
                 self.count_arrived(u64::from(documents));
             }
@@ -88,7 +88,7 @@ impl Controller {
         }
     }
 
-    /// Bytes that arrived on the state channel.
+    /// Accepts bytes that arrived on the state channel.
     pub fn state_bytes(&mut self, bytes: &[u8]) {
         if self.receive(Channel::State, bytes).is_some_and(|documents| documents > 0) {
             self.serve_in_lock_step();
@@ -129,7 +129,7 @@ impl Controller {
         }
     }
 
-    /// Before the program drains a channel's memories, so that no edge is lost.
+    /// Resets the channel's flags before the program empties the channel's memories, so that no edge is lost.
     pub(super) fn reset_flags(&mut self, channel: Channel) {
         for index in 0..self.link(channel).raises.len() {
             let raised = self.link(channel).raises[index];
@@ -143,12 +143,12 @@ impl Controller {
         output.map(Raised::Output).into_iter().for_each(|output| self.raise(output, connected));
     }
 
-    /// The controller closes a channel: see [`Controller::fault`].
+    /// Closes a channel by the controller: see [`Controller::fault`].
     pub(super) fn close(&mut self, channel: Channel, fault: EkiFault) {
         self.drop_client(channel, fault);
     }
 
-    /// Why this channel was last closed; `None` while it is open, or never was.
+    /// Returns why this channel was last closed; `None` while the channel is open, or if it was never closed.
     pub fn fault(&self, channel: Channel) -> Option<EkiFault> {
         match channel {
             Channel::Command => self.commands.fault,
@@ -156,7 +156,7 @@ impl Controller {
         }
     }
 
-    /// Whether a client is connected.
+    /// Returns whether a client is connected.
     pub fn is_connected(&self, channel: Channel) -> bool {
         match channel {
             Channel::Command => self.commands.connected,
@@ -164,7 +164,7 @@ impl Controller {
         }
     }
 
-    /// What is to be sent on this channel, taken away.
+    /// Takes the bytes that are to be sent on this channel.
     pub fn take_output(&mut self, channel: Channel) -> Vec<u8> {
         if self.troubles.unplugged() {
             return Vec::new();
@@ -180,7 +180,7 @@ impl Controller {
     }
 
     fn serve_in_lock_step(&mut self) {
-        // What arrives in a granted time waits for its end.
+        // Bytes that arrive during a granted time wait for the end of this time.
         if self.setup.clock == Clock::LockStep && self.read_up_to.is_none() {
             self.serve_requests();
         }
@@ -190,7 +190,7 @@ impl Controller {
         self.link(channel).environment == Environment::Program
     }
 
-    /// Bytes that are no document, on this channel.
+    /// Sends bytes that are no document on this channel.
     pub(super) fn write_garbage(&mut self, channel: Channel) {
         let link = self.link(channel);
         if link.connected {

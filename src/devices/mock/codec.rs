@@ -10,10 +10,10 @@ use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::io::Write;
 
-/// One value, in the controller's own widths.
+/// One value, with the controller's own number of bits.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Value {
-    /// Not set by the program.
+    /// A value that the program did not set.
     Unset,
     Int(i32),
     Real(f32),
@@ -34,12 +34,13 @@ const FRAME_ATTRIBUTES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Longest KRL string.
 const MAX_TEXT_LENGTH: usize = 512;
 
-/// Reads one document: what of the file it holds, in the document's order; a repeated node comes repeatedly.
+/// Decodes one document: returns the elements of the file that the document contains, in the document's order. A
+/// repeated node is returned repeatedly.
 pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Vec<Arrival>, EkiFault> {
     let text = std::str::from_utf8(document).map_err(|_| EkiFault::Malformed)?;
     let mut reader = Reader::from_str(text);
     let mut reading = Reading { elements, arrived: Vec::with_capacity(elements.len()), path: String::new() };
-    // Text of the innermost node; nodes with both text and children have none for us.
+    // Text of the innermost node; the text of nodes that also have children is ignored.
     let mut content = String::new();
     loop {
         match reader.read_event().map_err(|_| EkiFault::Malformed)? {
@@ -87,14 +88,14 @@ impl Reading<'_> {
         self.path.push_str(name);
     }
 
-    /// The node's attributes: values of their own, or the six numbers of a frame.
+    /// Reads the node's attributes: separate values, or the six numbers of a frame.
     fn read_attributes(&mut self, node: &BytesStart<'_>) -> Result<(), EkiFault> {
         let path = self.path.as_str();
         let own = |element: &Element, attribute: Option<&str>| element.address() == (path, attribute);
         let frame =
             self.elements.iter().position(|element| element.kind == Some(Kind::Frame) && own(element, None));
         let mut numbers = [None; 6];
-        // A client writes its attributes in the file's order: the next one is looked for behind the last.
+        // A client writes its attributes in the file's order, so the search for the next one starts after the last.
         let mut next = 0;
         for attribute in node.attributes() {
             let attribute = attribute.map_err(|_| EkiFault::Malformed)?;
@@ -112,7 +113,7 @@ impl Reading<'_> {
             }
         }
         if let Some(element) = frame {
-            // A frame that lacks a number is none.
+            // A frame in which a number is missing is no frame.
             let [Some(x), Some(y), Some(z), Some(a), Some(b), Some(c)] = numbers else {
                 return Err(EkiFault::Malformed);
             };
@@ -121,7 +122,7 @@ impl Reading<'_> {
         Ok(())
     }
 
-    /// The node has ended with this text.
+    /// Reads the text of a node that has ended.
     fn read_content(&mut self, content: &str) -> Result<(), EkiFault> {
         for (index, element) in self.elements.iter().enumerate() {
             if element.kind != Some(Kind::Frame) && element.address() == (self.path.as_str(), None) {
@@ -132,7 +133,7 @@ impl Reading<'_> {
     }
 }
 
-/// An empty value pushes nothing.
+/// Parses a value; an empty value gives nothing.
 fn scalar(kind: Option<Kind>, text: &str) -> Result<Option<Value>, EkiFault> {
     let value = match kind {
         _ if text.is_empty() => return Ok(None),
@@ -152,7 +153,7 @@ fn real(text: &str) -> Result<f32, EkiFault> {
     text.parse().ok().filter(|number: &f32| number.is_finite()).ok_or(EkiFault::Malformed)
 }
 
-/// What is sent, with a place for each value.
+/// A document to send, with a slot for each value.
 #[derive(Debug, Clone)]
 pub(super) struct Template {
     pieces: Vec<Piece>,
@@ -161,7 +162,7 @@ pub(super) struct Template {
 #[derive(Debug, Clone)]
 enum Piece {
     Text(String),
-    /// The value at this place of what is written; `None` for a tag that the program does not set.
+    /// The index of the value among the written values; `None` for a tag that the program does not set.
     Slot(Option<usize>),
 }
 
@@ -175,8 +176,8 @@ struct Node {
 }
 
 impl Template {
-    /// The documents of a channel's SEND section: its first root, which is all that the cell's files have. The program
-    /// sets these tags, in this order.
+    /// Creates the template for the documents of a channel's SEND section. It uses the section's first root, the
+    /// only one in the cell's files. The program sets these tags, in this order.
     pub(super) fn new(elements: &[Element], tags: &[&str]) -> Self {
         let mut top = Node::default();
         for element in elements {
@@ -225,7 +226,7 @@ impl Template {
         }
     }
 
-    /// Writes one document after what is in `out` already, with a value for each tag of the program.
+    /// Appends one document to `out`, with a value for each tag of the program.
     pub(super) fn write(&self, out: &mut Vec<u8>, values: &[Value]) {
         for piece in &self.pieces {
             match piece {
@@ -249,7 +250,8 @@ fn write_value(out: &mut Vec<u8>, value: &Value) {
     };
 }
 
-/// `%f`. Below 10⁶ a 32-bit float times 10⁶ is exact in 64 bits, and its rounding to even is `%f`'s own.
+/// Writes a number as `%f` does. Below 10⁶, a 32-bit float times 10⁶ is exact in 64 bits, and its rounding to even
+/// is the rounding of `%f`.
 fn write_real(out: &mut Vec<u8>, number: f32) -> std::io::Result<()> {
     if number.abs() < 1e6 {
         let millionths = (f64::from(number) * 1e6).round_ties_even().abs() as u64;
@@ -281,7 +283,7 @@ mod tests {
         ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read")
     }
 
-    /// What a document holds, by the file's place; of each element the last.
+    /// Returns the values of a document, in the file's order; for each element the last value.
     fn values(document: &str) -> [Option<Value>; 9] {
         let mut values = [const { None }; 9];
         for Arrival { element, value } in decode(&commands().received, document.as_bytes()).expect("decoded") {
@@ -290,7 +292,7 @@ mod tests {
         values
     }
 
-    /// The command of the agreed wire, by hand. 0.1 is no 32-bit float; the nearest one is taken.
+    /// The command of the agreed protocol, calculated by hand. 0.1 is no 32-bit float; the nearest one is used.
     #[test]
     fn a_command_becomes_its_values_in_the_files_order() {
         let document = "<Cmd Id=\"17\" Ep=\"3\" Op=\"2\" N1=\"0\" N2=\"1\" R1=\"2.000000\" R2=\"0.100000\">\
@@ -358,7 +360,7 @@ mod tests {
         String::from_utf8(out).expect("text")
     }
 
-    /// 1/128 is 0.0078125, a tie: `%f` goes to the even digit.
+    /// 1/128 is 0.0078125, a tie: `%f` rounds to the even digit.
     #[test]
     fn numbers_are_percent_f() {
         for (number, text) in [
@@ -380,7 +382,7 @@ mod tests {
         }
     }
 
-    /// By hand, after MA's sample: `%f` of a 32-bit float, −90.00003 becomes −90.000031.
+    /// Calculated by hand from MA's sample: `%f` of a 32-bit float, −90.00003 becomes −90.000031.
     #[test]
     fn what_is_sent_has_every_tag_in_the_files_order() {
         let template = Template::new(&commands().sent, &["Ack/@Done", "Ack/@Rx", "Ack/@Ep", "Ack/@Free"]);

@@ -1,21 +1,23 @@
-//! Whether the sanding tool is on the panel, as the programs know it from the commands, and the retract from there.
+//! Whether the sanding tool is on the panel, as the programs derive it from the commands, and the retract from the
+//! panel.
 //!
-//! In contact from the start of a move to a contact point until an air point is reached: landing and leaving count.
+//! The tool is in contact from the start of a move to a contact point until an air point is reached: landing and
+//! leaving count.
 
 use super::corner::Pose;
 use super::moves::{Lin, Move};
 use crate::geometry::{Flange, Rigid, Tool, Vector};
 
-/// How far a retract goes along the tool's −Z, mm.
+/// Length of a retract along the tool's −Z, mm.
 const RETRACT_MM: f64 = 50.0;
 const RETRACT_MM_S: f64 = 200.0;
 const RETRACT_MM_S2: f64 = 2000.0;
 
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Contact {
-    /// The last point that was reached is one of contact.
+    /// The last point that was reached is a point in contact.
     behind: bool,
-    /// The tool that touches.
+    /// The tool that is in contact.
     tool: Option<Rigid<Flange, Tool>>,
     retract: Retract,
 }
@@ -30,22 +32,22 @@ enum Retract {
 }
 
 impl Contact {
-    /// Whether the tool touches, or is on its way.
+    /// Returns whether the tool is in contact, or moves towards contact.
     pub(super) fn touches(&self, front: Option<&Move>) -> bool {
         self.behind || front.is_some_and(Move::contact)
     }
 
-    /// Whether both ends of the present stretch are contact.
+    /// Returns whether both ends of the present stretch are in contact.
     pub(super) fn sands(&self, front: Option<&Move>) -> bool {
         self.behind && front.is_none_or(Move::contact)
     }
 
-    /// The tool that touches.
+    /// Returns the tool that is in contact.
     pub(super) fn tool(&self) -> Option<Rigid<Flange, Tool>> {
         self.tool
     }
 
-    /// This move is being executed.
+    /// Records that this move is being executed.
     pub(super) fn heads_for(&mut self, front: Option<&Move>) {
         if let Some(Move::Lin(lin)) = front
             && lin.contact
@@ -54,7 +56,7 @@ impl Contact {
         }
     }
 
-    /// The end of this move was reached or passed.
+    /// Records that the end of this move was reached or passed.
     pub(super) fn reached(&mut self, step: &Move) {
         self.behind = step.contact();
         if step.key().is_none() {
@@ -75,7 +77,7 @@ impl Contact {
         }
     }
 
-    /// The retract cannot be made.
+    /// Records that the retract cannot be made.
     pub(super) fn give_up(&mut self) {
         self.retract = Retract::No;
     }

@@ -8,10 +8,10 @@
 use crate::geometry::{Base, Rigid, Tool};
 use nalgebra::{Isometry3, Translation3};
 
-/// The tool in the base frame.
+/// The pose of the tool in the base frame.
 pub(super) type Pose = Rigid<Base, Tool>;
 
-/// The pose this share of the way on: position on the line, orientation about one axis.
+/// Returns the pose at this share of the way: position on the line, orientation by rotation about one axis.
 pub(super) fn between(from: &Pose, to: &Pose, share: f64) -> Pose {
     let (from, to) = (from.isometry(), to.isometry());
     let origin = from.translation.vector.lerp(&to.translation.vector, share);
@@ -19,7 +19,7 @@ pub(super) fn between(from: &Pose, to: &Pose, share: f64) -> Pose {
     Rigid::claim(Isometry3::from_parts(Translation3::from(origin), from.rotation * turn))
 }
 
-/// How far apart two poses are, mm.
+/// Returns the distance between two poses, mm.
 pub(super) fn distance_mm(from: &Pose, to: &Pose) -> f64 {
     from.origin().distance_mm(to.origin())
 }
@@ -31,10 +31,10 @@ pub(super) fn measure_mm(from: &Pose, to: &Pose, mm_per_deg: f64) -> f64 {
 }
 
 const PARTS: usize = 32;
-/// A blend shorter than this is a stop.
+/// A blend shorter than this is an exact stop, mm.
 const MIN_BLEND_MM: f64 = 1e-6;
 
-/// A corner's two lines and how much it may be cut.
+/// The two lines of a corner, and the limit of the blend.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bend {
     /// A pose on the incoming line.
@@ -47,7 +47,7 @@ pub(super) struct Bend {
     pub(super) next: Pose,
     /// The requested blend distance, mm.
     pub(super) blend_mm: f64,
-    /// What a degree counts.
+    /// The length that a rotation of one degree counts, mm.
     pub(super) mm_per_deg: f64,
 }
 
@@ -104,12 +104,12 @@ impl Corner {
         )
     }
 
-    /// The pose `gone_mm` (of the measure) behind the start.
+    /// Returns the pose at the distance `gone_mm` (of the measure) after the start.
     pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
         let arc_mm = self.arc_mm[PARTS] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
         let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(PARTS).max(1);
         let [low, high] = [self.arc_mm[after - 1], self.arc_mm[after]];
-        // A full reversal folds the parabola; its chords may have no length.
+        // At a full reversal the parabola is folded; its chords may have no length.
         let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
         let t = ((after - 1) as f64 + inside) / PARTS as f64;
         let turned = between(&between(&self.start, &self.vertex, t), &between(&self.vertex, &self.end, t), t);
@@ -138,8 +138,8 @@ mod tests {
         }
     }
 
-    /// By hand: 2 mm before and behind; in the middle ¼ (8,0) + ½ (10,0) + ¼ (10,2) = (9.5, 0.5). The arc of a
-    /// parabola over a right angle is 2 d · 0.811613 = 3.2465 mm.
+    /// Calculated by hand: 2 mm before and after the corner; in the middle ¼ (8,0) + ½ (10,0) + ¼ (10,2) = (9.5,
+    /// 0.5). The arc of a parabola over a right angle is 2 d · 0.811613 = 3.2465 mm.
     #[test]
     fn a_right_angle_is_cut_by_the_blend_distance() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
@@ -149,7 +149,7 @@ mod tests {
         assert!((corner.length_mm - 3.2465).abs() < 2e-3, "{}", corner.length_mm);
     }
 
-    /// Half of the shorter line, 3 mm, is the most.
+    /// The largest blend is half of the shorter line, 3 mm.
     #[test]
     fn a_blend_takes_at_most_half_of_either_line() {
         let corner = Corner::new(&right_angle(50.0)).expect("blended");
@@ -159,7 +159,7 @@ mod tests {
         assert!(distance_mm(&Corner::new(&whole).expect("blended").start, &pose(9.0, 0.0, 0.0)) < 1e-12);
     }
 
-    /// Equal steps of the measure are equal steps of the tool, and orientation runs on without a jump.
+    /// Equal steps of the measure are equal steps of the tool, and the orientation continues without a jump.
     #[test]
     fn the_corner_is_run_at_even_pace() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
@@ -170,11 +170,11 @@ mod tests {
         assert!(steps.iter().all(|step| (step / mean - 1.0).abs() < 0.02), "{steps:?}");
         let turns = poses.windows(2).map(|pair| measure_mm(&pair[0], &pair[1], 1000.0) / 1000.0);
         assert!(turns.fold(0.0, f64::max) < 2.0);
-        // By hand: a third of the outgoing line's 30° at its first 2 of 6 mm.
+        // Calculated by hand: a third of the outgoing line's 30° at its first 2 of 6 mm.
         assert!((KukaPose::from_rigid(&corner.end).a_deg - 10.0).abs() < 1e-9);
     }
 
-    /// A turn of 30° that counts 1 mm a degree is a way of 30 mm on the line of 6.
+    /// A turn of 30° that counts 1 mm a degree is a length of 30 mm on the line of 6.
     #[test]
     fn turning_counts_where_it_takes_longer() {
         let (from, to) = (pose(10.0, 0.0, 0.0), pose(10.0, 6.0, 30.0));

@@ -4,27 +4,27 @@ use super::wire::{Command, Refusal};
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};
 use std::collections::VecDeque;
 
-/// Places in the ring.
+/// Number of entries in the ring.
 pub(super) const RING: usize = 100;
 
 #[derive(Debug, Clone)]
 pub(super) struct Epoch {
     pub(super) number: i32,
-    /// Commands are taken; false once the epoch has ended.
+    /// Commands are accepted; false once the epoch has ended.
     pub(super) open: bool,
     pub(super) received: i32,
     pub(super) done: i32,
-    /// The first refusal and the command's id.
+    /// The first refusal and the id of the refused command.
     pub(super) refusal: Option<(Refusal, i32)>,
-    /// Received and not yet planned.
+    /// Commands that were received and are not yet planned.
     pub(super) ring: VecDeque<Command>,
     pub(super) base: Option<KukaPose>,
     pub(super) tool: Option<ActiveTool>,
     pub(super) speed_mm_s: f64,
     pub(super) acceleration_mm_s2: f64,
-    /// Of each axis's highest acceleration, 0…1.
+    /// Acceleration as a share of each axis's highest acceleration, 0…1.
     pub(super) axis_acceleration_share: f64,
-    /// The subroutine at the ring's front runs until then.
+    /// The time until which the subroutine at the ring's front runs.
     pub(super) subroutine_until_ms: Option<u64>,
 }
 
@@ -60,7 +60,7 @@ impl Epoch {
         }
     }
 
-    /// A fresh epoch, without base and tool.
+    /// Creates a new epoch, without base and tool.
     pub(super) fn opened(number: i32) -> Self {
         Epoch { open: true, ..Epoch::ended(number) }
     }

@@ -1,13 +1,13 @@
 //! The errors that EthernetKRL reports to the program, the faults that close a channel, and the errors that prevent
 //! the mock from starting.
 
-/// What `Msg_No` reports to a program that reads a memory.
+/// The error that `Msg_No` reports to a program that reads a memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EkiError {
-    /// Nothing waits in this memory: that is reported at once, not waited for.
+    /// No value waits in this memory: the error is reported at once, without waiting.
     #[error("15: access to an empty memory")]
     Empty,
-    /// The memory holds another type.
+    /// The memory contains values of another type.
     #[error("20: the memory holds another type")]
     Type,
 }
@@ -21,16 +21,16 @@ pub enum EkiFault {
     /// The other end does not answer.
     #[error("768: no contact with the other end")]
     NoContact,
-    /// Not XML, or a value that is not of its element's type.
+    /// The document is not XML, or a value does not have its element's type.
     #[error("1024: error reading received XML")]
     Malformed,
-    /// More bytes than BUFFSIZE without the end of a document.
+    /// More bytes than BUFFSIZE arrived without the end of a document.
     #[error("1024: more bytes than BUFFSIZE without the end of a document")]
     TooLong,
-    /// One entry more than BUFFERING allows, in the memory of some tag.
+    /// The memory of a tag received one entry more than BUFFERING allows.
     #[error("1280: memory limit reached")]
     Overflow,
-    /// A text that no KRL string holds.
+    /// A text is too long for a KRL string.
     #[error("1536: string too long")]
     TextTooLong,
     /// No client connected within TIMEOUT: the channel no longer listens, until the program opens it again.
@@ -47,10 +47,10 @@ pub enum EkiFault {
 /// Why the mock controller cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum MockError {
-    /// A program or data list of the controller is not right.
+    /// A program or data list of the controller is not correct.
     #[error("{0}")]
     Program(String),
-    /// The EthernetKRL file is not what the mock needs.
+    /// The EthernetKRL file does not satisfy the mock's requirements.
     #[error("{channel}.xml: {problem}")]
     File {
         /// CELLCMD or CELLSTAT.
@@ -58,7 +58,7 @@ pub enum MockError {
         /// What is wrong.
         problem: FileProblem,
     },
-    /// A port cannot be listened on.
+    /// The mock cannot listen on a port.
     #[error("cannot listen on {address}: {reason}")]
     Listen {
         /// The address.
@@ -66,7 +66,7 @@ pub enum MockError {
         /// The system's error.
         reason: std::io::Error,
     },
-    /// The system gives no thread.
+    /// The system could not start a thread.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
 }
@@ -77,28 +77,28 @@ pub enum FileProblem {
     /// Not XML.
     #[error("is not XML: {0}")]
     Xml(String),
-    /// A section that must be there is not.
+    /// A required section is missing.
     #[error("has no {0}")]
     Missing(&'static str),
-    /// A number is not one.
+    /// A text is not a number.
     #[error("{name} is \"{found}\"; a whole number is needed")]
     Number {
-        /// Of which attribute or element.
+        /// The name of the attribute or element.
         name: String,
         /// The text found.
         found: String,
     },
-    /// A word that means nothing here.
+    /// A value is not one of the permitted keywords.
     #[error("{name} is \"{found}\"; {allowed} is known")]
     Word {
-        /// Of which attribute or element.
+        /// The name of the attribute or element.
         name: &'static str,
         /// The text found.
         found: String,
         /// What may.
         allowed: &'static str,
     },
-    /// An element of a type that the controller does not know.
+    /// An element has a type that the controller does not know.
     #[error("the element {tag} has the type \"{found}\"; INT, REAL, BOOL, STRING, FRAME or none is known")]
     Type {
         /// The element.

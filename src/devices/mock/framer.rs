@@ -11,13 +11,13 @@ pub(super) struct Framer {
     buffer: Vec<u8>,
     /// The start of the current document in `buffer`; the bytes before it were handed over.
     start: usize,
-    /// Bytes of `buffer` that were looked at.
+    /// Number of bytes of `buffer` that were already searched.
     seen: usize,
     place: ParserState,
     depth: usize,
-    /// First byte of the open tag's inside.
+    /// The first byte inside the open tag.
     tag_start: usize,
-    /// Most bytes that may wait for the end of their document.
+    /// Largest number of bytes that may wait for the end of their document.
     limit_bytes: usize,
 }
 
@@ -58,7 +58,7 @@ impl Framer {
         self.seen += plain.unwrap_or(rest.len());
     }
 
-    /// The next whole document, if there is one.
+    /// Returns the next complete document, if there is one.
     pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, EkiFault> {
         loop {
             self.skip();

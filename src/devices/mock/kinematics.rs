@@ -15,20 +15,20 @@ use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
 use crate::words::plain;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// An arm's lengths and the limits of its axes.
+/// The lengths of an arm and the limits of its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arm {
-    /// From axis 1 forward to axis 2, mm.
+    /// Distance from axis 1 forward to axis 2, mm.
     pub a1_mm: f64,
     /// From axis 3 to the forearm's axis, across it; negative if the forearm runs above axis 3, mm.
     pub a2_mm: f64,
     /// Height of axis 2, mm.
     pub c1_mm: f64,
-    /// The upper arm, mm.
+    /// Length of the upper arm, mm.
     pub c2_mm: f64,
-    /// The forearm up to the wrist's centre, mm.
+    /// Length of the forearm up to the wrist's centre, mm.
     pub c3_mm: f64,
-    /// From the wrist's centre to the flange, mm.
+    /// Distance from the wrist's centre to the flange, mm.
     pub c4_mm: f64,
     /// Lowest and highest angle of each axis, degrees.
     pub limits_deg: [[f64; 2]; 6],
@@ -39,7 +39,7 @@ pub struct Arm {
 /// Why no axis angles put the flange there.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
-    /// Too far from axis 2, or too near to it.
+    /// The wrist's centre is too far from axis 2, or too near to it.
     #[error("the wrist's centre is {distance_mm:.1} mm from axis 2; {} to {} mm can be reached", allowed_mm[0], allowed_mm[1])]
     Distance {
         /// Measured.
@@ -52,18 +52,18 @@ pub enum Unreachable {
     AxisLimit {
         /// 1 to 6.
         axis: usize,
-        /// What the way nearest to the present angles needs.
+        /// The angle that the solution nearest to the present angles needs.
         angle_deg: f64,
         /// Lowest and highest.
         allowed_deg: [f64; 2],
     },
 }
 
-/// Below this sine of q5 the axes 4 and 6 are one.
+/// If the sine of q5 is below this, the axes 4 and 6 coincide.
 const WRIST_POLE: f64 = 1e-9;
 
 impl Arm {
-    /// The KUKA KR 6 R700-2.
+    /// Returns the dimensions of the KUKA KR 6 R700-2.
     pub const fn kr6_r700_2() -> Self {
         Arm {
             a1_mm: 25.0,
@@ -99,8 +99,8 @@ impl Arm {
         Rigid::claim(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
     }
 
-    /// All ways to put the flange there, up to eight, each axis at the turn within its limits that is nearest to
-    /// `near`; ways that no turn brings inside the limits are left out.
+    /// Returns all solutions for this flange pose, up to eight. Each axis is at the turn within its limits that is
+    /// nearest to `near`; solutions that no turn brings inside the limits are left out.
     pub fn solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
         let ways = self.ways_rad(base_from_flange, near);
         ways.iter().filter_map(|&way| self.wound(way, near).ok()).map(joints).collect()
@@ -130,10 +130,10 @@ impl Arm {
         Err(nearest.unwrap_or_else(|| self.out_of_reach(base_from_flange)))
     }
 
-    /// The first axis outside of its limits.
+    /// Checks that all axes are within their limits.
     ///
     /// # Errors
-    /// Names that axis.
+    /// Names the first axis outside of its limits.
     pub fn within_limits(&self, joints: &Joints) -> Result<(), Unreachable> {
         let outside = |(index, angle_deg): (usize, f64)| {
             let allowed_deg = self.limits_deg[index];
@@ -156,7 +156,8 @@ impl Arm {
         base_from_flange.origin().mm.coords - base_from_flange.rotation() * Vector3::z() * self.c4_mm
     }
 
-    /// The wrist's centre seen from axis 2, across and up; `side` is 1 in front of axis 1 and −1 behind it.
+    /// Returns the position of the wrist's centre seen from axis 2, across and up; `side` is 1 in front of axis 1
+    /// and −1 behind it.
     fn seen_from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
@@ -165,7 +166,7 @@ impl Arm {
     fn ways_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
         let wrist_mm = self.wrist_mm(base_from_flange);
         let [near_q1, _, _, near_q4, ..] = model_rad(near);
-        // Over axis 1 every q1 serves.
+        // If the wrist's centre lies on axis 1, every q1 is a solution.
         let over_axis_1 = wrist_mm.x.hypot(wrist_mm.y) < 1e-9;
         let forward_rad = if over_axis_1 { near_q1 } else { wrist_mm.y.atan2(wrist_mm.x) };
         let k_mm = self.a2_mm.hypot(self.c3_mm);
@@ -191,7 +192,7 @@ impl Arm {
         ways
     }
 
-    /// The controller's angles of a way, each at the turn within limits that is nearest to `near`.
+    /// Returns the controller's angles of a solution, each at the turn within limits that is nearest to `near`.
     fn wound(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
         let (mut wound_deg, near_deg) = (controller_deg(way_rad), angles_deg(near));
         for (index, angle_deg) in wound_deg.iter_mut().enumerate() {
@@ -232,12 +233,12 @@ fn wrist_ways_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64; 3]>
     vec![[q4, q5, q6], [q4 + PI, -q5, q6 + PI]]
 }
 
-/// The angles as numbers, axis 1 first.
+/// Returns the angles as numbers, axis 1 first.
 pub(super) fn angles_deg(joints: &Joints) -> [f64; 6] {
     [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
 }
 
-/// The numbers as angles, axis 1 first.
+/// Returns the numbers as angles, axis 1 first.
 pub(super) fn joints(angles_deg: [f64; 6]) -> Joints {
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = angles_deg;
     Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
@@ -282,13 +283,15 @@ mod tests {
         assert!((turn * Vector3::z() - Vector3::from(axes[1])).norm() < 1e-12, "z {}", turn * Vector3::z());
     }
 
-    /// By hand, both arms level: x = 25 + 335 + 365 + 90 = 815; the forearm runs 25 above axis 3: z = 400 + 25.
+    /// Calculated by hand, with both arms level: x = 25 + 335 + 365 + 90 = 815; the forearm runs 25 above axis 3: z
+    /// = 400 + 25.
     #[test]
     fn all_axes_at_zero_stretch_the_arm_forward() {
         assert_flange([0.0; 6], [815.0, 0.0, 425.0], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]);
     }
 
-    /// By hand, upper arm upright: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 = 760; A 0, B 90, C 0.
+    /// Calculated by hand, with the upper arm upright: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 = 760; A 0, B
+    /// 90, C 0.
     #[test]
     fn at_home_the_forearm_is_level_and_the_flange_looks_forward() {
         let home = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];
@@ -297,9 +300,9 @@ mod tests {
         assert!((pose.b_deg - 90.0).abs() < 1e-6 && pose.a_deg.abs() < 1e-6 && pose.c_deg.abs() < 1e-6, "{pose}");
     }
 
-    /// By hand, A5 = 90 at home bends the wrist down: x = 25 + 365 = 390, z = 760 − 90 = 670; the pendant's
-    /// familiar A 180, B 0, C 180 has flange X backwards and Z down. A1 = 90 turns clockwise seen from above,
-    /// to −y. A6 = 90 turns the flange clockwise about its Z.
+    /// Calculated by hand: A5 = 90 at home bends the wrist down: x = 25 + 365 = 390, z = 760 − 90 = 670; the
+    /// pendant's usual A 180, B 0, C 180 has flange X backwards and Z down. A1 = 90 turns clockwise seen from
+    /// above, to −y. A6 = 90 turns the flange clockwise about its Z.
     #[test]
     fn signs_are_the_controllers() {
         assert_flange(
@@ -315,11 +318,12 @@ mod tests {
         // Rz(−90) of the flange: its X is now its former −Y, which is −Y of the base.
         assert_flange([0.0, -90.0, 90.0, 0.0, 0.0, 90.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
         assert_flange([0.0, -90.0, 90.0, 90.0, 0.0, 0.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
-        // A2 and A3 positive lower the arm. Upper arm level, forearm down: x = 25 + 335 + 25, z = 400 − 365 − 90.
+        // Positive A2 and A3 lower the arm. With the upper arm level and the forearm down: x = 25 + 335 + 25, z =
+        // 400 − 365 − 90.
         assert_flange([0.0, 0.0, 90.0, 0.0, 0.0, 0.0], [385.0, 0.0, -55.0], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
     }
 
-    /// By hand: the wrist's centre can be at most 335 + hypot(25, 365) = 700.9 mm from axis 2.
+    /// Calculated by hand: the wrist's centre can be at most 335 + hypot(25, 365) = 700.9 mm from axis 2.
     #[test]
     fn beyond_reach_is_refused_with_the_distance() {
         let far = Rigid::<Base, Flange>::claim(Isometry3::from_parts(
@@ -332,7 +336,7 @@ mod tests {
         assert!((distance_mm - 1000.0).abs() < 1e-9 && (allowed_mm[1] - 700.855).abs() < 1e-3, "{allowed_mm:?}");
     }
 
-    /// A turn beyond its limits is named by axis: facing backwards from the front needs A1 at 180.
+    /// The error names the axis whose turn is beyond its limits: facing backwards from the front needs A1 at 180.
     #[test]
     fn an_axis_beyond_its_limits_is_named() {
         let behind = at([178.0, -60.0, 60.0, 0.0, 30.0, 0.0]);

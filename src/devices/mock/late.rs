@@ -33,12 +33,12 @@ impl DelayedStream {
         }
     }
 
-    /// The next piece that has arrived.
+    /// Returns the next piece that has arrived.
     pub(super) fn pop(&mut self, now: Instant) -> Option<Vec<u8>> {
         self.pieces.pop_front_if(|(due, _)| *due <= now).map(|(_, piece)| piece)
     }
 
-    /// The connection is gone, and what was under way with it.
+    /// Clears the stream: the connection is lost, and so are the bytes on the way.
     pub(super) fn clear(&mut self) {
         self.pieces.clear();
     }
@@ -48,7 +48,7 @@ impl DelayedStream {
 mod tests {
     use super::*;
 
-    /// 100 bytes with 5 to 15 ms of delay: none before 5 ms, all at 15, in order, in more than one piece.
+    /// 100 bytes with 5 to 15 ms of delay: none before 5 ms, all at 15 ms, in order, in more than one piece.
     #[test]
     fn bytes_come_late_in_order_and_in_pieces() {
         let mut way = DelayedStream::new(Some((5, 15)), true, 1);

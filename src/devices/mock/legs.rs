@@ -42,7 +42,7 @@ impl Leg {
     }
 }
 
-/// The pose this far behind the start of the first leg.
+/// Returns the pose at this distance after the start of the first leg.
 pub(super) fn pose_ahead(legs: &[Leg], mut gone_mm: f64) -> Option<Pose> {
     for leg in legs {
         if gone_mm <= leg.length_mm() {

@@ -15,22 +15,22 @@ pub struct Executed {
     pub joints: Joints,
     /// The flange there.
     pub base_from_flange: Rigid<Base, Flange>,
-    /// When, ms since the controller's start.
+    /// Time of the motion, ms since the controller's start.
     pub time_ms: u64,
-    /// Whether it was a move in contact.
+    /// Whether the motion was a move in contact.
     pub contact: bool,
 }
 
 /// The tool's position at one tick of a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// ms since the controller's start.
+    /// Time of the sample, ms since the controller's start.
     pub time_ms: u64,
     /// The flange.
     pub base_from_flange: Rigid<Base, Flange>,
     /// The sanding tool.
     pub base_from_tool: Rigid<Base, Tool>,
-    /// Both ends of this stretch are in contact; else it lands or leaves.
+    /// Both ends of this stretch are in contact; otherwise the tool lands or leaves.
     pub sanding: bool,
     /// Whether the tool's output was on.
     pub tool_on: bool,
@@ -41,11 +41,11 @@ pub struct Sample {
 pub enum StopCause {
     /// The client's abort.
     Abort,
-    /// A new epoch while the old one was not at its end.
+    /// A new epoch was opened while the old one was not at its end.
     Superseded,
-    /// No application frame for 400 ms while something was queued.
+    /// No application frame came for 400 ms while a command was queued.
     Watchdog,
-    /// A channel lost its client while something was queued.
+    /// A channel lost its client while a command was queued.
     LinkLost,
     /// The next point was missing in contact.
     Underrun,
@@ -67,7 +67,7 @@ pub enum StopCause {
     SubmitDead,
     /// The controller was started again.
     Rebooted,
-    /// The programs that ship, by one of their rules.
+    /// The shipped programs stopped the epoch by one of their rules.
     Program,
     /// The shipped programs, when the robot program was already stopped.
     Halted,
@@ -106,19 +106,19 @@ impl StopCause {
 /// A stop by the program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stop {
-    /// When, ms since the controller's start.
+    /// Time of the stop, ms since the controller's start.
     pub time_ms: u64,
-    /// The epoch that it ended.
+    /// The epoch that the stop ended.
     pub epoch: i32,
     /// Why.
     pub cause: StopCause,
-    /// Whether it began in contact.
+    /// Whether the stop began in contact.
     pub contact: bool,
     /// More detail in words, if there is any.
     pub detail: String,
 }
 
-/// Words for a path that cannot be gone on.
+/// Returns words for a path that cannot be continued.
 pub(super) fn words(blocked: &Blocked) -> String {
     match blocked {
         Blocked::Unreachable(why) => why.to_string(),

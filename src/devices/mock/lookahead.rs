@@ -1,4 +1,4 @@
-//! The way ahead of the tool on its lines: the legs up to the next stop, and how fast it may be.
+//! The path ahead of the tool on its lines: the legs up to the next stop, and the permitted speed.
 
 use super::corner::{Bend, Corner, Pose, measure_mm};
 use super::legs::Leg;
@@ -6,9 +6,9 @@ use super::mover::{MotionState, Mover};
 use super::moves::{Lin, Move, Override, ROUNDING_MM};
 use super::ramp::Limits;
 
-/// $VEL.ORI1: how fast the tool may turn.
+/// $VEL.ORI1: the highest rotational speed of the tool, degrees/s.
 const TURN_DEG_S: f64 = 200.0;
-/// BRAKE on a line, at least.
+/// Smallest deceleration of BRAKE on a line, mm/s².
 const BRAKE_MM_S2: f64 = 5000.0;
 
 impl Mover {
@@ -29,7 +29,7 @@ impl Mover {
         Limits { to_stop: ahead_mm, speed, acceleration }
     }
 
-    /// The present leg and those behind it, up to the next stop.
+    /// Returns the present leg and those that follow, up to the next stop.
     pub(super) fn legs(&self) -> Vec<Leg> {
         let lins: Vec<Lin> = self
             .planned

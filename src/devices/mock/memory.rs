@@ -1,9 +1,11 @@
-//! What a channel has received and the program has not yet read: one memory for each tag that has a type.
+//! The values that a channel has received and the program has not yet read: one memory for each tag that has a
+//! type.
 //!
-//! A document pushes one value into the memory of each tag that it holds; what is missing or empty pushes nothing, so
-//! that the memories of one channel can drift apart. Every value carries the count of its document, by which a program
-//! sees that. One value more than BUFFERING allows is stored and closes the connection. The program reads with the
-//! functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty memory is an error at once.
+//! A document pushes one value into the memory of each tag that it contains. A missing or empty tag pushes nothing,
+//! so that the memories of one channel can drift apart. Every value has the count of its document, by which a
+//! program detects such a drift. One value more than BUFFERING allows is stored and closes the connection. The
+//! program reads with the functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty
+//! memory is an error at once.
 
 use super::channel_file::{ChannelFile, Kind, ReadOrder};
 use super::codec::{Value, decode};
@@ -52,7 +54,7 @@ impl TagMemory {
 pub(super) struct Memory {
     file: ChannelFile,
     framer: Framer,
-    /// One for each element of the file; those without a type stay empty.
+    /// One memory for each element of the file; the memories of elements without a type stay empty.
     tags: Vec<TagMemory>,
     /// Documents stored.
     counter: u32,
@@ -96,7 +98,7 @@ impl Memory {
         std::mem::take(&mut self.raised)
     }
 
-    /// How many values of this tag wait.
+    /// Returns how many values of this tag wait.
     pub(super) fn waiting(&self, place: usize) -> usize {
         self.tags.get(place).map_or(0, |tag| tag.entries.len())
     }
@@ -106,7 +108,7 @@ impl Memory {
         self.tags.get(place).and_then(TagMemory::next).map(|entry| &entry.value).ok_or(EkiError::Empty)
     }
 
-    /// The value of this tag that arrived last, and the count of its document.
+    /// Returns the value of this tag that arrived last, and the count of its document.
     pub(super) fn newest(&self, place: usize) -> Result<(&Value, u32), EkiError> {
         let newest = self.tags.get(place).and_then(|tag| tag.entries.back());
         newest.map(|entry| (&entry.value, entry.counter)).ok_or(EkiError::Empty)
@@ -122,27 +124,28 @@ impl Memory {
         found.ok_or(EkiError::Type)
     }
 
-    /// A whole number with the count of its document, taken out.
+    /// Takes a whole number with the count of its document.
     pub(super) fn get_int(&mut self, place: usize) -> Result<(i32, u32), EkiError> {
         self.get(place, int)
     }
 
-    /// A real number with the count of its document, taken out.
+    /// Takes a real number with the count of its document.
     pub(super) fn get_real(&mut self, place: usize) -> Result<(f64, u32), EkiError> {
         self.get(place, |value| if let Value::Real(number) = value { Some(f64::from(*number)) } else { None })
     }
 
-    /// A frame's six numbers with the count of their document, taken out.
+    /// Takes a frame's six numbers with the count of their document.
     pub(super) fn get_frame(&mut self, place: usize) -> Result<([f64; 6], u32), EkiError> {
         self.get(place, |value| if let Value::Frame(numbers) = value { Some(numbers.map(f64::from)) } else { None })
     }
 
-    /// Drops what waits; the connection is kept.
+    /// Drops the waiting values; the connection stays.
     pub(super) fn clear_buffers(&mut self) {
         self.tags.iter_mut().for_each(|tag| tag.entries.clear());
     }
 
-    /// Cleared, initialised and opened again: half a document is forgotten, and all that waits.
+    /// Clears the memory, as when the channel is cleared, initialised and opened again: an incomplete document and
+    /// all waiting values are forgotten.
     pub(super) fn clear(&mut self) {
         self.framer = Framer::new(self.file.limit_bytes);
         self.raised.clear();
@@ -183,7 +186,7 @@ mod tests {
         format!("<Req Id=\"{id}\" Ep=\"0\" Op=\"9\" N1=\"0\"></Req>")
     }
 
-    /// Limit 64: the 65th closes the channel and is stored all the same.
+    /// The limit is 64: the 65th value closes the channel and is stored all the same.
     #[test]
     fn one_entry_too_many_is_stored_and_closes() {
         let mut memory = shipped();
@@ -191,7 +194,7 @@ mod tests {
         assert_eq!(memory.receive(format!("{}<Else/>", request(1)).repeat(64).as_bytes()), Ok(128));
         assert_eq!(memory.receive(request(2).as_bytes()), Err(EkiFault::Overflow));
         assert_eq!(memory.waiting(id), 65);
-        // A file without a limit has room for 16.
+        // A file without a limit has room for 16 values.
         let mut memory = super::tests::memory(|file| file.replace(" Limit=\"64\"", ""));
         assert_eq!(memory.receive(request(1).repeat(16).as_bytes()), Ok(16));
         assert_eq!(memory.receive(request(1).as_bytes()), Err(EkiFault::Overflow));
@@ -257,7 +260,7 @@ mod tests {
         assert_eq!(memory.take_raised(), []);
     }
 
-    /// 16384 bytes of one document may wait; the next one is too many.
+    /// Up to 16384 bytes of one document may wait; the next byte is too many.
     #[test]
     fn buffsize_bounds_what_is_not_interpreted() {
         let mut memory = shipped();

@@ -36,7 +36,7 @@ pub struct Controller {
     pub(super) request_places: RequestPlaces,
     pub(super) answers: Answers,
     pub(super) now_ms: u64,
-    /// Granted and not yet a whole tick.
+    /// Granted time that is not yet a whole tick.
     carried_ms: u64,
     pub(super) safety: Safety,
     pub(super) inputs: BTreeMap<u16, bool>,
@@ -44,35 +44,35 @@ pub struct Controller {
     /// Every $FLAG that was ever set.
     pub(super) flags: BTreeMap<u16, bool>,
     pub(super) troubles: Troubles,
-    /// When the controller was last started.
+    /// The time at which the controller was last started.
     pub(super) started_ms: u64,
     pub(super) epoch: Epoch,
     /// Stopped by the program; only a new epoch continues.
     pub(super) stopped: bool,
-    /// When the last epoch ended, and which outputs are still to go off after it.
+    /// The time at which the last epoch ended; the next field has the outputs that must still go off after it.
     pub(super) ended_ms: u64,
     pub(super) off_due: BTreeSet<u16>,
     pub(super) mover: Mover,
     pub(super) contact: Contact,
     pub(super) underruns: i32,
     pub(super) stale: u64,
-    /// When the client was last heard, and when its last request.
+    /// The time at which the client was last heard; the next field has the time of its last request.
     pub(super) last_frame_ms: u64,
     pub(super) last_request_ms: u64,
-    /// When the submit interpreter last ran.
+    /// The time at which the submit interpreter last ran.
     pub(super) submit_ran_ms: u64,
     /// Epoch and id of the newest command that arrived.
     pub(super) arrived: (i32, i32),
-    /// Commands that a heartbeat names may still arrive: none was unreadable and their channel was not lost.
+    /// Commands that a heartbeat names may still arrive: all were readable, and their channel was not lost.
     pub(super) awaits_commands: bool,
-    /// In a granted time, the last command to be read.
+    /// The last command that is read in a granted time.
     pub(super) read_up_to: Option<(i32, i32)>,
     pub(super) executed: Vec<Executed>,
     pub(super) trace: Vec<Sample>,
     pub(super) stops: Vec<Stop>,
     /// The programs that are executed in place of the model.
     pub(super) running: Option<Box<Running>>,
-    /// What each channel sends, laid out once.
+    /// The templates of the documents that each channel sends, built once.
     pub(super) templates: [Option<Template>; 2],
 }
 
@@ -127,7 +127,7 @@ impl Controller {
         Ok(controller)
     }
 
-    /// Lets time pass: as many ticks as are whole, the rest is kept for the next time.
+    /// Lets time pass in whole ticks; the remaining time is kept for the next call.
     pub fn advance_ms(&mut self, granted_ms: u64) {
         self.carried_ms += granted_ms;
         while self.carried_ms >= TICK_MS {
@@ -174,7 +174,7 @@ impl Controller {
         }
     }
 
-    /// A start: counts, epochs, flags and what was in motion are gone; the boot number is another.
+    /// Starts the controller: counts, epochs, flags and motions are forgotten; the boot number changes.
     pub(super) fn forget_all(&mut self) {
         self.mover.freeze();
         self.contact = Contact::default();

@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Done {
     pub(super) step: Move,
-    /// The axes at its end, or in the middle of its blend.
+    /// The axes at the end of the move, or in the middle of its blend.
     pub(super) joints: Joints,
     /// The arm stopped there because nothing further was planned in time. Other waiting commands are not
     /// considered.
@@ -30,29 +30,29 @@ pub(super) struct Done {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Blocked {
     Unreachable(Unreachable),
-    /// The axis, 1 to 6, would have to run faster than it can at any speed of the tool.
+    /// At any speed of the tool, the axis, 1 to 6, would have to run faster than it can.
     AxisSpeed(usize),
 }
 
-/// An axis reaches its highest speed in this time.
+/// Time in which an axis reaches its highest speed.
 const AXIS_RAMP_S: f64 = 0.2;
 /// How often the step is halved for an axis that is too slow.
 const HALVINGS: i32 = 7;
 
-/// The arm and what it is going to do.
+/// The arm and its planned moves.
 #[derive(Debug, Clone)]
 pub(super) struct Mover {
     arm: Arm,
     joints: Joints,
-    /// The front one is being executed.
+    /// The planned moves; the front one is being executed.
     pub(super) planned: VecDeque<Move>,
     pub(super) place: MotionState,
-    /// Gone on the present leg, mm or degrees of the leading axis.
+    /// Distance moved on the present leg, mm or degrees of the leading axis.
     pub(super) gone: f64,
-    /// Along the path, mm/s or degrees/s of the leading axis.
+    /// Speed along the path, mm/s or degrees/s of the leading axis.
     pub(super) speed: f64,
     pub(super) braking: bool,
-    /// The legs ahead, while neither plan nor leg changes.
+    /// The legs ahead; valid while neither plan nor leg changes.
     ahead: Option<Vec<Leg>>,
 }
 
@@ -74,7 +74,7 @@ impl Mover {
         self.joints
     }
 
-    /// Puts the standing arm there.
+    /// Sets the axes of the standing arm.
     pub(super) fn jog(&mut self, joints: Joints) {
         *self = Mover::new(self.arm, joints);
     }
@@ -83,12 +83,12 @@ impl Mover {
         self.arm.base_from_flange(&self.joints)
     }
 
-    /// Nothing planned and nothing in motion.
+    /// Returns whether nothing is planned and nothing is in motion.
     pub(super) fn is_idle(&self) -> bool {
         self.place == MotionState::Standing && self.planned.is_empty()
     }
 
-    /// The arm is on its way.
+    /// Returns whether the arm is in motion.
     pub(super) fn is_in_motion(&self) -> bool {
         self.speed > 0.0
     }
@@ -99,27 +99,27 @@ impl Mover {
         self.place == MotionState::Standing && self.planned.len() == 1 && is_blended
     }
 
-    /// Slowing down to a stop that forgets what is left.
+    /// Returns whether the arm slows down to a stop that discards the remaining moves.
     pub(super) fn brakes(&self) -> bool {
         self.braking
     }
 
-    /// Moves planned, the present one included.
+    /// Returns the number of planned moves, the present one included.
     pub(super) fn planned(&self) -> usize {
         self.planned.len()
     }
 
-    /// What is being executed.
+    /// Returns the move that is being executed.
     pub(super) fn front(&self) -> Option<&Move> {
         if self.place == MotionState::Standing { None } else { self.planned.front() }
     }
 
-    /// One of the planned moves, the present one included, ends in contact.
+    /// Returns whether one of the planned moves, the present one included, ends in contact.
     pub(super) fn is_near_contact(&self) -> bool {
         self.planned.iter().any(Move::contact)
     }
 
-    /// The oldest move that is not executed.
+    /// Returns the oldest move that is not executed.
     pub(super) fn oldest(&self) -> Option<Key> {
         let passing = match &self.place {
             MotionState::Corner { passing, .. } => passing.and_then(|lin| lin.key),
@@ -148,7 +148,7 @@ impl Mover {
         is_free
     }
 
-    /// Slows down to a stop on the path and forgets what is left.
+    /// Slows down to a stop on the path and discards the remaining moves.
     pub(super) fn brake(&mut self) {
         self.braking = true;
         if self.speed == 0.0 {
@@ -207,7 +207,7 @@ impl Mover {
         let to = angles_deg(&ptp.target);
         let way: [f64; 6] = std::array::from_fn(|axis| to[axis] - from[axis]);
         let lead_deg = way.iter().fold(0.0, |lead: f64, way_deg| lead.max(way_deg.abs()));
-        // The pace of the leading axis at which no axis is too fast.
+        // Returns the pace of the leading axis at which no axis is too fast.
         let pace = |share: f64| {
             let of_axis = |axis: usize| self.arm.speeds_deg_s[axis] * share * lead_deg / way[axis].abs();
             (0..6).filter(|&axis| way[axis] != 0.0).map(of_axis).fold(f64::INFINITY, f64::min)
@@ -301,13 +301,13 @@ impl Mover {
     fn is_starved(&self, lin: &Lin) -> bool {
         match self.planned.front() {
             None => true,
-            // Planned only after the blend's start was passed.
+            // The next move was planned only after the blend's start was passed.
             Some(Move::Lin(next)) => lin.blend_mm > 0.0 && distance_mm(&lin.target, &next.target) > ROUNDING_MM,
             Some(Move::Ptp(_)) => false,
         }
     }
 
-    /// A blended move counts as executed in the middle of its corner.
+    /// Counts a blended move as executed in the middle of its corner.
     fn pass_middle(&mut self, leg: &Leg, done: &mut Vec<Done>) -> Result<(), Unreachable> {
         let MotionState::Corner { corner, passing } = &mut self.place else { return Ok(()) };
         if self.gone < corner.length_mm / 2.0 {

@@ -1,9 +1,9 @@
-//! The moves that the arm can be planned to make.
+//! The moves that can be planned for the arm.
 
 use super::corner::Pose;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
 
-/// Which command a move is for; a retract is for none.
+/// The command to which a move belongs; a retract belongs to no command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Key {
     pub(super) epoch: i32,
@@ -16,12 +16,12 @@ pub(super) struct Lin {
     pub(super) key: Option<Key>,
     pub(super) target: Pose,
     pub(super) flange_from_tool: Rigid<Flange, Tool>,
-    /// 0 for an exact stop.
+    /// Blend distance, mm; 0 for an exact stop.
     pub(super) blend_mm: f64,
     pub(super) contact: bool,
-    /// An output that is switched with its end.
+    /// An output that is switched at the end of the move.
     pub(super) switches: Option<(u16, bool)>,
-    /// Points still to come on this path.
+    /// Number of points still to come on this path.
     pub(super) to_come: i32,
     pub(super) speed_mm_s: f64,
     pub(super) acceleration_mm_s2: f64,
@@ -32,11 +32,11 @@ pub(super) struct Lin {
 pub(super) struct Ptp {
     pub(super) key: Option<Key>,
     pub(super) target: Joints,
-    /// Of each axis's highest speed, 0…1.
+    /// Speed as a share of each axis's highest speed, 0…1.
     pub(super) speed_share: f64,
-    /// Of each axis's highest acceleration, 0…1.
+    /// Acceleration as a share of each axis's highest acceleration, 0…1.
     pub(super) acceleration_share: f64,
-    /// An output that is switched with its end.
+    /// An output that is switched at the end of the move.
     pub(super) switches: Option<(u16, bool)>,
 }
 
@@ -66,14 +66,14 @@ impl Move {
     }
 }
 
-/// What the mode allows.
+/// The speeds that the mode permits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Override {
     pub(super) tool_mm_s: f64,
     pub(super) axis_share: f64,
-    /// $OV_PRO, of every programmed speed, 0…1.
+    /// $OV_PRO as a share of every programmed speed, 0…1.
     pub(super) share: f64,
 }
 
-/// Lengths closer than this are one.
+/// Lengths that differ by less than this are equal, mm.
 pub(super) const ROUNDING_MM: f64 = 1e-9;

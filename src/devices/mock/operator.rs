@@ -1,4 +1,5 @@
-//! What people and the cell's PLC do to a controller: keys, switches, buttons, and programs that are selected.
+//! The actions of people and of the cell's PLC on a controller: keys, switches, buttons, and the selection of
+//! programs.
 
 use super::log::StopCause;
 use super::model::Controller;
@@ -29,7 +30,7 @@ impl Controller {
         self.safety.e_stop = false;
     }
 
-    /// Switches the drives; not on while the emergency stop is pressed.
+    /// Switches the drives; they do not switch on while the emergency stop is pressed.
     pub fn switch_drives(&mut self, on: bool) {
         if !on && self.safety.drives_on {
             self.stop(StopCause::Drives, String::new());
@@ -54,7 +55,7 @@ impl Controller {
         self.safety.mode = mode;
     }
 
-    /// Holds or releases the start key, which T1 and T2 need; released, the motion waits.
+    /// Presses or releases the start key, which T1 and T2 need; if it is released, the motion waits.
     pub fn hold_start_key(&mut self, held: bool) {
         self.safety.start_key = held;
         if held {
@@ -72,7 +73,7 @@ impl Controller {
         stands
     }
 
-    /// Sets an input that the world leaves alone.
+    /// Sets an input that the world does not set.
     pub fn set_input(&mut self, number: u16, value: bool) {
         self.inputs.insert(number, value);
     }
@@ -90,7 +91,7 @@ impl Controller {
         }
     }
 
-    /// The robot program is selected and started; nothing moves by it.
+    /// Selects and starts the robot program; this moves nothing.
     pub fn select(&mut self) {
         self.safety.selected = true;
         self.select_interpreted();

@@ -1,44 +1,45 @@
 //! How a mock controller's clock, mode and rules can be set.
 
-/// What makes the controller's time pass.
+/// The source of the controller's time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
     /// The caller of [`Controller::advance_ms`](super::Controller::advance_ms), as the server does by the wall
     /// clock.
     Free,
-    /// The client: each heartbeat grants 100 ms, once every command up to the one that it names has arrived.
+    /// The client's heartbeats: each heartbeat grants 100 ms, once every command up to the one that it names has
+    /// arrived.
     LockStep,
 }
 
 /// The mode switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Manual, at most 250 mm/s; moves only while the start key is held.
+    /// Manual mode, at most 250 mm/s; the arm moves only while the start key is pressed.
     T1 = 1,
-    /// Manual at full speed; moves only while the start key is held.
+    /// Manual mode at full speed; the arm moves only while the start key is pressed.
     T2 = 2,
     /// Automatic.
     Aut = 3,
-    /// Automatic, started from outside.
+    /// Automatic mode, started from outside.
     Ext = 4,
 }
 
-/// A rule that the controller's programs keep. One can be left out, to see that the tests notice.
+/// A rule that the controller's programs follow. One rule can be left out, to check that the tests notice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
     /// Commands of ended epochs are dropped.
     EpochCheck,
-    /// Silence stops what is queued, and closes the channels.
+    /// If the client is silent, the queued commands are stopped and the channels closed.
     Watchdog,
     /// A lost connection ends the epoch.
     LinkLoss,
-    /// A stop discards what is queued.
+    /// A stop discards the queued commands.
     Discard,
-    /// A stop in contact retracts.
+    /// A stop in contact makes a retract.
     Retract,
     /// The end of an epoch switches outputs off.
     OutputsOff,
-    /// The epoch is raised by a step at most.
+    /// One request raises the epoch by at most one step.
     EpochStep,
 }
 

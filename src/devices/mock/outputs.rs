@@ -1,13 +1,14 @@
-//! The outputs: what commands switch, and what the end of an epoch switches off by the controller's own clock.
+//! The outputs: those that commands switch, and those that the end of an epoch switches off by the controller's own
+//! clock.
 
 use super::model::Controller;
 use super::options::Rule;
 
-/// So long an output that went off after an epoch's end is switched off again.
+/// Time during which an output that went off after an epoch's end is switched off again, ms.
 const OFF_AGAIN_MS: u64 = 1_000;
 
 impl Controller {
-    /// A person switches an output on the teach pendant.
+    /// Switches an output, as a person does on the teach pendant.
     pub fn switch_output(&mut self, number: u16, on: bool) {
         self.set_output(number, on);
     }
@@ -27,7 +28,7 @@ impl Controller {
         }
     }
 
-    /// Tool or water is on.
+    /// Returns whether the tool or the water is on.
     pub(super) fn is_at_stake(&self) -> bool {
         let mut at_once = self.setup.off_after_ms.iter().filter(|(_, after_ms)| **after_ms == 0);
         at_once.any(|(number, _)| self.outputs.get(number) == Some(&true))
@@ -44,7 +45,8 @@ impl Controller {
         on.into_iter().for_each(|number| self.set_output(number, false));
     }
 
-    /// After an epoch's end each output of the list goes off when its time is over, and stays off for a while.
+    /// Switches off each output of the list when its time after an epoch's end is over, and keeps it off for a
+    /// while.
     pub(super) fn switch_off_in_time(&mut self) {
         if self.epoch.open || self.setup.left_out == Some(Rule::OutputsOff) {
             return;

@@ -13,11 +13,11 @@ use super::options::Mode;
 use super::wire::{self, Command, Refusal};
 use crate::geometry::{Base, KukaPose, Panel, Rigid, Tool};
 
-/// $ADVANCE: motions planned beside the present one.
+/// $ADVANCE: number of motions that are planned in addition to the present one.
 const ADVANCE: usize = 3;
 
 impl Controller {
-    /// Executes or plans what the ring holds, as far as the advance run reaches.
+    /// Executes or plans the commands in the ring, as far as the advance run reaches.
     pub(super) fn interpret(&mut self) {
         if !self.safety.motion_possible() {
             return;
@@ -72,7 +72,7 @@ impl Controller {
                 self.epoch.axis_acceleration_share = f64::from(n2) / 100.0;
             }
             wire::SET_DIGOUT if r1 == 1.0 && self.mover.switch_at_end((number(n1), n2 == 1)) => {}
-            // These stop the advance run.
+            // These commands stop the advance run.
             _ if !self.mover.is_idle() => return Ok(false),
             wire::SET_BASE => {
                 self.epoch.base = self.troubles.spoil(command).map(kuka_pose).or(self.epoch.base);
@@ -126,7 +126,7 @@ impl Controller {
         ended
     }
 
-    /// One interpolation step of the arm.
+    /// Performs one interpolation step of the arm.
     pub(super) fn step_arm(&mut self) {
         let (done, blocked) = self.mover.step(self.allowed(), TICK_MS as f64 / 1000.0);
         for step in &done {
@@ -162,7 +162,7 @@ impl Controller {
         if key.epoch == self.epoch.number {
             self.epoch.done = self.epoch.done.max(key.id);
         }
-        // An epoch that was stopped switches nothing while the arm brakes.
+        // If an epoch was stopped, it switches no outputs while the arm brakes.
         if let Some((number, on)) = done.step.switches()
             && key.epoch == self.epoch.number
             && self.epoch.open
@@ -204,7 +204,7 @@ impl Controller {
         }
     }
 
-    /// The last command before the oldest one that is not executed.
+    /// Sets the count to the last command before the oldest one that is not executed.
     pub(super) fn count_done(&mut self) {
         if !self.epoch.open {
             return;

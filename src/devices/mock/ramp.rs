@@ -5,18 +5,18 @@
 //! d); braking from v needs v²/2a. The unit of length is the caller's: mm on a line, otherwise degrees of the
 //! leading axis.
 
-/// What holds for one step.
+/// The limits for one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Limits {
     /// Remaining length to the point where the motion must stop.
     pub(super) to_stop: f64,
-    /// Highest speed, per second.
+    /// Highest speed per second.
     pub(super) speed: f64,
-    /// Acceleration and deceleration, per second².
+    /// Acceleration and deceleration per second².
     pub(super) acceleration: f64,
 }
 
-/// How far a step of `step_s` goes from `speed`, and the speed at its end.
+/// Returns the distance of a step of `step_s` that starts at `speed`, and the speed at the step's end.
 pub(super) fn step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
     let Limits { to_stop, speed: highest, acceleration } = limits;
     let (mut gone, mut now, mut left_s) = (0.0, speed, step_s);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     proptest! {
-        /// Braking ends: at a speed of exactly 0, and a step after it must.
+        /// Braking ends at a speed of exactly 0, at the latest one step after the time that the braking needs.
         #[test]
         fn a_brake_stands(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
             let steps = (speed / acceleration / 0.012).ceil() as usize + 1;

@@ -17,15 +17,15 @@ pub(super) struct Safety {
     pub(super) start_key: bool,
     /// The robot program is selected.
     pub(super) selected: bool,
-    /// It was started, and has not been reset since.
+    /// The program was started, and has not been reset since.
     pub(super) started: bool,
-    /// Another program than the cell's is selected.
+    /// A program other than the cell's is selected.
     pub(super) foreign: bool,
     pub(super) foreign_resets: u32,
 }
 
 impl Safety {
-    /// Automatic, nothing in the way, the program started.
+    /// Returns the state at the start: automatic mode, nothing that prevents motion, the program started.
     pub(super) fn at_start() -> Self {
         Safety {
             mode: Mode::Ext,
@@ -48,27 +48,27 @@ impl Safety {
         self.drives_on && !self.e_stop && (self.manual() || self.guard_closed)
     }
 
-    /// Whether the program runs, so that the arm may move.
+    /// Returns whether the program runs, so that the arm may move.
     pub(super) fn motion_possible(&self) -> bool {
         self.started && self.enabled() && !self.paused()
     }
 
-    /// Whether a program that is started would run.
+    /// Returns whether a program that is started would run.
     pub(super) fn may_start(&self) -> bool {
         self.enabled() && (!self.manual() || self.start_key)
     }
 
-    /// There is a program, and it has made its block coincidence.
+    /// Returns whether there is a program that has made its block coincidence.
     pub(super) fn has_program(&self) -> bool {
         self.started
     }
 
-    /// The start key was let go.
+    /// Returns whether the start key was released.
     pub(super) fn paused(&self) -> bool {
         self.started && self.manual() && !self.start_key
     }
 
-    /// The program begins again from its top, once it is started.
+    /// Resets the program: it begins again at its first line, once it is started.
     pub(super) fn reset_program(&mut self) {
         self.started = false;
     }

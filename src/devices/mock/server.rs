@@ -28,22 +28,22 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Two free ports of this machine.
+    /// Returns two free ports of this machine.
     pub fn free() -> Self {
         Ports { host: IpAddr::V4(Ipv4Addr::LOCALHOST), command: 0, state: 0 }
     }
 }
 
-/// A client that does not read for this long is gone.
+/// If a client does not read for this long, its connection is closed.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-/// How often clients are looked for, and in free time ticks made up for.
+/// Interval at which new clients are looked for and, in free time, missing ticks are made up for.
 const POLL_INTERVAL: Duration = Duration::from_millis(3);
 
 struct Shared {
     controller: Controller,
     command: Option<TcpStream>,
     state: Option<TcpStream>,
-    /// Slow ways in and out, by channel.
+    /// Slow inward directions of the connections, by channel; the next field has the outward ones.
     ways_in: [DelayedStream; 2],
     ways_out: [DelayedStream; 2],
 }
@@ -109,7 +109,7 @@ pub struct MockHandle {
 
 impl MockHandle {
     fn lock(&self) -> MutexGuard<'_, Shared> {
-        // A test that failed while it held the controller must not hide its failure behind this one.
+        // A test that failed while it had locked the controller must not be hidden behind a second failure here.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -127,7 +127,7 @@ impl MockHandle {
     }
 }
 
-/// A mock controller that listens. Dropped, it closes its channels and ends its threads.
+/// A mock controller that listens. When it is dropped, it closes its channels and ends its threads.
 pub struct MockServer {
     handle: MockHandle,
     command_address: SocketAddr,
@@ -272,7 +272,7 @@ fn accept_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Op
     thread
 }
 
-/// Reads until the client hangs up or the controller does.
+/// Reads until the client or the controller closes the connection.
 fn read(handle: &MockHandle, channel: Channel, mut stream: TcpStream) {
     let mut bytes = vec![0; 65_536];
     loop {

@@ -1,4 +1,4 @@
-//! What a mock controller is made of: its arm, its channels, its clock, what its inputs and outputs are.
+//! The setup of a mock controller: its arm, its channels, its clock, and the meaning of its inputs and outputs.
 
 use super::channel_file::ChannelFile;
 use super::fault::FaultSpec;
@@ -22,20 +22,20 @@ pub struct Setup {
     pub commands: ChannelFile,
     /// CELLSTAT.xml.
     pub states: ChannelFile,
-    /// What makes time pass.
+    /// The source of the controller's time.
     pub clock: Clock,
-    /// Changes at each start of a controller.
+    /// The boot number, which changes at each start of a controller.
     pub boot: i32,
-    /// Of the KRL programs.
+    /// The checksum of the KRL programs.
     pub checksum: i32,
-    /// Which $IN the bits of `In` are, lowest bit first; at most 31.
+    /// The $IN numbers of the bits of `In`, lowest bit first; at most 31.
     pub inputs: Vec<u16>,
-    /// Which $OUT the bits of `Out` are, lowest bit first; at most 31.
+    /// The $OUT numbers of the bits of `Out`, lowest bit first; at most 31.
     pub outputs: Vec<u16>,
     /// The $OUT that runs the tool.
     pub tool_output: Option<u16>,
-    /// Each $OUT that the end of an epoch switches off, and how long after it, ms. With 0 it is at once, and silence of the
-    /// client is watched while it is on.
+    /// Each $OUT that the end of an epoch switches off, and the delay, ms. With 0, it is switched off at once, and
+    /// silence of the client is watched while it is on.
     pub off_after_ms: BTreeMap<u16, u64>,
     /// The $OUT of each signal to a line: ready, cycle done, pass, fail, review, fault; 0 if there is none.
     pub line_outputs: [u16; 6],
@@ -47,15 +47,15 @@ pub struct Setup {
     pub first_state: i32,
     /// What goes wrong.
     pub faults: FaultSpec,
-    /// The controller's own programs are executed; `None` for the model in Rust.
+    /// The controller's own programs that are executed; `None` for the model in Rust.
     pub programs: Option<Programs>,
-    /// A rule that is not kept; for tests of tests.
+    /// A rule that is not followed; for tests of the tests.
     pub left_out: Option<Rule>,
 }
 
 impl Setup {
-    /// A KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the tool on output 5, water on 2,
-    /// light on 1 and extraction on 4, one subroutine of 100 ms.
+    /// Creates the setup of a KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the
+    /// tool on output 5, water on 2, light on 1 and extraction on 4, one subroutine of 100 ms.
     pub fn new(commands: ChannelFile, states: ChannelFile) -> Self {
         let start = Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
         Setup {

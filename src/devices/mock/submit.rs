@@ -1,4 +1,4 @@
-//! The submit interpreter's share: requests, the intake of commands into the ring, the watchdog, the stop.
+//! The tasks of the submit interpreter: requests, the transfer of commands into the ring, the watchdog, the stop.
 
 use super::epoch::{Epoch, RING};
 use super::error::EkiFault;
@@ -7,11 +7,11 @@ use super::model::Controller;
 use super::options::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 
-/// Commands read in one tick, at most.
+/// Largest number of commands that are read in one tick.
 const COMMANDS_PER_TICK: usize = 8;
 /// Time that a heartbeat grants in lock step.
 const GRANT_MS: u64 = 100;
-/// Silence that stops what is queued.
+/// Silence after which the queued commands are stopped, ms.
 const WATCHDOG_MS: u64 = 400;
 /// Silence after which the program considers its channels dead, clears them and listens again. Otherwise a client
 /// that disappeared without closing its connection would hold its place for ever.
@@ -34,7 +34,7 @@ impl Controller {
             let is_grant =
                 |request: &Request| self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
             let next = self.request_places.next(&self.states.memory);
-            // What has come behind it, an abort, is not held up by it.
+            // A document that came after the heartbeat, such as an abort, does not wait for the heartbeat.
             let is_last = self.request_places.waiting(&self.states.memory) == 1;
             let is_delivered = next.as_ref().is_none_or(|next| self.is_delivered(next));
             let grants = next.as_ref().is_some_and(is_grant) && (is_delivered || is_last);
@@ -68,7 +68,7 @@ impl Controller {
         heartbeat.n1 <= 0 || !self.awaits_commands || heartbeat.epoch < self.epoch.number || self.arrived >= named
     }
 
-    /// The client's abort. It stops in any case; a number that may not follow leaves the count as it is.
+    /// Executes the client's abort. It stops in any case; a number that may not follow does not change the count.
     fn abort(&mut self, number: i32) {
         self.stop(StopCause::Abort, String::new());
         if self.follows(number) {
@@ -76,13 +76,14 @@ impl Controller {
         }
     }
 
-    /// Higher than the epoch, and by no more than a step: one wrong message must not use the count up.
+    /// Returns whether the number is higher than the epoch, by at most one step: one wrong message must not use up
+    /// the count.
     fn follows(&self, number: i32) -> bool {
         let steps = i64::from(number) - i64::from(self.epoch.number);
         steps > 0 && (steps <= i64::from(EPOCH_STEP) || self.setup.left_out == Some(Rule::EpochStep))
     }
 
-    /// Opens an epoch, without base and tool. Nothing moves but what is still being stopped.
+    /// Opens an epoch, without base and tool. Nothing moves except a motion that is still being stopped.
     fn reset(&mut self, number: i32) {
         if !self.follows(number) {
             return;
@@ -95,7 +96,7 @@ impl Controller {
         self.stopped = false;
     }
 
-    /// Reads commands out of the channel's memories.
+    /// Reads commands from the channel's memories.
     pub(super) fn read_commands(&mut self) {
         if !self.commands.connected || !self.command_places.waits(&self.commands.memory) {
             return;
@@ -193,7 +194,7 @@ impl Controller {
         u16::try_from(input).ok().and_then(|input| self.setup.mapped_inputs.get(&input)).copied()
     }
 
-    /// A command is not executed. A path with a hole is worse than a stop: nothing behind it is executed either.
+    /// Refuses a command. A path with a gap is worse than a stop, so no command after it is executed either.
     pub(super) fn refuse(&mut self, id: i32, refusal: Refusal, detail: String) {
         if !matches!(refusal, Refusal::WrongEpoch | Refusal::Stopped) {
             self.stop(StopCause::Refused(refusal), detail);
@@ -201,8 +202,8 @@ impl Controller {
         self.epoch.refusal.get_or_insert((refusal, id));
     }
 
-    /// Silence while something is queued, or while tool or water is on, ends the epoch; so does another override in
-    /// contact.
+    /// Ends the epoch if the client is silent while a command is queued, or while tool or water is on; also if the
+    /// override changes in contact.
     pub(super) fn watch(&mut self) {
         if self.epoch.open && self.troubles.override_percent() != 100 && self.contact.touches(self.mover.front()) {
             self.refuse(self.epoch.done + 1, Refusal::Override, String::new());
@@ -229,7 +230,7 @@ impl Controller {
         }
     }
 
-    /// The submit interpreter does not run: the robot program stops by itself.
+    /// Stops the robot program, because the submit interpreter does not run.
     pub(super) fn miss_submit(&mut self) {
         let watches = self.setup.left_out != Some(Rule::Watchdog);
         let dead_ms = self.now_ms - self.submit_ran_ms;
@@ -243,7 +244,7 @@ impl Controller {
         self.switch_off(|_| true);
     }
 
-    /// An epoch ends with its link, busy or not: a tool that runs in the air is switched off, too.
+    /// Ends the epoch when its link is lost, busy or not: a tool that runs in the air is switched off, too.
     pub(super) fn link_lost(&mut self) {
         if self.running.is_none() && self.epoch.open && self.setup.left_out != Some(Rule::LinkLoss) {
             self.stop(StopCause::LinkLost, String::new());
@@ -263,13 +264,13 @@ impl Controller {
         self.count_done();
         let contact = self.contact.touches(self.mover.front());
         let at_once = cause.is_at_once() || self.safety.paused();
-        // A retract ends an epoch; it is never made up for later, and only a program that runs makes it.
+        // A retract ends an epoch; it is never made up for later, and only a running program makes it.
         let may_retract =
             self.epoch.open && self.safety.has_program() && self.setup.left_out != Some(Rule::Retract);
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
             self.stops.push(Stop { time_ms, epoch, cause, contact, detail });
-            // A second stop does not lengthen the times.
+            // A second stop does not extend the delays.
             self.ended_ms = self.now_ms;
             self.off_due = self.setup.off_after_ms.keys().copied().collect();
         }

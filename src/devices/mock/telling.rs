@@ -13,7 +13,7 @@ const STATE_INTERVAL_MS: u64 = 100;
 const ACK_INTERVAL_MS: u64 = 500;
 
 impl Controller {
-    /// At the end of a tick: what has changed, or is due.
+    /// Sends at the end of a tick what has changed or is due.
     pub(super) fn publish_changes(&mut self) {
         let ack = self.ack();
         let due =
@@ -23,7 +23,7 @@ impl Controller {
             let numbers = [ack.received, ack.done, ack.free, ack.refusal.0, ack.refusal.1, ack.epoch];
             self.answers.ack.write(&mut self.commands.out, &numbers.map(Value::Int));
         }
-        // In a granted time the heartbeat's answer is that state.
+        // In a granted time, the answer to the heartbeat replaces this state.
         let next_ms = self.now_ms + TICK_MS;
         if self.read_up_to.is_none() && next_ms > self.answers.last_state_ms + STATE_INTERVAL_MS {
             self.tell_state(self.answers.answered);
@@ -48,7 +48,7 @@ impl Controller {
         }
         self.answers.answered = request;
         self.answers.last_state_ms = self.now_ms;
-        // Counts on from 0 behind the highest number of 32 bits.
+        // After the highest 32-bit number, the count continues from 0.
         self.answers.sequence = self.answers.sequence.wrapping_add(1 + self.troubles.take_skip()) & i32::MAX;
         let whole = self.state_numbers().map(Value::Int);
         let tool = self.epoch.tool.map_or_else(KukaPose::default, |tool| tool.pose);
@@ -60,7 +60,7 @@ impl Controller {
         self.answers.state.write(&mut self.states.out, &values);
     }
 
-    /// In the order of [`STATE_TAGS`].
+    /// Returns the numbers of the state in the order of [`STATE_TAGS`].
     fn state_numbers(&self) -> [i32; 13] {
         [
             ((self.now_ms - self.started_ms) % (1 << 31)) as i32,

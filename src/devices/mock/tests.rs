@@ -1,4 +1,4 @@
-//! The model driven as a client drives it: documents in, documents out, in lock step unless a test lets time pass itself.
+//! The model, driven as by a client: documents in, documents out, in lock step unless a test lets time pass itself.
 
 mod motion;
 mod outputs;
@@ -11,7 +11,7 @@ use super::*;
 use crate::geometry::{Base, Point};
 use std::sync::{Arc, Mutex};
 
-/// Wrist bent down: the flange is at (390, 0, 670), its Z straight down.
+/// Start position with the wrist bent down: the flange is at (390, 0, 670), its Z straight down.
 const START_DEG: [f64; 6] = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0];
 /// Length of the tool along the flange's Z, mm.
 const TOOL_MM: f64 = 100.0;
@@ -25,7 +25,7 @@ fn setup(clock: Clock) -> Setup {
     Setup { clock, start: joints(START_DEG), ..Setup::new(commands, states) }
 }
 
-/// Every change of an output; input 4 follows the tool's output.
+/// Records every change of an output; input 4 follows the tool's output.
 #[derive(Clone, Default)]
 struct Wires {
     changes: Arc<Mutex<Vec<(u16, bool, u64)>>>,
@@ -54,7 +54,7 @@ struct Rig {
     controller: Controller,
     wires: Wires,
     epoch: i32,
-    /// The last command sent.
+    /// The id of the last command sent.
     id: i32,
     request: i32,
     acks: String,
@@ -62,7 +62,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// Connected, epoch 1 open.
+    /// Creates a connected controller with epoch 1 open.
     fn new(clock: Clock) -> Self {
         let mut rig = Rig::before_reset(clock);
         rig.open();
@@ -77,7 +77,7 @@ impl Rig {
         Rig { controller, wires, epoch: 0, id: 0, request: 0, acks: String::new(), states: String::new() }
     }
 
-    /// With base, sanding tool, 100 mm/s and 1000 mm/s² set.
+    /// Creates a controller with base, sanding tool, 100 mm/s and 1000 mm/s² set.
     fn ready(clock: Clock) -> Self {
         let mut rig = Rig::new(clock);
         rig.prepare();
@@ -122,7 +122,7 @@ impl Rig {
         self.states += &String::from_utf8(self.controller.take_output(Channel::State)).expect("text");
     }
 
-    /// A heartbeat: in lock step it grants 100 ms.
+    /// Sends a heartbeat: in lock step it grants 100 ms.
     fn beat(&mut self) {
         let id = self.id;
         self.ask(10, id);
@@ -136,7 +136,7 @@ impl Rig {
         (0..count).for_each(|_| self.beat());
     }
 
-    /// Beats until nothing moves; the limit is far beyond every path of these tests.
+    /// Sends heartbeats until nothing moves; their limit is far beyond every path of these tests.
     fn settle(&mut self) {
         for _ in 0..200 {
             self.beat();
@@ -148,7 +148,7 @@ impl Rig {
         panic!("it never stands");
     }
 
-    /// Straight points along the base's X, 5 mm apart; `sent` of `planned`, blended by 2 mm.
+    /// Sends straight points along the base's X, 5 mm apart: `sent` of `planned` points, blended by 2 mm.
     fn line(&mut self, planned: i32, sent: i32, contact: bool) {
         for point in 1..=sent {
             let p = [5.0 * f64::from(point), 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -197,7 +197,7 @@ fn request(id: i32, epoch: i32, operation: i32, n1: i32) -> String {
     format!("<Req Id=\"{id}\" Ep=\"{epoch}\" Op=\"{operation}\" N1=\"{n1}\"></Req>")
 }
 
-/// The attribute's last value in these documents.
+/// Returns the attribute's last value in these documents.
 fn last<'a>(documents: &'a str, name: &str) -> &'a str {
     let start = documents.rfind(&format!(" {name}=\"")).expect("told") + name.len() + 3;
     &documents[start..start + documents[start..].find('"').expect("quoted")]

@@ -7,18 +7,18 @@ use crate::geometry::{Base, Flange, Joints, Rigid};
 use std::collections::BTreeMap;
 
 impl Controller {
-    /// How late bytes arrive, whether they come in pieces, and the seed of both.
+    /// Returns how late bytes arrive, whether they come in pieces, and the seed of both.
     pub(super) fn wire_faults(&self) -> (Option<(u64, u64)>, bool, u64) {
         let faults = &self.setup.faults;
         (faults.delay_ms, faults.fragment, faults.seed)
     }
 
-    /// What makes its time pass.
+    /// Returns the source of the controller's time.
     pub fn clock(&self) -> Clock {
         self.setup.clock
     }
 
-    /// ms since the start.
+    /// Returns the time since the start, ms.
     pub fn time_ms(&self) -> u64 {
         self.now_ms
     }
@@ -36,37 +36,37 @@ impl Controller {
         }
     }
 
-    /// Whether the arm moves, or has something planned.
+    /// Returns whether the arm moves or has planned moves.
     pub fn is_moving(&self) -> bool {
         !self.mover.is_idle() || self.contact.wants_retract()
     }
 
-    /// The override that a person has set, %.
+    /// Returns the override that a person has set, %.
     pub fn override_percent(&self) -> u8 {
         self.troubles.override_percent()
     }
 
-    /// How far the pose that it reports is off along Z of the base that is set, mm.
+    /// Returns the deviation of the reported pose along Z of the present base, mm.
     pub fn measured_off_mm(&self) -> f64 {
         self.troubles.measured_off_mm()
     }
 
-    /// Every `$OUT` that was ever set.
+    /// Returns every `$OUT` that was ever set.
     pub fn outputs(&self) -> &BTreeMap<u16, bool> {
         &self.outputs
     }
 
-    /// Whether mode, keys, drives, guard and program let the arm move.
+    /// Returns whether mode, keys, drives, guard and program let the arm move.
     pub fn can_move(&self) -> bool {
         self.safety.motion_possible()
     }
 
-    /// Every `$FLAG` that was ever set.
+    /// Returns every `$FLAG` that was ever set.
     pub fn flags(&self) -> &BTreeMap<u16, bool> {
         &self.flags
     }
 
-    /// The last command received in the present epoch, and the last executed.
+    /// Returns the last command received in the present epoch, and the last one executed.
     pub fn counts(&self) -> (i32, i32) {
         self.running.as_ref().map_or((self.epoch.received, self.epoch.done), |running| running.counts())
     }
@@ -76,32 +76,32 @@ impl Controller {
         self.running.as_ref().map_or(self.epoch.number, |running| running.epoch())
     }
 
-    /// Whether the program has stopped the epoch.
+    /// Returns whether the program has stopped the epoch.
     pub fn is_stopped(&self) -> bool {
         self.running.as_ref().map_or(self.stopped, |running| running.is_stopped())
     }
 
-    /// How often the next point was missing.
+    /// Returns how often the next point was missing.
     pub fn underruns(&self) -> i32 {
         self.running.as_ref().map_or(self.underruns, |running| running.underruns())
     }
 
-    /// How many commands of ended epochs arrived and were dropped.
+    /// Returns how many commands of ended epochs arrived and were dropped.
     pub fn stale_commands(&self) -> u64 {
         self.stale
     }
 
-    /// Every motion that was executed, in order.
+    /// Returns every motion that was executed, in order.
     pub fn executed(&self) -> &[Executed] {
         &self.executed
     }
 
-    /// The tool at each tick of every contact.
+    /// Returns the tool at each tick of every contact.
     pub fn trace(&self) -> &[Sample] {
         &self.trace
     }
 
-    /// Every stop by the program.
+    /// Returns every stop by the program.
     pub fn stops(&self) -> &[Stop] {
         &self.stops
     }

@@ -1,4 +1,5 @@
-//! What the cell's programs understand: commands, requests, refusals; their numbers on the wire.
+//! The messages that the cell's programs understand: commands, requests, refusals; and their numbers in the
+//! protocol.
 
 use super::channel_file::Kind;
 use super::error::{EkiFault, FileProblem};
@@ -25,34 +26,34 @@ impl Channel {
 /// Why a command is refused; the number is `Err` in the acknowledgement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// Its id is not the next one.
+    /// The command's id is not the next one.
     IdGap = 1,
-    /// Its epoch is not the present one.
+    /// The command's epoch is not the present one.
     WrongEpoch = 2,
-    /// No place in the ring.
+    /// The ring is full.
     RingFull = 3,
     /// No such operation.
     UnknownOperation = 4,
     /// A number is outside of its range.
     OutOfRange = 5,
-    /// Base or tool was not set in this epoch.
+    /// The base or the tool was not set in this epoch.
     NoBaseOrTool = 6,
     /// An input cannot be written.
     ReadOnly = 7,
-    /// Out of reach, or beyond an axis's limit.
+    /// The target is out of reach, or beyond an axis's limit.
     Unreachable = 8,
-    /// Mode, drives, e-stop or guard do not let the arm move.
+    /// Mode, drives, emergency stop or guard do not let the arm move.
     NoMotion = 9,
     /// The program has stopped this epoch.
     Stopped = 10,
-    /// Contact at another override than 100 %.
+    /// A contact move at an override other than 100 %.
     Override = 11,
-    /// A line outside of the box, or too long in contact.
+    /// A line is outside of the box, or is too long in contact.
     OutsideBox = 12,
 }
 
 impl Refusal {
-    /// The one of this number.
+    /// Returns the refusal with this number.
     pub(super) fn from_number(number: u8) -> Option<Self> {
         let all = [
             Refusal::IdGap,
@@ -140,7 +141,7 @@ impl CommandPlaces {
         Ok(Command { id, epoch, operation, n: [n1, n2], r: [r1, r2], p })
     }
 
-    /// Epoch and id of the next command, which order the commands.
+    /// Returns epoch and id of the next command, which define the order of the commands.
     pub(super) fn next_order(&self, memory: &Memory) -> Option<(i32, i32)> {
         let number = |place| memory.peek(place).ok().and_then(int);
         Some((number(self.ints[1])?, number(self.ints[0])?))
@@ -160,7 +161,7 @@ impl CommandPlaces {
 pub(super) struct RequestPlaces([usize; 4]);
 
 impl RequestPlaces {
-    /// How many requests wait.
+    /// Returns how many requests wait.
     pub(super) fn waiting(&self, memory: &Memory) -> usize {
         memory.waiting(self.0[0])
     }
@@ -182,7 +183,7 @@ impl RequestPlaces {
         Some(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })
     }
 
-    /// The next request, taken out.
+    /// Takes the next request.
     pub(super) fn pop(&self, memory: &mut Memory) -> Result<Request, EkiFault> {
         let mut row = Row::default();
         let [id, epoch, operation, n1] = self.0.map(|place| row.keep(memory.get_int(place)));
@@ -191,7 +192,7 @@ impl RequestPlaces {
     }
 }
 
-/// What a program finds in one row of reads.
+/// The values that a program finds in one row of reads.
 #[derive(Default)]
 struct Row {
     fault: Option<EkiFault>,

@@ -6,7 +6,8 @@ pub trait World: Send {
     /// `$OUT[number]` changed.
     fn on_output(&mut self, number: u16, value: bool, time_ms: u64);
 
-    /// `$IN[number]` now; `None` leaves it as [`Controller::set_input`](super::Controller::set_input) set it.
+    /// Returns the state of `$IN[number]` now; `None` keeps the state that
+    /// [`Controller::set_input`](super::Controller::set_input) has set.
     fn input(&self, number: u16, time_ms: u64) -> Option<bool>;
 }
 

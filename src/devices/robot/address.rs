@@ -5,7 +5,7 @@ use crate::cell;
 /// The addresses on which a controller listens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address {
-    /// Name or address of the machine.
+    /// Host name or address of the controller.
     pub host: String,
     /// Port of the command channel.
     pub command_port: u16,

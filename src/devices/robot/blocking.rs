@@ -1,4 +1,4 @@
-//! The link for callers without a runtime, such as a command that does one thing.
+//! The link for callers without an async runtime, such as a command that performs one task.
 
 use super::address::Address;
 use super::link::{LineOutputs, RobotLink, StartError, StopLine};
@@ -10,74 +10,74 @@ use tokio::runtime::Runtime;
 /// A [`RobotLink`] with blocking calls.
 #[derive(Debug)]
 pub struct BlockingLink {
-    // Dropped first: its thread ends by itself.
+    // Dropped first: the link's thread then ends by itself.
     link: RobotLink,
     runtime: Runtime,
 }
 
 impl BlockingLink {
-    /// As [`RobotLink::start`].
+    /// Starts the link as [`RobotLink::start`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::start`].
     pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
         let link = RobotLink::start(address, limits, pace)?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
         Ok(BlockingLink { link, runtime })
     }
 
-    /// As [`RobotLink::send`].
+    /// Queues one command as [`RobotLink::send`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::send`].
     pub fn send(&self, command: Command) -> Result<CommandId, QueueError> {
         self.runtime.block_on(self.link.send(command))
     }
 
-    /// As [`RobotLink::send_path`].
+    /// Queues a whole path as [`RobotLink::send_path`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::send_path`].
     pub fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
         self.runtime.block_on(self.link.send_path(points))
     }
 
-    /// As [`RobotLink::send_path_within`].
+    /// Queues a path of which only some points are permitted, as [`RobotLink::send_path_within`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::send_path_within`].
     pub fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
         self.runtime.block_on(self.link.send_path_within(points, permitted))
     }
 
-    /// As [`RobotLink::permit`].
+    /// Permits more commands, as [`RobotLink::permit`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::permit`].
     pub fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
         self.runtime.block_on(self.link.permit(last))
     }
 
-    /// As [`RobotLink::open_epoch`].
+    /// Opens an epoch as [`RobotLink::open_epoch`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::open_epoch`].
     pub fn open_epoch(&self) -> Result<Epoch, QueueError> {
         self.runtime.block_on(self.link.open_epoch())
     }
 
-    /// As [`RobotLink::open_epoch_above`].
+    /// Opens an epoch with a number above `above`, as [`RobotLink::open_epoch_above`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::open_epoch_above`].
     pub fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
         self.runtime.block_on(self.link.open_epoch_above(above))
     }
 
-    /// As [`RobotLink::abort`].
+    /// Ends the epoch as [`RobotLink::abort`] does.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`RobotLink::abort`].
     pub fn abort(&self) -> Result<(), QueueError> {
         self.runtime.block_on(self.link.abort())
     }

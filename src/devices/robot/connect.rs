@@ -1,4 +1,4 @@
-//! Two TCP connections, set up so that a dead controller is noticed.
+//! Makes the two TCP connections, with settings by which a dead controller is detected.
 
 use super::address::Address;
 use crate::eki::{Channel, LinkLoss};

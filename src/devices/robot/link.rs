@@ -17,10 +17,10 @@ use tokio::sync::{mpsc, oneshot};
 
 /// The longest time without a sign of life of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
-/// It answers each order, and ends, within this time.
+/// The link's thread answers each request, and ends, within this time.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The link's share of the cell's file.
+/// Returns the link's limits from the cell's file.
 pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
     let limits = cell.limits();
     let ms = |ms: usize| Duration::from_millis(ms as u64);
@@ -30,13 +30,13 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
         min_points: limits.min_points(),
         heartbeat: ms(limits.heartbeat_ms()),
         watchdog: ms(limits.watchdog_ms()),
-        // A cell's file with more names is refused.
+        // A cell's file with too many names was already refused.
         mapped_inputs: MappedInputs::new(cell.io().mapped_inputs().values().copied()).unwrap_or_default(),
         harmful_outputs: cell.io().harmful_bits(),
     }
 }
 
-/// Why a link cannot be started. An absent controller is none: that is reported.
+/// Why a link cannot be started. An absent controller is not such an error: the link reports it.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
     /// A channel's file cannot be read.
@@ -50,7 +50,7 @@ pub enum StartError {
     /// The files do not fit this program.
     #[error("the EthernetKRL files do not fit this program: {0}")]
     Schema(#[from] SchemaError),
-    /// The system gives no thread or no runtime.
+    /// The operating system cannot create a thread or an async runtime.
     #[error("the robot link's thread cannot start: {0}")]
     Thread(#[from] std::io::Error),
 }
@@ -61,24 +61,25 @@ pub enum StartError {
 pub struct LineOutputs(mpsc::WeakUnboundedSender<LinkRequest>);
 
 impl LineOutputs {
-    /// Sets them, the first output by the lowest bit. They reach the controller with the next message to it.
+    /// Sets the outputs, the first output by the lowest bit. They reach the controller with the next message to it.
     pub fn set(&self, bits: u32) {
-        // It keeps no link alive.
+        // The output line does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(clippy::let_underscore_must_use, reason = "a link that has ended tells nobody anything")]
         let _ = orders.send(LinkRequest::Line(bits));
     }
 }
 
-/// The shortest way to a stop: the abort frame goes out at once, whatever the rest of the program waits for. Clones
-/// are the same one.
+/// The shortest way to a stop: the abort frame is sent at once, even while the rest of the program waits. All
+/// clones stop the same link.
 #[derive(Debug, Clone)]
 pub struct StopLine(mpsc::WeakUnboundedSender<LinkRequest>);
 
 impl StopLine {
-    /// Ends the epoch that is open, as [`RobotLink::abort`] does, and waits for nothing. At rest it sends nothing.
+    /// Ends the open epoch, as [`RobotLink::abort`] does, without waiting. If there is nothing to stop, it sends
+    /// nothing.
     pub fn stop(&self) {
-        // It keeps no link alive.
+        // The stop line does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
         #[expect(
             clippy::let_underscore_must_use,
@@ -124,7 +125,7 @@ impl RobotLink {
         Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread), watched })
     }
 
-    /// The link's thread, for who supervises it.
+    /// Returns the link's thread for its supervisor.
     pub fn watched(&self) -> Watched {
         self.watched.clone()
     }
@@ -147,15 +148,15 @@ impl RobotLink {
         self.ask(|reply| LinkRequest::Queue(command, reply)).await
     }
 
-    /// Queues a path whole, in the active base; the id of its last point comes back.
+    /// Queues a whole path, in the active base, and returns the id of its last point.
     ///
     /// # Errors
-    /// As [`RobotLink::send`]; one bad point refuses all.
+    /// As [`RobotLink::send`]; one bad point refuses all points.
     pub async fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
         self.ask(|reply| LinkRequest::QueuePath(points, reply)).await
     }
 
-    /// The same, of which only `permitted` points are sent before more are permitted.
+    /// Queues a whole path, but sends only the first `permitted` points until more points are permitted.
     ///
     /// # Errors
     /// As [`RobotLink::send_path`].
@@ -179,7 +180,7 @@ impl RobotLink {
         self.open_epoch_above(Epoch(0)).await
     }
 
-    /// The same with a number above this one.
+    /// Opens an epoch with a number above `above`.
     ///
     /// # Errors
     /// As [`RobotLink::open_epoch`].
@@ -195,8 +196,8 @@ impl RobotLink {
         self.ask(LinkRequest::Abort).await
     }
 
-    /// The next thing to know. Dropped while it waits, it loses nothing. In lock step the controller's time
-    /// passes only in here.
+    /// Returns the next report. If this future is dropped while it waits, no report is lost. In lock step the
+    /// controller's time passes only in this function.
     pub async fn next(&mut self) -> Report {
         loop {
             match self.reports.pop() {
@@ -250,7 +251,7 @@ impl Drop for RobotLink {
     }
 }
 
-/// The priority of the link's thread over other threads of the machine.
+/// The priority of the link's thread over other threads of the machine (nice value).
 const NICE: i32 = -10;
 
 /// Raises the priority of the calling thread, and no other. If the system does not permit this (`LimitNICE` of the

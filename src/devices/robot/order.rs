@@ -14,7 +14,7 @@ pub(super) enum LinkRequest {
     Permit(Option<CommandId>, Reply<()>),
     OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
-    /// An abort of what is at work; there is no answer.
+    /// Aborts the open epoch; there is no answer.
     Stop,
     /// The outputs to a line; no caller waits for them.
     Line(u32),

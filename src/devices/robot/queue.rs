@@ -27,19 +27,19 @@ struct Inside {
 /// No report is waiting.
 #[derive(Debug)]
 pub(super) struct Empty {
-    /// How many reports there have been.
+    /// Number of reports so far.
     pub told: u64,
-    /// There will be no more.
+    /// No more reports will come.
     pub closed: bool,
 }
 
 impl ReportQueue {
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every change is made whole under the lock.
+        // Every change is completed under the lock.
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a report; an older one of the same kind, with nothing but states and progress behind it, gives way.
+    /// Adds a report. It replaces an older report of the same kind if only states and progress follow that one.
     pub(super) fn add(&self, report: Report, replaces: bool) {
         let mut inside = self.lock();
         let passing = |report: &Report| matches!(report, Report::State(_) | Report::Progress { .. });
@@ -83,7 +83,7 @@ impl ReportQueue {
         self.changed.notify_one();
     }
 
-    /// Waits until something may have changed.
+    /// Waits until the queue may have changed.
     pub(super) async fn changed(&self) {
         self.changed.notified().await;
     }
@@ -94,7 +94,8 @@ mod tests {
     use super::*;
     use crate::eki::{CommandId, Epoch};
 
-    /// A reader that sleeps through a path finds the epoch, its end, and the newest progress of each.
+    /// A reader that sleeps through a path finds the start of the epoch, its end, and the newest report of each
+    /// kind of progress.
     #[test]
     fn only_the_newest_progress_waits_and_nothing_else_is_lost() {
         let queue = ReportQueue::default();

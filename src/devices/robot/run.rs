@@ -18,7 +18,8 @@ const MIN_RECONNECT_DELAY: Duration = Duration::from_millis(100);
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(1);
 /// Time limit for sending an abort when the link is closed.
 const ABORT_SEND_TIMEOUT: Duration = Duration::from_millis(100);
-/// In lock step no deadline passes; a controller that does not answer for this long by the wall clock is gone.
+/// In lock step no deadline passes. If a controller does not answer for this time by the wall clock, it counts as
+/// lost.
 const LOCK_STEP_TIMEOUT: Duration = Duration::from_secs(10);
 /// Reports that are not fetched for this long, while anything is queued, end the epoch: heartbeats mean that the
 /// program looks after the robot, not that this thread runs.
@@ -33,9 +34,9 @@ pub(super) struct Link {
     orders: mpsc::UnboundedReceiver<LinkRequest>,
     reports: Arc<ReportQueue>,
     started: Instant,
-    /// The controller's time, as last heard; in lock step only.
+    /// The controller's time as last received; in lock step only.
     virtual_now: Time,
-    /// The trouble that was reported, until a controller answers.
+    /// The loss that was reported; stored until a controller answers.
     told_loss: Option<LinkLoss>,
     sign: Supervised,
 }
@@ -43,7 +44,7 @@ pub(super) struct Link {
 /// No sender of orders is left.
 struct Deserted;
 
-/// Two connections and what is still to be written to them.
+/// Two connections and the bytes that are still to be written to them.
 struct Streams {
     command: TcpStream,
     state: TcpStream,
@@ -107,7 +108,8 @@ impl Link {
                     }
                 }
             }
-            // Not all clients of a controller that comes back at once: up to a quarter more.
+            // An additional random delay of up to a quarter, so that not all clients connect at the same time to a
+            // controller that comes back.
             let jitter = pause * (self.started.elapsed().subsec_nanos() % 256) / 1024;
             if let Err(Deserted) = self.meanwhile(tokio::time::sleep(pause + jitter)).await {
                 return;
@@ -129,7 +131,7 @@ impl Link {
         }
     }
 
-    /// Serves two connections until one of them fails or is given up.
+    /// Serves two connections until one of them fails or is closed.
     async fn serve(&mut self, streams: &mut Streams) -> Result<(), Deserted> {
         let mut heard = Instant::now();
         loop {
@@ -154,8 +156,8 @@ impl Link {
             if !self.session.is_connected() {
                 return Ok(());
             }
-            // In lock step acknowledgements are read with the state that comes behind them, so that how fast the
-            // machine is cannot matter.
+            // In lock step acknowledgements are read together with the state that follows them, so that the speed
+            // of the machine has no influence.
             let reads_command = self.pace == Pace::Wall;
             let deadline = self.deadline(heard);
             let step = tokio::select! {
@@ -195,7 +197,7 @@ impl Link {
     fn deadline(&self, heard: Instant) -> Instant {
         match self.pace {
             Pace::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_TIMEOUT,
-            // Nothing is due before the next order; the sleep only has to end at some time.
+            // Nothing is due before the next request; the sleep only needs some end.
             Pace::LockStep => Instant::now() + LOCK_STEP_TIMEOUT,
             Pace::Wall => {
                 let due = self.session.deadline().map_or(MAX_RECONNECT_DELAY, Time::since_start);
@@ -214,7 +216,7 @@ impl Link {
         Ok(())
     }
 
-    /// Reads what the state channel has; in lock step what the command channel has, first.
+    /// Reads from the state channel; in lock step first from the command channel.
     fn read(&mut self, streams: &Streams) -> Result<(), LinkLoss> {
         let mut bytes = [0; 16 * 1024];
         let count = read_available(Channel::State, &streams.state, &mut bytes)?;
@@ -253,7 +255,7 @@ impl Link {
             LinkRequest::Abort(reply) => drop(reply.send(self.session.abort())),
             // Without a connection the controller has stopped by itself.
             LinkRequest::Stop => self.session.stop_now(),
-            // With an answer under way, or a report that the asker has not seen, no more time may pass.
+            // No more time may pass while an answer is pending, or while the caller has not seen a report.
             LinkRequest::Grant { told }
                 if told == self.reports.reported_count() && !self.session.awaits_answer() =>
             {
@@ -293,7 +295,7 @@ impl Link {
         }
     }
 
-    /// Lets an abort leave before the connections close.
+    /// Sends a pending abort before the connections close.
     async fn farewell(&mut self, streams: &mut Streams) {
         while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
             if channel == Channel::State {
@@ -336,7 +338,7 @@ fn write(stream: &TcpStream, bytes: &mut Vec<u8>) -> Result<(), IoError> {
     }
 }
 
-/// Whether two losses are the same trouble, so that it is reported once.
+/// Returns whether two losses have the same cause, so that the cause is reported once.
 fn is_same(one: &LinkLoss, other: &LinkLoss) -> bool {
     std::mem::discriminant(one) == std::mem::discriminant(other)
 }

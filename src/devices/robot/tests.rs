@@ -64,7 +64,7 @@ fn first_loss_of_any(address: Address) -> LinkLoss {
     why
 }
 
-/// A controller at this pace, and the link to it.
+/// Starts a controller at this pace, and the link to it.
 fn cell(pace: Pace) -> (MockServer, BlockingLink) {
     let [commands, states] =
         [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
@@ -81,7 +81,7 @@ fn cell(pace: Pace) -> (MockServer, BlockingLink) {
     (server, link)
 }
 
-/// Waits for the first report of which this is something; states and progress before it are let go.
+/// Waits for the first report for which `found` returns a value; states and progress before it are ignored.
 fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     for _ in 0..2_000 {
         let report = link.next(Duration::from_secs(20)).expect("the controller goes on");
@@ -147,7 +147,8 @@ fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
     heard(3);
 }
 
-/// Base, tool, speed and 500 points: each executed once and in order, none starved, each acknowledged once.
+/// Base, tool, speed and 500 points: each point is executed once and in order, without underrun, and each is
+/// acknowledged once.
 #[test]
 fn five_hundred_points_are_executed_once_in_lock_step() {
     let (executed, underruns, progress) = circle(Pace::LockStep, 500, 0.04);
@@ -158,11 +159,11 @@ fn five_hundred_points_are_executed_once_in_lock_step() {
     // By hand: 2π·40 mm = 251.3 mm at 40 mm/s are 6.28 s, less the first point, plus the ends.
     let took_ms = executed[499].time_ms - executed[0].time_ms;
     assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
-    // Virtual time: the same to the bit, whatever the machine does.
+    // In virtual time a second run is equal to the bit, whatever the machine does.
     assert_eq!(circle(Pace::LockStep, 500, 0.04).0, executed);
 }
 
-/// The same on the wall clock: 63 points of 4 mm at 200 mm/s are 1.3 s, with heartbeats and watchdog by deadline.
+/// A circle on the wall clock: 63 points of 4 mm at 200 mm/s are 1.3 s, with heartbeats and watchdog by deadline.
 #[test]
 fn a_path_runs_on_the_wall_clock() {
     let (executed, underruns, progress) = circle(Pace::Wall, 63, 0.2);
@@ -194,7 +195,7 @@ fn an_abort_on_the_way_ends_in_standstill() {
     });
 }
 
-/// The controller's programs start again with a path queued: the link comes back by itself and nothing moves.
+/// The controller's programs restart with a path queued: the link connects again by itself and nothing moves.
 #[test]
 fn a_link_that_comes_back_moves_nothing() {
     let (server, mut link) = cell(Pace::LockStep);

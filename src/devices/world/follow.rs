@@ -17,12 +17,12 @@ use crate::geometry::{Base, Flange, Rigid, Tool};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Farther apart than this, what was between two messages is not known, ms.
+/// If two messages are farther apart than this, the motion between them is not known, ms.
 const STRAIGHT_MS: u64 = 350;
 /// Distance of the interpolated positions between two messages, mm.
 const STEP_MM: f64 = 1.0;
 
-/// Follows a controller by its messages; clones follow the same one.
+/// Follows a controller by its messages; all clones follow the same controller.
 #[derive(Clone)]
 pub struct Follower {
     world: SimulatedWorld,
@@ -38,7 +38,8 @@ struct ReceivedStates {
     trace: Vec<Sample>,
 }
 
-/// A message, when it came, and the time since the first controller's start: one that starts again counts from zero.
+/// A message, its time of arrival, and the time since the start of the first controller: a controller that restarts
+/// counts from zero.
 #[derive(Clone, Copy)]
 struct ReceivedState {
     state: State,
@@ -65,17 +66,17 @@ impl ReceivedState {
 }
 
 impl Follower {
-    /// Lets this world follow the controller of this cell.
+    /// Creates a follower that lets this world follow the controller of this cell.
     pub fn new(world: SimulatedWorld, cell: &Cell) -> Self {
         Follower { world, cell: Arc::new(cell.clone()), told: Arc::default() }
     }
 
-    /// Whether this is a mock controller. A simulated camera must never look on while a real arm moves.
+    /// Returns whether the state is from a mock controller. A simulated camera must never follow a real arm.
     pub fn may_follow(state: &State) -> bool {
         state.is_of_mock()
     }
 
-    /// A message of the controller.
+    /// Processes a state message of the controller.
     pub fn on_state(&self, state: &State) {
         let outputs = {
             let mut told = self.lock();
@@ -99,7 +100,7 @@ impl Follower {
         outputs.into_iter().for_each(|(number, on, time_ms)| terminals.on_output(number, on, time_ms));
     }
 
-    /// Outputs that differ from what was reported before.
+    /// Returns the outputs that differ from the previous report.
     fn changed(&self, known: &mut Vec<(u16, bool)>, state: &State) -> Vec<(u16, bool)> {
         let io = self.cell.io();
         let numbers = io.outputs_in(state.outputs);
@@ -115,7 +116,7 @@ impl Follower {
         self.cell.io().outputs_in(state.outputs).into_iter().any(|(output, on)| output == name && on)
     }
 
-    /// The arm at this time; `None` before the first message.
+    /// Returns the present state of the arm; `None` before the first message.
     pub fn moment(&self) -> Option<Moment> {
         let told = self.lock().last?;
         Some(Moment {
@@ -136,7 +137,7 @@ impl Follower {
     }
 }
 
-/// The places from one message to the next, while the tool ran.
+/// Returns the tool poses between two messages if the tool ran.
 fn way(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<Sample> {
     let sample = |base_from_tool: Rigid<Base, Tool>| Sample {
         time_ms: to.time_ms(),

@@ -10,12 +10,12 @@
 
 use crate::cell::{InputsOutputs, LINE_INPUTS, LineSignal};
 
-/// A part is brought in, or taken out, so long after the signal for it.
+/// Time between the signal and the moment at which a part is brought in or taken out.
 const CARRIES_MS: u64 = 1_000;
-/// A request follows the part, and goes, after so long.
+/// Delay with which the start request follows the part, and with which the request ends.
 const ANSWERS_MS: u64 = 500;
 
-/// A signal of the line that changes at a time.
+/// A signal of the line, and the time at which it changes.
 #[derive(Debug, Clone, Copy, Default)]
 struct Changes {
     before: bool,
@@ -33,7 +33,7 @@ impl Changes {
     }
 }
 
-/// The line beside the cell.
+/// The simulated line next to the cell.
 #[derive(Debug, Clone)]
 pub(super) struct SimulatedLine {
     part_present: (u16, Changes),
@@ -41,7 +41,7 @@ pub(super) struct SimulatedLine {
     ready: u16,
     cycle_done: u16,
     fault: u16,
-    /// Parts that are still to come.
+    /// Number of parts that are still to come.
     parts: u32,
 }
 
@@ -60,7 +60,7 @@ impl SimulatedLine {
         })
     }
 
-    /// An output of the controller changed; whether another part is brought in by it.
+    /// Processes a changed output of the controller; returns whether it brings in another part.
     pub fn reads(&mut self, number: u16, on: bool, now_ms: u64) -> bool {
         let (part_present, start_request) = (&mut self.part_present.1, &mut self.start_request.1);
         if number == self.ready && on && self.parts > 0 {

@@ -19,7 +19,7 @@ fn delays(output: Output) -> Delays {
     Delays { on_ms, off_ms }
 }
 
-/// An output and what follows it.
+/// An output and the feedback that follows it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Signal {
     pub output: Output,
@@ -31,7 +31,7 @@ pub(super) struct Signal {
     pub on: bool,
     /// When it changed.
     since_ms: u64,
-    /// Whether what it drives was running then.
+    /// Whether the driven device was running at that time.
     ran: bool,
 }
 
@@ -46,7 +46,7 @@ impl Signal {
         (self.on, self.since_ms) = (on, now_ms);
     }
 
-    /// Whether what it drives runs.
+    /// Returns whether the driven device runs.
     pub fn runs(&self, now_ms: u64) -> bool {
         let Delays { on_ms, off_ms } = delays(self.output);
         let follows = now_ms >= self.since_ms + if self.on { on_ms } else { off_ms };
@@ -58,7 +58,8 @@ impl Signal {
         self.runs(now_ms) != (self.output == Output::Spray)
     }
 
-    /// How far it has come up, 0…1, in a straight line; off at once.
+    /// Returns how far the driven device has started, 0…1, linear in time; when it is switched off, the value is 0
+    /// at once.
     pub fn share(&self, now_ms: u64) -> f64 {
         let since_ms = now_ms.saturating_sub(self.since_ms) as f64;
         let on_ms = delays(self.output).on_ms.max(1) as f64;

@@ -12,12 +12,12 @@ use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, 
 use crate::sim::{self, Film, SandedLook, Spot, Truth, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Of this share of its area covered, a spot of grease is gone.
+/// A spot of grease is gone when this share of its area was covered.
 const HEALED_FROM: f64 = 0.9;
-/// An axis this far from its park angle is parked, degrees.
+/// An axis is parked within this distance of its park angle, degrees.
 const PARKED_DEG: f64 = 0.1;
 
-/// Why a cell's file makes no world.
+/// Why no world can be made from a cell's file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum WorldError {
     /// An output or feedback has no number.
@@ -36,7 +36,7 @@ pub enum WorldError {
     NoLine,
 }
 
-/// The robot at one time.
+/// The robot's state at one moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Moment {
     pub(super) time_ms: u64,
@@ -46,7 +46,7 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// ms since the controller's start.
+    /// Returns the time since the controller's start, ms.
     pub fn time_ms(&self) -> u64 {
         self.time_ms
     }
@@ -67,7 +67,7 @@ impl Moment {
     }
 }
 
-/// The world; clones are the same one.
+/// The simulated world; all clones share the same world.
 #[derive(Clone)]
 pub struct SimulatedWorld {
     fixed: Arc<Fixed>,
@@ -112,7 +112,7 @@ impl SimulatedWorld {
         Ok(())
     }
 
-    /// Mounts a sanding disc: what it covers is abraded.
+    /// Mounts a sanding disc: the area that it covers is abraded.
     pub fn mount_disc(&self, diameter_mm: f64) {
         self.lock().disc_diameter_mm = diameter_mm;
     }
@@ -122,8 +122,8 @@ impl SimulatedWorld {
         self.lock().wetting = None;
     }
 
-    /// The mock controller's configuration in this world: inputs, outputs and the tool's output as the cell's file
-    /// has them, in the order of their numbers.
+    /// Returns the mock controller's configuration in this world: inputs, outputs and the tool's output from the
+    /// cell's file, in the order of their numbers.
     pub fn setup(&self, cell: &cell::Cell, commands: ChannelFile, states: ChannelFile) -> Setup {
         let numbers = |names: &std::collections::BTreeMap<String, u16>| {
             let mut numbers: Vec<u16> = names.values().copied().collect();
@@ -153,12 +153,12 @@ impl SimulatedWorld {
         Box::new(Terminals(self.clone()))
     }
 
-    /// What is true, for scores alone.
+    /// Returns the ground truth, which is only for scores.
     pub fn truth(&self) -> &Truth {
         &self.fixed.truth
     }
 
-    /// Truth: the spots that hold no film yet, as the last wetting shows it.
+    /// Returns the ground truth: the spots that still hold no film, as of the last wetting.
     pub fn greasy(&self) -> Vec<Spot> {
         self.fixed.greasy(&self.lock().healed.1)
     }
@@ -170,13 +170,13 @@ impl SimulatedWorld {
         watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()
     }
 
-    /// What should not have been done, with the controller's time, ms.
+    /// Returns what should not have been done, each with the controller's time, ms.
     pub fn violations(&self) -> Vec<(u64, Violation)> {
         self.lock().violations.clone()
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // A test that failed while it held the world must not hide its failure behind this one.
+        // A failed test that had locked the world must not hide its failure behind a poisoned lock.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -235,7 +235,7 @@ impl SimulatedWorld {
         state.sanded = sanded;
     }
 
-    /// A colour picture of the fixed camera.
+    /// Returns a colour picture of the fixed camera.
     pub fn picture(&self, now: &Moment) -> Picture {
         let (wetting, light) = {
             let state = self.lock();
@@ -254,8 +254,8 @@ impl SimulatedWorld {
         Picture { picture, time_s: seconds(now.time_ms) }
     }
 
-    /// The film of what is greasy now on the panel as it looks now, made if it is another one than the last. Made
-    /// with the world let go: a controller must not wait for it.
+    /// Returns the film for the spots that are greasy now and for the panel's present look; computes it only if
+    /// these have changed. The world is not locked meanwhile: a controller must not wait for it.
     fn film(&self) -> Arc<Film> {
         let (healed, Sanded { sanding, passes, .. }, last) = {
             let state = self.lock();
@@ -299,7 +299,7 @@ impl Fixed {
     }
 }
 
-/// What the controller is wired to.
+/// The inputs and outputs to which the controller is wired.
 struct Terminals(SimulatedWorld);
 
 impl mock::World for Terminals {
@@ -312,14 +312,14 @@ impl mock::World for Terminals {
     }
 }
 
-/// The picture by a share of its light, 0…1.
+/// Scales the picture to a share of its light, 0…1.
 fn dim(picture: &mut ColorPicture, light: f64) {
     if light < 1.0 {
         picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * light) as u8);
     }
 }
 
-/// The shot of a shut lens: black, without a point.
+/// Returns the shot through a closed lens: black, without a point.
 fn nothing_seen<F: crate::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
     let (width, height) = (cloud.width(), cloud.height());
     OrganizedCloud::new(width, height, vec![[f32::NAN; 3]; width * height], vec![[0; 3]; width * height])

@@ -1,4 +1,4 @@
-//! What changes in the simulated world, and what the controller's outputs and inputs have to do with it.
+//! The changing state of the simulated world, and its connection to the controller's outputs and inputs.
 
 use super::line::SimulatedLine;
 use super::signal::Signal;
@@ -7,14 +7,14 @@ use crate::cell::Output;
 use crate::sim::{Film, Sanding};
 use std::sync::Arc;
 
-/// What should not have been done, seen from the world's side. For tests.
+/// An action that should not have been done, as seen by the world. For tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Violation {
     /// A 3D shot with the arm not parked, or moving.
     ArmInView,
     /// A picture of the flange camera while the arm moved.
     ArmMoves,
-    /// A 3D shot with the process's light on.
+    /// A 3D shot with the process light on.
     LightDuring3d,
     /// Water while the lens was not shut.
     SprayOnLens,
@@ -24,14 +24,14 @@ pub enum Violation {
     ToolWithoutExtraction,
 }
 
-/// What the disc has sanded of this part.
+/// The area of this part that the disc has sanded.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sanded {
     /// The disc's positions: a pass for each wetting after it.
     pub sanding: Arc<Sanding>,
     /// The number of passes.
     pub passes: u64,
-    /// Until when the robot's trace is in it, ms.
+    /// The time up to which the robot's trace is included, ms.
     pub until_ms: u64,
 }
 
@@ -41,12 +41,12 @@ pub(super) struct State {
     /// The input that is on while the tool is stopped, if the cell names one.
     pub tool_stands: Option<u16>,
     pub wetting: Option<Wetting>,
-    /// Which spots are gone, as far as the wetting that began at this time shows it.
+    /// Which spots are gone, as shown by the wetting that began at this time.
     pub healed: (Option<u64>, Vec<bool>),
     pub sanded: Sanded,
-    /// The film with these spots gone, after this number of passes.
+    /// The film for these healed spots and this number of passes.
     pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
-    /// Each wetting of this part that was watched: when its water came on, its film, and the film's time in the
+    /// Each watched wetting of this part: the time at which its water came on, its film, and the film's time in the
     /// last picture, s.
     pub watched: Vec<(u64, Arc<Film>, f64)>,
     pub shots: u64,
@@ -58,7 +58,7 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Nothing was done yet.
+    /// Creates the state in which nothing was done yet.
     pub fn new(signals: Vec<Signal>, spots: usize) -> Self {
         State {
             signals,
@@ -89,7 +89,7 @@ impl State {
         self.sanded = Sanded { until_ms: now_ms, ..Sanded::default() };
     }
 
-    /// An output of the controller changed.
+    /// Processes a changed output of the controller.
     pub fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
         if self.line.as_mut().is_some_and(|line| line.reads(number, value, time_ms)) {
             self.bring_part(time_ms);

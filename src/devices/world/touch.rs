@@ -10,12 +10,12 @@ use crate::path::{StepOver, step_overs_mm};
 use crate::sim::{TrueSpot, Truth};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// Farther than this from the surface the pad does not touch, mm.
+/// The pad does not touch if it is farther than this from the surface, mm.
 const PAD_REACH_MM: f64 = 2.0;
 /// A step is part of a row if its cosine to the rows' direction is larger.
 const ALONG_ROW: f64 = 0.98;
 
-/// The places of the panel that the disc was on.
+/// The points of the panel that the disc has touched.
 #[derive(Debug, Clone)]
 pub struct Touched {
     centres: Vec<Point<Panel>>,
@@ -23,7 +23,7 @@ pub struct Touched {
 }
 
 impl Touched {
-    /// What a disc of this diameter reached while this was executed.
+    /// Finds the points that a disc of this diameter reached during the trace.
     pub fn by(trace: &[Sample], truth: &Truth, disc_diameter_mm: f64) -> Self {
         let touches = |point: &Point<Panel>| truth.distance_mm(*point).abs() <= PAD_REACH_MM;
         let centres =
@@ -36,25 +36,25 @@ impl Touched {
         &self.centres
     }
 
-    /// Whether the disc was here.
+    /// Returns whether the disc was at this point.
     pub fn covers(&self, point: Point<Panel>) -> bool {
         self.centres.iter().any(|centre| centre.distance_mm(point) <= self.radius_mm)
     }
 
-    /// The covered share of these points, 0…1, each for the same area; 0 of none.
+    /// Returns the covered share of these points, 0…1, each point with the same area; 0 if there are no points.
     pub fn share(&self, points: &[Point<Panel>]) -> f64 {
         let covered = points.iter().filter(|point| self.covers(**point)).count();
         covered as f64 / points.len().max(1) as f64
     }
 
-    /// The covered share of a spot's area, 0…1.
+    /// Returns the covered share of a spot's area, 0…1.
     pub fn share_of(&self, spot: &TrueSpot) -> f64 {
         const RINGS: usize = 8;
         let reach_mm = spot.outline.iter().map(|point| point.distance_mm(spot.centre)).fold(0.0, f64::max);
         let near = |centre: &&Point<Panel>| centre.distance_mm(spot.centre) <= reach_mm + self.radius_mm;
         let near = Touched { centres: self.centres.iter().filter(near).copied().collect(), ..*self };
         let (mut whole_mm2, mut covered_mm2) = (0.0, 0.0);
-        // Sectors about the centre, each in rings of one area.
+        // Divides the spot into sectors about the centre, each with rings of equal area.
         for (index, &from) in spot.outline.iter().enumerate() {
             let to = spot.outline[(index + 1) % spot.outline.len()];
             let (from, to) = (from - spot.centre, to - spot.centre);
@@ -97,9 +97,10 @@ pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> 
     (errors.samples > 0).then_some(errors)
 }
 
-/// Smallest and largest distance between neighbouring rows of the track, as it came out; `None` without two rows.
+/// Measures the smallest and largest distance between neighbouring rows of the executed track; `None` without two
+/// rows.
 ///
-/// The rows of a grid run along the direction in which most of its way lies; what leads from one to the next does not.
+/// The rows of a grid run along the main direction of its track; the connections between rows do not.
 pub fn step_over(trace: &[Sample], truth: &Truth) -> Option<StepOver> {
     let mut found: Option<StepOver> = None;
     // Between two grids the tool leaves the panel.
@@ -116,7 +117,7 @@ pub fn step_over(trace: &[Sample], truth: &Truth) -> Option<StepOver> {
     found
 }
 
-/// The straight rows of a track over one grid, in order.
+/// Finds the straight rows of a track over one grid, in order.
 fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
     let steps: Vec<Vector3<f64>> = track.windows(2).map(|pair| (pair[1] - pair[0]).mm).collect();
     let way: Matrix3<f64> = steps.iter().map(|step| step * step.transpose() / step.norm().max(f64::EPSILON)).sum();
@@ -131,7 +132,7 @@ fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
     straight.map(|row| track[row[0].0..=row[row.len() - 1].0 + 1].to_vec()).filter(|row| row.len() > 2).collect()
 }
 
-/// The tool in the true panel's frame, at each tick in which it sanded.
+/// Returns the tool in the true panel's frame, at each tick in which it sanded.
 fn sanding<'a>(trace: &'a [Sample], truth: &Truth) -> impl Iterator<Item = Rigid<Panel, Tool>> + 'a {
     let panel_from_base = truth.base_from_panel.inverse();
     trace
@@ -152,7 +153,7 @@ mod tests {
         Sample { time_ms: 0, base_from_flange, base_from_tool, sanding: true, tool_on: true }
     }
 
-    /// The tool on the true surface, this far out along the normal.
+    /// Returns a sample with the tool on the true surface, at this height along the normal.
     fn standing(truth: &Truth, point: Point<Panel>, height_mm: f64) -> Sample {
         let normal = truth.normal(point);
         let turn = nalgebra::UnitQuaternion::rotation_between(&Vector3::z(), &-normal.mm).expect("not opposite");
@@ -161,7 +162,8 @@ mod tests {
         sample(truth.base_from_panel * panel_from_tool)
     }
 
-    /// By hand: a disc of 200 mm on a spot's centre covers it, one of 8 mm a circle of π·4² mm².
+    /// Calculated by hand: a disc of 200 mm on a spot's centre covers it; a disc of 8 mm covers a circle of π·4²
+    /// mm².
     #[test]
     fn a_disc_covers_its_own_area_of_a_spot() {
         let truth = Cell::new(1, Scene::Good, 8).truth();
@@ -178,7 +180,8 @@ mod tests {
         assert_eq!(Touched::by(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
     }
 
-    /// By hand: rows of 60 mm on a flat place, 10, 10 and 12 mm apart, with a way of its own between them.
+    /// Calculated by hand: rows of 60 mm on a flat panel, 10, 10 and 12 mm apart, with a connection between each
+    /// two of them.
     #[test]
     fn rows_are_told_from_the_ways_between_them() {
         let at = |x_mm: f64, y_mm: f64| Point::<Panel>::at(0.0, x_mm, y_mm);

@@ -13,7 +13,8 @@ pub(super) struct Wetting {
     pub off_ms: Option<u64>,
 }
 
-/// The film's time at this time of the cell, s. While dry it passes too, so that no two pictures have one noise.
+/// Calculates the film's time at this time of the cell, s. It also passes while the panel is dry, so that no two
+/// pictures have the same noise.
 pub(super) fn film_s(last: Option<Wetting>, now_ms: u64) -> f64 {
     let Some(Wetting { on_ms, off_ms }) = last else { return -seconds(now_ms) };
     let reached_s = SPRAY_FROM_S + seconds(off_ms.unwrap_or(now_ms).saturating_sub(on_ms));
@@ -31,7 +32,7 @@ pub(super) fn seconds(ms: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// By hand: the spray is watched from 1 s to 4 s of the film.
+    /// Calculated by hand: the spray is watched from 1 s to 4 s of the film's time.
     #[test]
     fn three_seconds_of_water_make_a_film() {
         let sprayed = |off_ms| Some(Wetting { on_ms: 10_000, off_ms });

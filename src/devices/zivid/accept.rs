@@ -4,7 +4,7 @@ use super::fault::ZividFault;
 use super::message::{SettingsHash, ShotInfo, Size};
 use super::sensor::Planes;
 
-/// What a shot is compared with.
+/// The expected values with which a shot is compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpectedShot {
     /// The request, in words.
@@ -13,15 +13,15 @@ pub struct ExpectedShot {
     pub settings: SettingsHash,
     /// Of which camera.
     pub serial: String,
-    /// The size of its calibration.
+    /// The size for which the camera was calibrated.
     pub size: Size,
     /// Time of the request, ns of the monotonic clock: nothing older counts.
     pub from_ns: u64,
-    /// When it had come.
+    /// Time at which the shot had arrived.
     pub until_ns: u64,
-    /// The number of the shot before.
+    /// The number of the previous shot.
     pub last_number: u64,
-    /// The checksum of the shot before; none for a file camera, which plays the same one again and again.
+    /// The checksum of the previous shot; `None` for a file camera, which plays the same shot again and again.
     pub last_sum: Option<u32>,
 }
 
@@ -173,7 +173,7 @@ mod tests {
         assert!(accept_pause(&ShotInfo { throttled_ms: f64::NAN, ..taken() }, "a picture").is_err());
     }
 
-    /// By hand: 1 of 100 points is 1 %, and enough; 0 is not.
+    /// Calculated by hand: 1 of 100 points is 1 %, which is enough; 0 is not.
     #[test]
     fn a_shot_needs_points() {
         let mut planes = Planes::with_size(Size { width: 10, height: 10 });

@@ -1,8 +1,8 @@
-//! How often a worker that ended is restarted, by any clock: a number of restarts within a period; then it stays
-//! down until a person requests a restart.
+//! How often a worker that ended is restarted: a limited number of restarts within a period. After that the worker
+//! stays down until a person requests a restart. Any clock can be used.
 //!
-//! A worker that ends again and again has a cause that restarting does not remove, and each start exposes and heats the
-//! camera. The first start does not count.
+//! A worker that ends again and again has a cause that restarting does not remove, and each start exposes and heats
+//! the camera. The first start does not count.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use std::time::Duration;
 pub struct Restarts {
     /// Restarts, at most.
     pub most: usize,
-    /// In this time, whenever it begins.
+    /// The period, which may begin at any time.
     pub within: Duration,
 }
 
@@ -35,7 +35,7 @@ pub struct Budget {
 /// What to do about a worker that ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Start it again; this is restart `number` of the allowed ones.
+    /// Start the worker again; this is restart `number` of the allowed ones.
     Restart {
         /// Counted from 1.
         number: usize,
@@ -50,7 +50,7 @@ impl Budget {
         Budget { allowed, used: VecDeque::new(), is_spent: false }
     }
 
-    /// The worker ended at `now`, time since any fixed instant.
+    /// Records that the worker ended at `now`, the time since any fixed instant; returns what to do.
     pub fn ended(&mut self, now: Duration) -> Verdict {
         self.forget(now);
         if self.is_spent || self.used.len() >= self.allowed.most {
@@ -112,7 +112,7 @@ mod tests {
         assert_eq!((budget.wait(at(30)), budget.asked(at(30))), (Duration::ZERO, Restart { number: 1 }));
     }
 
-    /// By hand: of ends at 0, 4, 8 and 12 never four lie within ten minutes.
+    /// Calculated by hand: of ends at 0, 4, 8 and 12 minutes, no four lie within ten minutes.
     #[test]
     fn restarts_that_are_long_ago_count_no_more() {
         let mut budget = Budget::new(Restarts::default());

@@ -13,7 +13,7 @@ pub(super) struct Camera {
 }
 
 impl Camera {
-    /// One that was not opened yet.
+    /// Creates a camera that was not opened yet.
     pub(super) fn new(sensor: Box<dyn Sensor>) -> Self {
         Camera { sensor, serial: None, taken: 0 }
     }

@@ -10,7 +10,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Pictures of a clip that wait to be taken over, at most.
+/// Largest number of a clip's pictures that wait to be fetched.
 pub const QUEUE_LENGTH: usize = 3;
 
 /// Timeout for the next picture of a clip, before it is reported to the daemon that there is none.
@@ -19,16 +19,17 @@ const PICTURE_TIMEOUT: Duration = Duration::from_secs(4);
 /// A clip without a request for pictures ends by itself after this time: its client may have disappeared.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Pictures in a row that the camera may not give; each is a gap in the clip's times. One more ends the clip.
+/// Number of pictures in a row that the camera may fail to deliver; each is a gap in the clip's times. One more
+/// ends the clip.
 const MAX_MISSED: u32 = 2;
 
-/// Beyond what any camera of this kind does.
+/// A rate above that of any camera of this kind.
 const MAX_PICTURES_PER_SECOND: f64 = 1_000.0;
 
-/// A picture with how it was taken.
+/// A picture with its metadata.
 pub(super) type Photo = (ShotInfo, Vec<[u8; 3]>);
 
-/// What the clip's thread and the worker share.
+/// The data that the clip's thread and the worker share.
 #[derive(Default)]
 struct Queue {
     waiting: VecDeque<Photo>,
@@ -38,13 +39,13 @@ struct Queue {
     missed: u32,
     /// Time of the last request for a picture.
     asked_ns: u64,
-    /// What ended the clip, reported once.
+    /// The error that ended the clip, reported once.
     failed: Option<Refusal>,
     is_over: bool,
 }
 
 impl Queue {
-    /// What the camera gave, at this time.
+    /// Processes the camera's result at this time.
     fn receive(&mut self, taken: Result<Photo, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
@@ -62,7 +63,7 @@ impl Queue {
         }
     }
 
-    /// The newest pictures stay.
+    /// Adds a picture; if the queue is full, the oldest picture is dropped.
     fn push(&mut self, photo: Photo) {
         (self.taken, self.missed) = (self.taken + 1, 0);
         self.waiting.push_back(photo);
@@ -125,7 +126,7 @@ impl Clip {
         Ok(Clip { shared, thread: Some(thread) })
     }
 
-    /// The oldest picture that waits, or the next one.
+    /// Returns the oldest waiting picture, or waits for the next one.
     pub(super) fn next(&mut self) -> Result<Photo, Refusal> {
         let (queue, news) = &*self.shared;
         let idle = |queue: &mut Queue| queue.waiting.is_empty() && !queue.is_over;
@@ -196,7 +197,8 @@ mod tests {
         Refusal { trouble: Trouble::NoShot, message: "no exposure".to_owned() }
     }
 
-    /// Two pictures in a row may be missing, which the times of the others show; the third ends the clip.
+    /// Two pictures in a row may be missing, which the times of the other pictures show; a third missing picture
+    /// ends the clip.
     #[test]
     fn a_missing_picture_is_a_gap_and_three_are_the_end() {
         let mut queue = Queue::default();

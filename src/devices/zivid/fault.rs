@@ -1,5 +1,5 @@
-//! What goes wrong with the camera, in the words of the fault model (`faults.md`, C1–C11): what happened, what the program
-//! does, what to do.
+//! Faults of the camera as defined in the fault model (`faults.md`, C1–C11): what happened, what the program does,
+//! what to do.
 
 use crate::devices::UNKNOWN_PX;
 use crate::words::apart;
@@ -18,27 +18,27 @@ pub enum ZividFault {
         "C1 the 3D camera is in use: {0}; close Zivid Studio and other camera programs, on other computers, too"
     )]
     InUse(String),
-    /// It is seen and cannot be reached.
+    /// The camera is detected, but cannot be reached.
     #[error(
         "C1 the 3D camera cannot be reached: {0}; give this computer's network port an address in the camera's subnet, or set \
          the camera's by Zivid Studio"
     )]
     OutOfReach(String),
-    /// Its firmware is not the SDK's.
+    /// The camera's firmware does not match the SDK.
     #[error(
         "C5 the 3D camera needs other firmware: {0}; update it with Zivid Studio or ZividFirmwareUpdater, then verify its \
          calibration"
     )]
     Firmware(String),
-    /// The worker's program or its library is not there.
+    /// The worker's program or its library is missing.
     #[error("C1 the 3D camera's worker cannot work: {0}")]
     NoWorker(String),
-    /// It was open and is gone.
+    /// The camera was open and is gone.
     #[error("C2 the 3D camera was lost during {during}: {message}; it is opened again by itself once it answers")]
     Lost {
         /// The request to the camera.
         during: &'static str,
-        /// In the SDK's words.
+        /// The SDK's message.
         message: String,
     },
     /// No answer in time.
@@ -46,12 +46,12 @@ pub enum ZividFault {
     Timeout {
         /// The request.
         during: &'static str,
-        /// How long was waited.
+        /// How long the program waited.
         waited: Duration,
         /// What happens now.
         next: Next,
     },
-    /// No answer in time, and nothing of the worker's end either.
+    /// The worker did not answer in time, and its end was not confirmed either.
     #[error(
         "C3 no answer within {} s to {during}, and the worker does not end: a driver holds it; restart the cell's computer",
         waited.as_secs()
@@ -59,17 +59,17 @@ pub enum ZividFault {
     Stuck {
         /// The request.
         during: &'static str,
-        /// How long was waited.
+        /// How long the program waited.
         waited: Duration,
     },
-    /// The camera gave no shot, time after time.
+    /// The camera gave no shot in several attempts.
     #[error("C3 the 3D camera delivered nothing for {during} in {tries} tries: {message}")]
     NoShot {
         /// The request.
         during: &'static str,
         /// How often.
         tries: u32,
-        /// In the SDK's words.
+        /// The SDK's message.
         message: String,
     },
     /// The camera paused to cool.
@@ -87,20 +87,20 @@ pub enum ZividFault {
         /// Temperature of the lens, °C.
         lens_c: Option<f64>,
     },
-    /// What came is not whole, or not what was sent.
+    /// The data are not complete, or differ from what was sent.
     #[error("C4 {during} arrived damaged and was thrown away: {cause}; the worker was ended; {next}")]
     Damaged {
         /// The request.
         during: &'static str,
-        /// What is wrong with it.
+        /// What is wrong with the data.
         cause: String,
         /// What happens now.
         next: Next,
     },
-    /// Points that are none.
+    /// Points with a coordinate that is not finite.
     #[error("C4 the shot has {0} points with a coordinate that is infinite and was thrown away")]
     NotFinite(usize),
-    /// Another size than the calibrated one.
+    /// The picture does not have the calibrated size.
     #[error(
         "C5 {what}: {}×{} px, the camera's calibration is for {}×{}; set full resolution in the settings, or \
          calibrate with these", found_px[0], found_px[1], expected_px[0], expected_px[1]
@@ -118,10 +118,10 @@ pub enum ZividFault {
     WrongCamera {
         /// Its serial number.
         found: String,
-        /// The one of cell and calibration.
+        /// The serial number of cell and calibration.
         expected: String,
     },
-    /// The worker is of another program.
+    /// The worker belongs to another version of this program.
     #[error(
         "C5 the worker's version is {found}, this program's is {expected}; restart the service after an upgrade"
     )]
@@ -131,12 +131,12 @@ pub enum ZividFault {
         /// This program's.
         expected: String,
     },
-    /// Settings that are not taken.
+    /// The camera does not accept the settings.
     #[error("C5 {what} are refused: {message}")]
     Settings {
         /// Which, in words.
         what: &'static str,
-        /// In the SDK's words.
+        /// The SDK's message.
         message: String,
     },
     /// No points.
@@ -150,7 +150,7 @@ pub enum ZividFault {
         /// Needed.
         needed_percent: f64,
     },
-    /// The same again, or an old one.
+    /// The same shot again, or an old shot.
     #[error("C9 the 3D camera is frozen: {0}")]
     Frozen(String),
     /// The worker ended.
@@ -158,7 +158,7 @@ pub enum ZividFault {
     Ended {
         /// How.
         how: String,
-        /// What was going on.
+        /// The activity during which the fault occurred.
         during: &'static str,
         /// What happens now.
         next: Next,
@@ -166,7 +166,7 @@ pub enum ZividFault {
     /// The worker is being started.
     #[error("C11 the 3D camera's worker has been starting for {} s; its first shot may take {} s more", since.as_secs(), most.as_secs())]
     Starting {
-        /// For how long now.
+        /// How long the start has lasted so far.
         since: Duration,
         /// Time limit for the start.
         most: Duration,
@@ -183,12 +183,12 @@ pub enum ZividFault {
         allowed: usize,
         /// In this time.
         within: Duration,
-        /// The fault before, in words.
+        /// The previous fault, in words.
         last: String,
-        /// Until it may be started.
+        /// Remaining time until the worker may be started.
         wait: Duration,
     },
-    /// A protocol of the worker that it does not hold to, or a request out of order.
+    /// The worker violates its protocol, or a request came out of order.
     #[error("C11 the worker refuses {during}: {message}")]
     OutOfOrder {
         /// The request.
@@ -201,7 +201,7 @@ pub enum ZividFault {
 /// What happens to a worker that was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Next {
-    /// It is started again.
+    /// The worker is started again.
     Restart {
         /// Counted from 1.
         number: usize,
@@ -240,7 +240,7 @@ impl ZividFault {
         }
     }
 
-    /// Its row of the fault model.
+    /// Returns the fault's row in the fault model.
     pub fn row(&self) -> &'static str {
         use ZividFault as F;
         match self {

@@ -1,20 +1,20 @@
-//! What a frame is made of, and what may be wrong with one; `wire` reads and writes them.
+//! The structure of a frame, and its possible errors; `wire` reads and writes frames.
 
 use strum::VariantArray;
 
 pub(super) const MAGIC: [u8; 4] = *b"PPZV";
 
-/// The version of this page: of the frames and of the messages in them.
+/// The version of this protocol: of the frames and of the messages in them.
 pub const VERSION: u16 = 2;
 
 /// Who speaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub enum Kind {
-    /// The worker, when it begins.
+    /// From the worker, when it starts.
     Hello,
     /// The daemon.
     Request,
-    /// The worker, once for each request.
+    /// From the worker, once for each request.
     Reply,
 }
 
@@ -56,7 +56,7 @@ pub enum WireError {
         /// Within what.
         part: Part,
     },
-    /// It does not begin as a frame does.
+    /// The data do not begin with the opening of a frame.
     #[error("a frame begins with {found:02x?}, expected {MAGIC:02x?}")]
     NotAFrame {
         /// The first bytes.
@@ -78,7 +78,7 @@ pub enum WireError {
         /// Computed.
         computed: u32,
     },
-    /// Something else was due.
+    /// Another kind of frame was expected.
     #[error("found a frame of kind {found}, expected kind {}, {}", allowed.number(), allowed.word())]
     Kind {
         /// Found.
@@ -86,7 +86,7 @@ pub enum WireError {
         /// What was due.
         allowed: Kind,
     },
-    /// A reply to something else.
+    /// A reply to another request.
     #[error("found an answer to request {found}, the last request was {allowed}")]
     Sequence {
         /// Found.
@@ -94,7 +94,7 @@ pub enum WireError {
         /// What was due.
         allowed: u32,
     },
-    /// Longer than any frame is.
+    /// The frame is longer than allowed.
     #[error("the {part} of a frame has {found} bytes (limit {allowed} bytes)")]
     TooLong {
         /// Of what.

@@ -15,7 +15,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::ptr::{NonNull, null};
 
-/// `PZ_INTERFACE` of the header that this file was written by.
+/// `PZ_INTERFACE` of the header for which this file was written.
 const INTERFACE: u32 = 2;
 const NAME_BYTES: usize = 64;
 const MESSAGE_BYTES: usize = 1024;
@@ -23,7 +23,7 @@ const MESSAGE_BYTES: usize = 1024;
 /// Why the library cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LibraryError {
-    /// It cannot be opened, or lacks a function.
+    /// The library cannot be opened, or lacks a function.
     #[error(
         "{}: {cause}; build it with `make zivid` on a computer that has the Zivid SDK, or name it with [scanner] \
          library",
@@ -35,7 +35,7 @@ pub enum LibraryError {
         /// The system's error.
         cause: libloading::Error,
     },
-    /// It was built by another header.
+    /// The library was built with another version of the header.
     #[error("{}: its interface is number {found}, this program's {INTERFACE}; build it again with `make zivid`", file.display())]
     Interface {
         /// The library.
@@ -98,7 +98,7 @@ struct RawFlicker {
     frequency: [c_char; NAME_BYTES],
 }
 
-/// `pz_session`, which only the library sees into.
+/// `pz_session`, whose contents only the library knows.
 #[repr(C)]
 struct RawSession {
     _private: [u8; 0],
@@ -107,8 +107,8 @@ struct RawSession {
 type Session = *mut RawSession;
 type Status = i32;
 
-/// The library's functions. They stay valid while it is open, which is as long as this program runs: an SDK with threads
-/// of its own is not closed under them.
+/// The library's functions. They are valid while the library is open, which is until this program ends: an SDK with
+/// its own threads must not be unloaded while they run.
 struct Functions {
     end: unsafe extern "C" fn(Session),
     connect: unsafe extern "C" fn(Session, *const c_char, *const c_char, *mut RawIdentity, *mut Message) -> Status,
@@ -123,7 +123,7 @@ struct Functions {
     light: unsafe extern "C" fn(Session, *mut RawFlicker, *mut Message) -> Status,
 }
 
-/// A camera behind the SDK.
+/// A camera that is accessed through the SDK.
 pub struct Sdk {
     functions: Functions,
     session: NonNull<RawSession>,
@@ -143,7 +143,7 @@ impl Sdk {
         let failed = |cause| LibraryError::Open { file: file.to_owned(), cause };
         // SAFETY: the library's initialisation is the vendor's and ours; it runs in a process dedicated to it.
         let library: &'static Library = Box::leak(Box::new(unsafe { Library::new(file) }.map_err(failed)?));
-        // SAFETY: of every interface, this function has this type.
+        // SAFETY: this function has this type in every version of the interface.
         let interface: unsafe extern "C" fn() -> u32 =
             *unsafe { library.get(b"pz_interface\0") }.map_err(failed)?;
         // SAFETY: it has no arguments and returns a number.
@@ -152,8 +152,8 @@ impl Sdk {
             return Err(LibraryError::Interface { file: file.to_owned(), found });
         }
         macro_rules! function {
-            // SAFETY: of this interface, the function of this name has the type that it is assigned to, as the header
-            // declares it.
+            // SAFETY: in this version of the interface, the function of this name has the type that it is assigned
+            // to, as the header declares it.
             ($name:literal) => {
                 *unsafe { library.get(concat!("pz_", $name, "\0").as_bytes()) }.map_err(failed)?
             };
@@ -173,7 +173,7 @@ impl Sdk {
             light: function!("light"),
         };
         let (mut sdk, mut message) = ([0; NAME_BYTES], Message::empty());
-        // SAFETY: both buffers have the sizes that the header names.
+        // SAFETY: both buffers have the sizes that the header states.
         let session = unsafe { begin(sdk.as_mut_ptr(), &raw mut message) };
         let session = NonNull::new(session).ok_or_else(|| LibraryError::Sdk(message.read()))?;
         Ok(Sdk { functions, session, version: words(&sdk) })
@@ -220,7 +220,7 @@ impl Sensor for Sdk {
         let mut identity = RawIdentity { serial: [0; NAME_BYTES], model: [0; NAME_BYTES] };
         let into = &raw mut identity;
         self.call(|functions, session, message| {
-            // SAFETY: the texts end in NUL or are null and outlive the call, and so do identity and message.
+            // SAFETY: the texts end in NUL or are null and outlive the call; identity and message outlive it too.
             unsafe { (functions.connect)(session, pointer(serial), pointer(file), into, message) }
         })?;
         Ok(Identity { serial: words(&identity.serial), model: words(&identity.model) })
@@ -235,7 +235,7 @@ impl Sensor for Sdk {
                 Use::Scan => functions.settings_scan,
                 Use::Picture => functions.settings_picture,
             };
-            // SAFETY: the text ends in NUL, and all that is pointed at outlives the call.
+            // SAFETY: the text ends in NUL, and all pointers stay valid during the call.
             unsafe { read(session, file.as_ptr(), slot_into, size_into, message) }
         })?;
         Ok((Slot(slot), size.checked()?))
@@ -244,7 +244,7 @@ impl Sensor for Sdk {
     fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
         let mut taken = RawShotInfo::default();
         let into = &raw mut taken;
-        // SAFETY: what is pointed at outlives the call.
+        // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.scan)(session, slot.0, into, message) })?;
         let exposed = taken.read()?;
         let mut planes = Planes::with_size(exposed.size);
@@ -261,7 +261,7 @@ impl Sensor for Sdk {
     fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal> {
         let mut taken = RawShotInfo::default();
         let into = &raw mut taken;
-        // SAFETY: what is pointed at outlives the call.
+        // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.picture)(session, slot.0, into, message) })?;
         let exposed = taken.read()?;
         let mut rgb = vec![[0; 3]; exposed.size.pixels()];
@@ -276,7 +276,7 @@ impl Sensor for Sdk {
     fn intrinsics(&mut self, slot: Slot) -> Result<Lens, Refusal> {
         let mut lens = RawLens::default();
         let into = &raw mut lens;
-        // SAFETY: what is pointed at outlives the call.
+        // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.intrinsics)(session, slot.0, into, message) })?;
         Ok(Lens { matrix_px: lens.matrix_px, distortion: lens.distortion })
     }
@@ -284,7 +284,7 @@ impl Sensor for Sdk {
     fn state(&mut self) -> Result<Temperatures, Refusal> {
         let mut found = RawTemperatures::default();
         let into = &raw mut found;
-        // SAFETY: what is pointed at outlives the call.
+        // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.state)(session, into, message) })?;
         let told = |celsius: f64| Some(celsius).filter(|celsius| celsius.is_finite());
         let RawTemperatures { dmd_c, general_c, led_c, lens_c, pcb_c } = found;
@@ -295,7 +295,7 @@ impl Sensor for Sdk {
     fn light(&mut self) -> Result<Light, Refusal> {
         let mut found = RawFlicker { classification: [0; NAME_BYTES], frequency: [0; NAME_BYTES] };
         let into = &raw mut found;
-        // SAFETY: what is pointed at outlives the call.
+        // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.light)(session, into, message) })?;
         Ok(Light { flicker: Flicker::named(&words(&found.classification)), frequency: words(&found.frequency) })
     }
@@ -311,7 +311,8 @@ impl Message {
     }
 }
 
-/// The largest side of a picture: far beyond any camera of this kind, and small enough to reckon with.
+/// The largest side of a picture: far beyond any camera of this kind, and small enough for calculations without
+/// overflow.
 const MAX_SIDE_PX: u64 = 16_384;
 
 impl RawSize {

@@ -18,7 +18,7 @@ pub struct Link {
     is_ending: Arc<AtomicBool>,
 }
 
-/// An answer with what came along.
+/// An answer with its data.
 #[derive(Debug)]
 pub enum Answer {
     /// Words alone.
@@ -32,11 +32,11 @@ pub enum Answer {
 /// A shot as it was delivered.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Delivery {
-    /// How it was taken.
+    /// The metadata of the shot.
     pub taken: ShotInfo,
     /// The checksum of its payload.
     pub sum: u32,
-    /// When it had arrived completely, ns of the monotonic clock.
+    /// When the shot had arrived completely, ns of the monotonic clock.
     pub came_ns: u64,
 }
 
@@ -92,7 +92,7 @@ impl Link {
     }
 }
 
-/// x, y, z as f32, three colours, one f32.
+/// Bytes of one point: x, y, z as f32, three colours, one f32.
 const SCAN_BYTES: usize = 12 + 3 + 4;
 
 fn bytes(size: Size, each: usize) -> usize {
@@ -112,10 +112,10 @@ fn scan(opened: Opened, timed: &mut Timed<'_>, taken: ShotInfo) -> Result<Answer
     Ok(Answer::Scan(Delivery { taken, sum, came_ns: now_ns() }, planes))
 }
 
-/// How often is looked whether the program ends.
+/// Interval of checks whether the program ends.
 const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// A socket with a deadline for all that is read and written.
+/// A socket with one deadline for all reads and writes.
 struct Timed<'a> {
     stream: &'a UnixStream,
     until: Instant,

@@ -11,15 +11,15 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
-    /// The only one found.
+    /// The only camera found.
     Only,
-    /// The one with this serial number.
+    /// The camera with this serial number.
     Serial(String),
-    /// A file camera, `.zfc`: the SDK computes from raw pictures that were recorded once.
+    /// A file camera, `.zfc`: the SDK computes from recorded raw pictures.
     File(PathBuf),
 }
 
-/// What settings are for.
+/// What settings are used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Use {
@@ -30,7 +30,7 @@ pub enum Use {
 }
 
 impl Use {
-    /// What settings for this are for, in words.
+    /// Returns a text that states what settings for this use are for.
     pub fn word(self) -> &'static str {
         match self {
             Use::Scan => "3D shots",
@@ -46,7 +46,7 @@ pub type SettingsHash = String;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
-    /// Open this camera; one that is open is closed first.
+    /// Opens this camera; a camera that is already open is closed first.
     Connect {
         /// Which.
         source: Source,
@@ -70,7 +70,7 @@ pub enum Request {
         /// By these settings.
         settings: SettingsHash,
     },
-    /// Pictures one after the other, from now on.
+    /// Takes pictures continuously from now on.
     BeginClip {
         /// By these settings.
         settings: SettingsHash,
@@ -79,7 +79,7 @@ pub enum Request {
     },
     /// The next of these pictures. Pictures that were not fetched in time are lost.
     NextPicture,
-    /// No more of them.
+    /// Stops taking pictures.
     EndClip,
     /// The camera's model of its lens at these settings.
     Intrinsics {
@@ -88,7 +88,7 @@ pub enum Request {
     },
     /// Its temperatures.
     State,
-    /// How the light around it flickers, as it is now.
+    /// Measures how the ambient light flickers at present.
     Light,
 }
 
@@ -98,11 +98,11 @@ pub enum Request {
 pub struct Hello {
     /// The program's version.
     pub program: String,
-    /// The SDK's version, or why there is none.
+    /// The SDK's version, or why there is no SDK.
     pub sdk: Result<String, String>,
 }
 
-/// What the worker answers.
+/// A reply of the worker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Reply {
@@ -125,7 +125,7 @@ pub enum Reply {
     State(Temperatures),
     /// The light.
     Light(Light),
-    /// It cannot be done.
+    /// The request cannot be carried out.
     Refused(Refusal),
 }
 
@@ -162,17 +162,17 @@ impl Size {
 pub struct ShotInfo {
     /// Its size.
     pub size: Size,
-    /// The settings that it was taken with.
+    /// The settings with which the shot was taken.
     pub settings: SettingsHash,
     /// The camera's serial number.
     pub serial: String,
-    /// Shots and pictures of this worker so far, this one too.
+    /// Number of shots and pictures of this worker so far, including this one.
     pub number: u64,
     /// When the camera received the request, ns of the monotonic clock.
     pub begun_ns: u64,
-    /// When the exposure was over.
+    /// Time at which the exposure ended.
     pub exposed_ns: u64,
-    /// When its data were there.
+    /// Time at which the data were available.
     pub ready_ns: u64,
     /// How long the camera paused because it is hot, ms.
     pub throttled_ms: f64,
@@ -192,7 +192,7 @@ pub struct ClipEnd {
     pub dropped: u64,
 }
 
-/// The camera's own model of its lens, as OpenCV has it; the vendor calls it an approximation.
+/// The camera's own model of its lens, in OpenCV's form; the vendor calls it an approximation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lens {
@@ -218,7 +218,7 @@ pub struct Temperatures {
     pub pcb_c: Option<f64>,
 }
 
-/// What the camera finds of the light around it.
+/// The camera's measurement of the ambient light.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
@@ -228,24 +228,24 @@ pub struct Light {
     pub frequency: String,
 }
 
-/// How light flickers, as the SDK names it.
+/// How the light flickers, by the SDK's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Flicker {
     /// It does not.
     None,
-    /// As on mains of 50 Hz.
+    /// Flicker of lamps on 50 Hz mains.
     Grid50Hz,
-    /// As on mains of 60 Hz.
+    /// Flicker of lamps on 60 Hz mains.
     Grid60Hz,
     /// At another frequency.
     Other,
-    /// It does, and the SDK does not know how; or this program does not know the SDK's word.
+    /// The light flickers, but the SDK does not know how, or this program does not know the SDK's name for it.
     Unknown,
 }
 
 impl Flicker {
-    /// By the SDK's name for it.
+    /// Returns the flicker with this SDK name.
     pub fn named(classification: &str) -> Self {
         match classification {
             "noFlicker" => Flicker::None,
@@ -257,17 +257,17 @@ impl Flicker {
     }
 }
 
-/// Why it cannot be done.
+/// Why a request cannot be carried out.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Refusal {
-    /// What kind of trouble.
+    /// The kind of trouble.
     pub trouble: Trouble,
-    /// In the worker's or the SDK's words.
+    /// The message of the worker or of the SDK.
     pub message: String,
 }
 
-/// What kind of trouble.
+/// The kind of trouble.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trouble {
@@ -277,7 +277,7 @@ pub enum Trouble {
     Firmware,
     /// The camera is present, but connected to another program or computer.
     InUse,
-    /// It is seen, and its address cannot be reached.
+    /// The camera is detected, but its address cannot be reached.
     OutOfReach,
     /// The camera was open and is gone.
     Gone,

@@ -13,9 +13,9 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Who is at the other end of a socket.
+/// The other end of a socket.
 pub trait Peer: Send {
-    /// Ends it now, whatever it does.
+    /// Ends the other end at once, whatever it does.
     fn kill(&mut self);
     /// Returns how it ended, if it ends within this time.
     fn ended(&mut self, within: Duration) -> Option<String>;
@@ -23,10 +23,10 @@ pub trait Peer: Send {
     fn id(&self) -> Option<u32>;
 }
 
-/// Starts a worker and gives the daemon's end of its socket.
+/// Starts a worker and returns the daemon's end of its socket.
 pub type Launcher = Box<dyn FnMut() -> io::Result<(UnixStream, Box<dyn Peer>)> + Send>;
 
-/// Starts this program with these arguments.
+/// Returns a launcher that starts this program with these arguments.
 pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
     Box::new(move || {
         let (ours, theirs) = UnixStream::pair()?;
@@ -36,7 +36,7 @@ pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             .stdout(Stdio::from(io::stderr().as_fd().try_clone_to_owned()?))
             .stderr(Stdio::inherit())
-            // What a terminal sends to its foreground, such as Ctrl-C, is for the daemon to answer.
+            // Signals that a terminal sends to its foreground processes, such as Ctrl-C, are handled by the daemon.
             .process_group(0)
             .spawn()?;
         Ok((ours, Box::new(Process { child: Some(child) }) as Box<dyn Peer>))
@@ -44,14 +44,14 @@ pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
 }
 
 struct Process {
-    /// None once it is left to itself.
+    /// `None` once the process is no longer supervised.
     child: Option<Child>,
 }
 
-/// How long a killed worker is waited for.
+/// How long the program waits for a killed worker to end.
 const KILL_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Between looks whether it has ended.
+/// Interval of checks whether the worker has ended.
 const EXIT_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 impl Peer for Process {

@@ -23,9 +23,9 @@ pub struct ZividShot {
     pub cloud: OrganizedCloud<Camera>,
     /// Signal to noise ratio of each point.
     pub snr: Vec<f32>,
-    /// How it was taken.
+    /// The metadata of the shot.
     pub taken: ShotInfo,
-    /// From there in the worker to here, checked, ms.
+    /// Time from the available data in the worker to the complete shot here, checked, ms.
     pub crossed_ms: f64,
 }
 
@@ -34,19 +34,19 @@ pub struct ZividShot {
 pub struct ZividPicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// How it was taken; of a clip also how many were dropped so far.
+    /// The metadata of the picture; for a clip also the number of pictures dropped so far.
     pub taken: ShotInfo,
 }
 
-/// The fixed camera behind its worker.
+/// The fixed camera, operated through its worker.
 pub struct ZividScanner {
     orders: Sender<QueuedRequest>,
     shared: Arc<Shared>,
     patience: Patience,
     size: Size,
-    /// Of 3D shots and of pictures, by their settings, µs.
+    /// Exposure times of 3D shots and of pictures, by their settings, µs.
     exposures_us: [Option<f64>; 2],
-    /// Of the last shot or picture.
+    /// Conditions of the last shot or picture.
     conditions: Conditions,
     thread: Option<JoinHandle<()>>,
 }
@@ -56,7 +56,7 @@ pub struct ZividScanner {
 pub struct ZividWatch(Arc<Shared>);
 
 impl ZividWatch {
-    /// What went wrong so far.
+    /// Returns the faults so far.
     pub fn faults(&self) -> Vec<ZividFault> {
         self.0.status().faults.iter().cloned().collect()
     }
@@ -72,11 +72,11 @@ impl ZividWatch {
     }
 }
 
-/// How long a check waits, for a worker that is being started or anything else.
+/// How long a check waits, for example for a worker that is being started.
 const CHECK_TIMEOUT: Duration = Duration::from_secs(10);
 /// Additional time limit for ending a worker that does not answer.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(5);
-/// How often one who waits for an answer looks whether the camera still delivers.
+/// Interval at which a waiting caller checks whether the camera still delivers.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 impl ZividScanner {
@@ -112,18 +112,18 @@ impl ZividScanner {
         ZividFault::Starting { since: since.elapsed(), most: self.patience.start() }
     }
 
-    /// What went wrong so far, how often a worker was lost, and the worker's process.
+    /// Returns the faults so far, the number of lost workers, and the process ID of the worker.
     pub fn history(&self) -> (Vec<ZividFault>, usize, Option<u32>) {
         let status = self.shared.status();
         (status.faults.iter().cloned().collect(), status.lost, status.worker)
     }
 
-    /// The same for another thread, now and later.
+    /// Returns a handle with which another thread can read the camera's state at any time.
     pub fn watch(&self) -> ZividWatch {
         ZividWatch(self.shared.clone())
     }
 
-    /// Whether the camera is as warm as it stays, by the temperatures that it has reported.
+    /// Returns whether the camera has reached its final temperature, from the temperatures that it has reported.
     pub fn warmth(&self) -> Warmth {
         warmth(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
     }
@@ -157,7 +157,7 @@ impl ZividScanner {
                 Err(RecvTimeoutError::Timeout) if ask != CameraRequest::Check => {
                     if let Stage::Starting(since) = self.shared.status().stage {
                         is_given_up.store(true, Ordering::Relaxed);
-                        // Of a worker that was lost by this very question the answer is on its way.
+                        // If this request itself led to the loss of the worker, its answer arrives soon.
                         return answered.recv_timeout(POLL_INTERVAL).unwrap_or(Err(self.starting(since)));
                     }
                 }
@@ -197,7 +197,7 @@ impl ZividScanner {
         }
     }
 
-    /// One picture.
+    /// Takes one picture.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -213,7 +213,8 @@ impl ZividScanner {
         self.ask(CameraRequest::BeginClip(pictures_per_second)).map(drop)
     }
 
-    /// The next picture of the clip. Those that are not taken over in time are dropped, the oldest first, and counted.
+    /// Returns the next picture of the clip. Pictures that are not fetched in time are dropped, the oldest first,
+    /// and counted.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -232,7 +233,7 @@ impl ZividScanner {
         }
     }
 
-    /// The camera's own model of its lens at the settings of 3D shots.
+    /// Returns the camera's own model of its lens at the settings of 3D shots.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -258,7 +259,7 @@ impl ZividScanner {
         }
     }
 
-    /// How the light around it flickers, as it is now.
+    /// Measures how the ambient light flickers at present.
     ///
     /// # Errors
     /// As [`ZividScanner::shot`].
@@ -295,7 +296,7 @@ impl Drop for ZividScanner {
     }
 }
 
-/// When the exposure began, s of the machine's monotonic clock.
+/// Returns when the exposure began, s of the machine's monotonic clock.
 fn time_s(taken: &ShotInfo) -> f64 {
     taken.begun_ns as f64 * 1e-9
 }

@@ -1,18 +1,18 @@
-//! What the worker drives: a camera behind the SDK, one call at a time.
+//! The interface of the worker to a camera: the camera is operated through the SDK, one call at a time.
 
 use super::message::{Identity, Lens, Light, Refusal, Size, Source, Temperatures, Use};
 use std::path::Path;
 
-/// Settings that were read, by the number that the sensor gave them.
+/// The number that the sensor gave to settings that it has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Slot(pub u32);
 
-/// How a shot was taken.
+/// The metadata of an exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Exposed {
     /// Its size.
     pub size: Size,
-    /// When the exposure was over, ns of the monotonic clock.
+    /// Time at which the exposure ended, ns of the monotonic clock.
     pub exposed_ns: u64,
     /// How long the camera paused because it is hot, ms.
     pub throttled_ms: f64,
@@ -20,7 +20,7 @@ pub struct Exposed {
     pub lens_c: Option<f64>,
 }
 
-/// The numbers of a 3D shot, row by row.
+/// The values of a 3D shot, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planes {
     /// x, y, z in the camera's frame, mm; NaN if missing.
@@ -32,7 +32,7 @@ pub struct Planes {
 }
 
 impl Planes {
-    /// Room for a shot of this size.
+    /// Allocates memory for a shot of this size.
     pub fn with_size(size: Size) -> Self {
         let pixels = size.pixels();
         Planes { points_mm: vec![[0.0; 3]; pixels], colors: vec![[0; 3]; pixels], snr: vec![0.0; pixels] }
@@ -42,7 +42,7 @@ impl Planes {
 /// A 3D camera that also takes colour pictures. Each call blocks; a request that it cannot fulfil is refused in
 /// words.
 pub trait Sensor: Send {
-    /// What it was built with.
+    /// Returns the SDK with which the sensor was built.
     fn sdk(&self) -> String;
 
     /// Opens a camera; a camera that is open is released first, with its settings.
@@ -69,19 +69,19 @@ pub trait Sensor: Send {
     /// As [`Sensor::connect`].
     fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal>;
 
-    /// The camera's model of its lens.
+    /// Returns the camera's model of its lens.
     ///
     /// # Errors
     /// As [`Sensor::connect`].
     fn intrinsics(&mut self, slot: Slot) -> Result<Lens, Refusal>;
 
-    /// The camera's temperatures.
+    /// Returns the camera's temperatures.
     ///
     /// # Errors
     /// As [`Sensor::connect`].
     fn state(&mut self) -> Result<Temperatures, Refusal>;
 
-    /// How the light around it flickers, as it is now.
+    /// Measures how the ambient light flickers at present.
     ///
     /// # Errors
     /// As [`Sensor::connect`].

@@ -12,15 +12,16 @@
 
 use crate::words::apart;
 
-/// How long a camera must have been followed, s: the maker's ten minutes.
+/// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
 const MIN_OBSERVED_S: f64 = 600.0;
-/// The line goes through the last temperatures of so long, s.
+/// The line is fitted to the temperatures of this last period, s.
 const LINE_S: f64 = 300.0;
 /// Temperatures further apart are not one series, s: the camera may have been off between them.
 const MAX_GAP_S: f64 = 120.0;
-/// Three times what the air of a hall does, a fifth of a slow warm-up, °C a minute.
+/// Limit of the rise, °C a minute: three times that of the air in a production hall, a fifth of a slow warm-up.
 const LIMIT_C_PER_MIN: f64 = 0.1;
-/// Temperatures are reported in steps; their error is at least that of half a step of 0.1 °C, evenly distributed.
+/// Temperatures are reported in steps. Their error is at least the standard deviation of half a step of 0.1 °C,
+/// uniformly distributed.
 const MIN_ERROR_C: f64 = 0.05 / 1.732;
 /// Older temperatures are not used, s.
 pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
@@ -30,33 +31,33 @@ pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 pub struct Reading {
     /// When, s.
     pub at_s: f64,
-    /// Of the lens, °C.
+    /// Temperature of the lens, °C.
     pub lens_c: f64,
 }
 
 /// The result of the temperatures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Warmth {
-    /// It stays as warm as it is.
+    /// The camera's temperature is stable.
     Warm {
         /// Rise, °C a minute.
         rise_c_per_min: f64,
     },
-    /// It warms up, or cools down.
+    /// The camera warms up or cools down.
     Changing {
         /// Rise, °C a minute.
         rise_c_per_min: f64,
     },
-    /// Its temperatures scatter too much to decide.
+    /// The camera's temperatures scatter too much for a decision.
     Unclear {
         /// Rise, °C a minute.
         rise_c_per_min: f64,
-        /// Its error, 95 %.
+        /// The error of the rise, 95 %.
         error_c_per_min: f64,
     },
-    /// It was followed for too short a time, or reports no temperature.
+    /// The temperatures were recorded for too short a time, or the camera reports no temperature.
     NotFollowed {
-        /// For so long without a gap, s.
+        /// Time of recording without a gap, s.
         followed_s: f64,
     },
 }
@@ -91,7 +92,7 @@ impl std::fmt::Display for Warmth {
     }
 }
 
-/// Judges temperatures in the order of their times, at `now_s` of the same clock.
+/// Judges temperatures, in the order of their times, at `now_s` of the same clock.
 pub fn warmth(readings: &[Reading], now_s: f64) -> Warmth {
     let series = unbroken(readings, now_s);
     let followed_s = series.first().map_or(0.0, |first| now_s - first.at_s);
@@ -109,7 +110,7 @@ pub fn warmth(readings: &[Reading], now_s: f64) -> Warmth {
     }
 }
 
-/// The last readings without a gap between them, up to now.
+/// Returns the last readings without a gap between them, up to now.
 fn unbroken(readings: &[Reading], now_s: f64) -> &[Reading] {
     let mut next_s = now_s;
     let of_series = readings.iter().rev().take_while(|reading| {
@@ -121,7 +122,7 @@ fn unbroken(readings: &[Reading], now_s: f64) -> &[Reading] {
     readings.split_at(readings.len() - count).1
 }
 
-/// (1): slope and its error (95 %), °C a minute; none of fewer than three.
+/// Calculates slope and its error (95 %) by (1), °C a minute; `None` for fewer than three readings.
 fn rise(line: &[Reading]) -> Option<(f64, f64)> {
     let count = line.len() as f64;
     if line.len() < 3 {
@@ -145,14 +146,15 @@ fn rise(line: &[Reading]) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// Each half minute from `from_s` to 900 s.
+    /// Returns a reading each half minute from `from_s` to 900 s.
     fn readings(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<Reading> {
         let times = (0..=30).map(|half| f64::from(half) * 30.0).filter(|at_s| *at_s >= from_s);
         times.map(|at_s| Reading { at_s, lens_c: lens_c(at_s) }).collect()
     }
 
-    /// By hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 · 30² · 55 =
-    /// 99,000 s², its root 314.64 s; the least error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C a minute.
+    /// Calculated by hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 ·
+    /// 30² · 55 = 99,000 s², with the root 314.64 s. The smallest error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C
+    /// a minute.
     #[test]
     fn a_straight_rise_is_found_with_its_error() {
         let line = readings(600.0, |at_s| 30.0 + 0.001 * at_s);
@@ -161,15 +163,15 @@ mod tests {
         assert_eq!(rise(&line[..2]), None);
     }
 
-    /// A camera that nears its end temperature as 40 − 15 e^(−t/τ), τ = 2.5 min: at 15 min it rises by
-    /// 15/2.5 · e^(−6) = 0.015 °C a minute, at 5 min by 0.81.
+    /// A camera that approaches its final temperature as 40 − 15 e^(−t/τ), τ = 2.5 min: at 15 min its temperature
+    /// rises by 15/2.5 · e^(−6) = 0.015 °C a minute, at 5 min by 0.81.
     #[test]
     fn a_camera_is_warm_when_it_changes_no_more() {
         let warming = |at_s: f64| 40.0 - 15.0 * (-at_s / 150.0_f64).exp();
         assert!(
             matches!(warmth(&readings(0.0, warming), 900.0), Warmth::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
         );
-        // The same, seen ten minutes earlier on its way.
+        // The same camera, seen ten minutes earlier in its warm-up.
         let early = warmth(&readings(0.0, |at_s| warming(at_s - 600.0)), 900.0);
         assert!(matches!(early, Warmth::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
         assert!(early.to_string().starts_with("it still warms up, by "), "{early}");
@@ -184,12 +186,13 @@ mod tests {
         assert_eq!(short, Warmth::NotFollowed { followed_s: 570.0 });
         assert!(short.to_string().ends_with("followed for 9 of 10 min"), "{short}");
         assert_eq!(warmth(&[], 900.0), Warmth::NotFollowed { followed_s: 0.0 });
-        // The last one is three minutes old; or there is a gap of three minutes before the last five.
+        // Either the last reading is three minutes old, or there is a gap of three minutes before the last five
+        // readings.
         assert_eq!(warmth(&readings(0.0, steady), 1_080.0), Warmth::NotFollowed { followed_s: 0.0 });
         let mut gap = readings(0.0, steady);
         gap.retain(|reading| !(430.0..=580.0).contains(&reading.at_s));
         assert_eq!(warmth(&gap, 900.0), Warmth::NotFollowed { followed_s: 300.0 });
-        // 0.1 °C a minute lies on the limit.
+        // A rise of 0.1 °C a minute is exactly at the limit.
         let edge = warmth(&readings(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
         assert!(matches!(edge, Warmth::Unclear { .. }), "{edge:?}");
         assert!(edge.to_string().contains("changes by 0.10 ± 0.01 °C a minute"), "{edge}");

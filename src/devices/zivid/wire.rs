@@ -28,7 +28,7 @@ pub const MAX_HEAD_BYTES: usize = 1 << 20;
 /// The largest payload: a 3D shot of 8 million points.
 pub const MAX_PAYLOAD_BYTES: usize = 160 << 20;
 
-/// A payload is summed and sent by pieces of this size, so that both ends work at the same time.
+/// A payload is sent, and its checksum computed, in pieces of this size, so that both ends work at the same time.
 const PIECE_BYTES: usize = 1 << 18;
 
 /// Writes a frame; the planes of the payload follow one another.
@@ -78,7 +78,7 @@ fn allowed(part: Part, found: u64, most: usize) -> Result<(), WireError> {
 /// A frame before its payload has been read.
 #[derive(Debug)]
 pub struct Opened {
-    /// Its number: a reply has its request's.
+    /// The sequence number: a reply has that of its request.
     pub sequence: u32,
     /// Its head, JSON.
     pub head: Vec<u8>,
@@ -185,7 +185,7 @@ mod tests {
         bytes
     }
 
-    /// Sequence, head and the planes of these sizes.
+    /// Reads the sequence number, the head and the planes of these sizes.
     fn read(mut bytes: &[u8], sizes: &[usize]) -> Result<(u32, Vec<u8>, Vec<Vec<u8>>), WireError> {
         let opened = open(&mut bytes, Kind::Reply)?;
         let (sequence, head) = (opened.sequence, opened.head.clone());
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(told(&request, 0), "found a frame of kind 2, expected kind 3, a reply");
     }
 
-    /// A peer that claims a long payload gets no memory for it.
+    /// If a peer claims a long payload, no memory is allocated for it.
     #[test]
     fn a_length_beyond_all_frames_is_refused_on_both_sides() {
         let mut opening = b"PPZV\x02\0\x03\0\0\0\0\0".to_vec();
@@ -247,7 +247,7 @@ mod tests {
             prop_assert_eq!(whole.expect("whole"), (sequence, head, planes));
         }
 
-        /// Wherever it ends, it is not taken for whole.
+        /// A frame that is cut at any byte is not accepted as complete.
         #[test]
         fn every_cut_is_refused(payload in proptest::collection::vec(any::<u8>(), 0..90)) {
             let bytes = written(7, b"{\"a\":1}", &[&payload]);
@@ -267,7 +267,7 @@ mod tests {
             }
         }
 
-        /// Parts of two frames do not make a third.
+        /// Parts of two frames do not form a valid frame.
         #[test]
         fn parts_of_different_frames_do_not_go_together(first: [u8; 8], second: [u8; 8]) {
             prop_assume!(first != second);

@@ -18,10 +18,10 @@ use std::sync::{Arc, Mutex};
 /// Buffer for data in transit, so that this end continues while the other computes the checksum of a piece.
 const SOCKET_BYTES: usize = 1 << 20;
 
-/// Why the worker ends.
+/// Why the worker ended.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkerError {
-    /// The daemon does not speak as it should.
+    /// The daemon violates the protocol.
     #[error("the daemon's request cannot be read: {0}")]
     Wire(#[from] WireError),
     /// A message that cannot be written.
@@ -29,7 +29,7 @@ pub enum WorkerError {
     Json(#[from] serde_json::Error),
 }
 
-/// An answer with the payload that goes with it.
+/// An answer with its payload.
 enum Answer {
     Words(Reply),
     Scan(ShotInfo, Planes),
@@ -100,7 +100,7 @@ struct Worker {
 
 impl Worker {
     fn answer(&mut self, request: Request) -> Result<Answer, Refusal> {
-        // All but its next picture ends a clip: camera and projector do one thing at a time.
+        // Every request other than for its next picture ends a clip: camera and projector do one task at a time.
         if !matches!(request, Request::NextPicture | Request::EndClip) {
             drop(self.clip.take());
         }
@@ -195,7 +195,7 @@ impl Worker {
     }
 }
 
-/// SHA-256 of a settings file's text.
+/// Calculates the SHA-256 of a settings file's text.
 pub fn settings_hash(yaml: &str) -> SettingsHash {
     content_hash(yaml.as_bytes())
 }

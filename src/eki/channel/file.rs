@@ -5,7 +5,7 @@ use super::kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
 use super::stated::{StatedChannel, StatedElement};
 use crate::config::Problem;
 
-/// The values that a file does not state (`eki.md` 1.3).
+/// The values that apply if a file does not state them (`eki.md` 1.3).
 const DEFAULT_ENTRIES: u32 = 16;
 const DEFAULT_BYTES: u32 = 16_384;
 const DEFAULT_PORT: u16 = 54_600;
@@ -15,46 +15,46 @@ const DEFAULT_PORT: u16 = 54_600;
 pub struct Memory {
     /// Which entry is read first, unless a tag states otherwise.
     pub order: ReadOrder,
-    /// Entries of each memory; one more closes the connection.
+    /// Number of entries of each memory; one more entry closes the connection.
     pub entries: u32,
-    /// Bytes received and not yet interpreted.
+    /// Number of bytes received and not yet interpreted.
     pub bytes: u32,
 }
 
 /// One tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
-    /// Its path without a leading slash, `Cmd/@Id`.
+    /// The tag's path without a leading slash, `Cmd/@Id`.
     pub tag: String,
     /// The type in its memory; `None` if the tag only sets a flag.
     pub kind: Option<Kind>,
     /// Which entry is read first, if this differs from the channel's order.
     pub order: Option<ReadOrder>,
-    /// `$FLAG` that is set when it has arrived.
+    /// `$FLAG` that is set when the element has arrived.
     pub set_flag: Option<u32>,
-    /// `$OUT` that is set when it has arrived.
+    /// `$OUT` that is set when the element has arrived.
     pub set_out: Option<u32>,
     /// Its line in the file, from 1.
     pub line: usize,
 }
 
-/// One EthernetKRL file, read.
+/// An EthernetKRL file that was read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelFile {
-    /// Who the other machine is.
+    /// The role of the other machine.
     pub peer: Peer,
     /// Address that is listened on: the controller's, or the other machine's if the controller dials. Any text is
     /// allowed: placeholders are common.
     pub address: Option<String>,
-    /// Port that is listened on.
+    /// Port on which the server listens.
     pub port: u16,
-    /// What ends the channel.
+    /// The event that ends the channel.
     pub environment: Environment,
-    /// What carries the bytes.
+    /// The protocol that transfers the bytes.
     pub protocol: Protocol,
     /// The memories.
     pub memory: Memory,
-    /// How long the controller dials, or waits to be dialled, ms.
+    /// How long the controller tries to connect, or waits for a connection, ms.
     pub connect_timeout_ms: Option<u32>,
     /// `$FLAG` that is true while connected.
     pub alive_flag: Option<u32>,
@@ -73,10 +73,10 @@ pub struct ChannelFile {
 /// Why the client cannot use a file as a channel. Each reason names its line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ChannelError {
-    /// The file is not right: the first problem in it.
+    /// The file has errors: the first one.
     #[error("line {}: {}{}{}", .0.line, .0.key, if .0.key.is_empty() { "" } else { ": " }, .0.message)]
     Wrong(Problem),
-    /// Bytes instead of tags.
+    /// The file transfers bytes instead of tags.
     #[error("line {line}: RAW channels carry bytes; this program speaks XML channels only")]
     Raw {
         /// Line, from 1.
@@ -88,7 +88,7 @@ impl ChannelFile {
     /// Reads the text of a classic EthernetKRL file.
     ///
     /// # Errors
-    /// The first thing in it that the controller would refuse or this program cannot use.
+    /// The first entry in the file that the controller would refuse or this program cannot use.
     pub fn parse(text: &str) -> Result<Self, ChannelError> {
         let (stated, found) = super::reading::read("", text).map_err(ChannelError::Wrong)?;
         if let Some(first) = found.problems.into_iter().min_by_key(|problem| problem.line) {

@@ -1,13 +1,13 @@
-//! What is noted while a file is read.
+//! Notes on problems that are found while a file is read.
 
 use crate::config::Problem;
 
-/// What is wrong or doubtful in one file, in the order in which it was found.
+/// Errors and doubts in one file, in the order in which they were found.
 #[derive(Debug, Default)]
 pub(crate) struct Findings {
-    /// What the controller refuses or cannot work with.
+    /// Entries that the controller refuses or cannot work with.
     pub(crate) problems: Vec<Problem>,
-    /// What it accepts and what leads to trouble, with all that is `unknown`.
+    /// Entries that the controller accepts but that lead to trouble, with all that is `unknown`.
     pub(crate) warnings: Vec<Problem>,
     /// Names and texts that are in no manual.
     pub(crate) unknown: Vec<Problem>,

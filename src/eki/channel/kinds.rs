@@ -1,18 +1,19 @@
-//! The words that an EthernetKRL file may hold. They are read in any case, as the manual itself mixes them.
+//! The keywords that an EthernetKRL file may contain. They are read in upper or lower case, as the manual itself
+//! mixes both.
 
 use strum::{Display, EnumString, VariantNames};
 
-/// Who the other machine is, as the controller sees it.
+/// The role of the other machine, as the controller sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive)]
 pub enum Peer {
-    /// The other machine dials; the controller listens.
+    /// The other machine connects; the controller listens.
     Client,
-    /// The other machine listens; the controller dials.
+    /// The other machine listens; the controller connects.
     Server,
 }
 
-/// What ends the channel on the controller.
+/// The event that ends the channel on the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive)]
 pub enum Environment {
@@ -34,7 +35,7 @@ pub enum ReadOrder {
     Lifo,
 }
 
-/// What carries the bytes.
+/// The protocol that transfers the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
 pub enum Protocol {
@@ -44,7 +45,7 @@ pub enum Protocol {
     Udp,
 }
 
-/// What a tag's memory holds.
+/// The type of the values in a tag's memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
 pub enum Kind {
@@ -53,7 +54,7 @@ pub enum Kind {
     Text,
     /// A single-precision number, written `%f`.
     Real,
-    /// 32 bits with a sign.
+    /// A signed 32-bit integer.
     Int,
     /// 0 or 1.
     Bool,

@@ -11,7 +11,7 @@ use strum::VariantNames;
 enum Rule {
     Words(&'static [&'static str]),
     Number(u32, u32),
-    /// Any text: placeholders for addresses are common, and `stated` reads tags.
+    /// Any text, since placeholders for addresses are common; `stated` reads tags.
     Free,
     /// Codes of characters, `13,10`, alternatives by `|`.
     Codes,
@@ -21,7 +21,7 @@ struct Known {
     path: &'static str,
     attributes: &'static [(&'static str, Rule)],
     text: Option<Rule>,
-    /// At most one in its parent.
+    /// The element may occur only once in its parent.
     once: bool,
 }
 
@@ -41,7 +41,7 @@ const fn element(path: &'static str, attributes: &'static [(&'static str, Rule)]
     Known { path, attributes, text: None, once: false }
 }
 
-/// `$FLAG` and `$OUT` as the manual counts them.
+/// The ranges of `$FLAG` and `$OUT` numbers by the manual.
 const FLAG: Rule = Rule::Number(1, 1025);
 const OUT: Rule = Rule::Number(1, 4096);
 const ORDER: Rule = Rule::Words(ReadOrder::VARIANTS);
@@ -96,7 +96,7 @@ const KNOWN: [Known; 24] = [
     section(""),
 ];
 
-/// Whether the root is that of the classic dialect.
+/// Checks whether the root is that of the classic dialect.
 pub(super) fn is_classic(root: &Node) -> Result<(), Problem> {
     let found = &root.name;
     let message = if found.eq_ignore_ascii_case("ETHERNETKRL") {
@@ -193,7 +193,7 @@ fn unknown(node: &Node, found: &mut Findings) {
     );
 }
 
-/// The nearest right name, or all of them.
+/// Returns the most similar valid name, or all of them.
 fn meant(written: &str, known: &[&str]) -> String {
     let closeness = |name: &str| strsim::jaro_winkler(&written.to_uppercase(), &name.to_uppercase());
     let nearest = known.iter().max_by(|a, b| closeness(a).total_cmp(&closeness(b)));

@@ -1,4 +1,4 @@
-//! From a file's text to what it states, and to what differs from the manual.
+//! Reads a file's text: the values that it states, and its deviations from the manual.
 
 use super::findings::Findings;
 use super::manual;

@@ -1,4 +1,5 @@
-//! What a file states about one channel, each value with its line. What was noted as wrong is left out here.
+//! The values that a file states about one channel, each with its line. Values that were noted as wrong are left
+//! out.
 
 use super::findings::Findings;
 use super::kinds::{Environment, Peer, Protocol, ReadOrder};
@@ -7,11 +8,11 @@ use std::str::FromStr;
 
 /// A channel of the controller, as its file states it.
 pub(crate) struct StatedChannel {
-    /// The file's name without folder and extension, which KRL calls it by.
+    /// The file's name without folder and extension, by which KRL refers to the channel.
     pub(crate) name: String,
-    /// TYPE as far as its word is known; the manual's default is `Server`.
+    /// TYPE if its keyword is valid; the manual's default is `Server`.
     peer: Option<Peer>,
-    /// Whether TYPE is stated, with whatever word.
+    /// Whether TYPE is stated, with any keyword.
     pub(crate) type_stated: bool,
     /// The line where INTERNAL begins; 1 if there is none.
     pub(crate) internal_line: usize,
@@ -25,7 +26,7 @@ pub(crate) struct StatedChannel {
     pub(crate) connect_ms: Option<Stated<u32>>,
     /// The line of ALIVE.
     pub(crate) alive_line: Option<usize>,
-    /// What a connection raises.
+    /// The signals that a connection sets.
     pub(super) alive: Vec<Signal>,
     pub(crate) ping: Option<Stated<u32>>,
     /// `Logging` and `Display` of MESSAGES.
@@ -51,18 +52,18 @@ pub(crate) struct Address {
     pub(crate) port: Option<Stated<u16>>,
 }
 
-/// `$FLAG[number]` or `$OUT[number]`, and what raises it.
+/// `$FLAG[number]` or `$OUT[number]`, and the event that sets it.
 #[derive(Debug, Clone)]
 pub(crate) struct Signal {
     pub(crate) line: usize,
     pub(crate) is_flag: bool,
     pub(crate) number: u32,
-    /// A tag, or `None` for ALIVE.
+    /// The tag whose arrival sets the signal; `None` for ALIVE.
     pub(crate) tag: Option<String>,
 }
 
 impl Signal {
-    /// As KRL writes it.
+    /// Returns the variable in the notation of KRL.
     pub(crate) fn variable(&self) -> String {
         format!("{}[{}]", if self.is_flag { "$FLAG" } else { "$OUT" }, self.number)
     }
@@ -72,7 +73,7 @@ impl Signal {
         self.tag.as_ref().map_or("a connection".to_owned(), |tag| format!("the arrival of {tag}"))
     }
 
-    /// How messages name the element that states it.
+    /// Returns the name by which messages refer to the element that states the signal.
     pub(crate) fn key(&self) -> String {
         self.tag.as_ref().map_or("CONFIGURATION/INTERNAL/ALIVE".to_owned(), |tag| format!("RECEIVE ELEMENT[{tag}]"))
     }
@@ -83,10 +84,10 @@ impl Signal {
 pub(crate) struct StatedElement {
     pub(crate) line: usize,
     pub(crate) tag: String,
-    /// The type's word in capitals, whether it is known or not.
+    /// The type's keyword in capitals, valid or not.
     pub(crate) kind: Option<String>,
     pub(crate) order: Option<ReadOrder>,
-    /// What its arrival raises.
+    /// The signals that the element's arrival sets.
     pub(super) signals: Vec<Signal>,
 }
 
@@ -96,7 +97,7 @@ impl StatedElement {
         self.tag.split('/').next().unwrap_or_default()
     }
 
-    /// What is inside that, `@Id`, `P` or `J/@A1`; empty for the root.
+    /// Returns the part of the tag below the root, `@Id`, `P` or `J/@A1`; empty for the root.
     pub(crate) fn inside(&self) -> &str {
         self.tag.split_once('/').map_or("", |(_, inside)| inside)
     }
@@ -109,7 +110,7 @@ pub(crate) struct StatedRaw {
     pub(crate) is_stream: bool,
     pub(crate) size: Option<u32>,
     pub(crate) end: Option<String>,
-    /// What its arrival raises.
+    /// The signals that the element's arrival sets.
     signals: Vec<Signal>,
 }
 
@@ -148,22 +149,22 @@ impl StatedChannel {
         }
     }
 
-    /// Who the other machine is.
+    /// Returns the role of the other machine.
     pub(super) fn peer(&self) -> Peer {
         self.peer.unwrap_or(Peer::Server)
     }
 
-    /// Whether the controller listens: the other machine dials.
+    /// Returns whether the controller listens, so that the other machine connects.
     pub(crate) fn listens(&self) -> bool {
         self.peer() == Peer::Client
     }
 
-    /// The address that is listened on.
+    /// Returns the address on which the server listens.
     pub(crate) fn server(&self) -> &Address {
         if self.listens() { &self.internal } else { &self.external }
     }
 
-    /// Everything that raises a flag or an output.
+    /// Returns all entries that set a flag or an output.
     pub(crate) fn signals(&self) -> impl Iterator<Item = &Signal> {
         let received = self.received.iter().flat_map(|element| &element.signals);
         self.alive.iter().chain(received).chain(self.raw.iter().flat_map(|raw| &raw.signals))

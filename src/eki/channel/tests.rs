@@ -1,7 +1,7 @@
 use super::*;
 use crate::eki::{CELLCMD, CELLSTAT};
 
-/// The smallest file with these lines inside `INTERNAL` and `RECEIVE/XML`, from lines 3 and 4.
+/// Returns the smallest file with these lines inside `INTERNAL` and `RECEIVE/XML`, from lines 3 and 4.
 fn file(internal: &str, received: &str) -> String {
     format!(
         "<ETHERNETKRL><CONFIGURATION>\n<EXTERNAL><TYPE>Client</TYPE></EXTERNAL>\n<INTERNAL>{internal}</INTERNAL>\n\

@@ -1,10 +1,10 @@
-//! The text as a tree of nodes with their lines.
+//! Parses the text to a tree of nodes with their lines.
 
 use crate::config::Problem;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
-/// Nothing in these files is deeper than four.
+/// Limit of the nesting; these files have four levels at most.
 const MAX_DEPTH: usize = 32;
 
 /// An element of the file.
@@ -12,7 +12,8 @@ const MAX_DEPTH: usize = 32;
 pub(super) struct Node {
     /// As written.
     pub(super) name: String,
-    /// Its parents and itself below the root, in capitals: `RECEIVE/XML/ELEMENT`; empty for the root.
+    /// The path of the element's parents and the element below the root, in capitals: `RECEIVE/XML/ELEMENT`; empty
+    /// for the root.
     pub(super) path: String,
     pub(super) line: usize,
     pub(super) attributes: Vec<Attribute>,
@@ -32,12 +33,12 @@ pub(super) struct Attribute {
 }
 
 impl Node {
-    /// Its attribute of this name, in any case.
+    /// Returns the node's attribute of this name, in upper or lower case.
     pub(super) fn attribute(&self, name: &str) -> Option<&Attribute> {
         self.attributes.iter().find(|attribute| attribute.name.eq_ignore_ascii_case(name))
     }
 
-    /// All nodes below it with this path.
+    /// Returns all nodes with this path, in this node and below.
     pub(super) fn at<'a>(&'a self, path: &str) -> Vec<&'a Node> {
         let mut found: Vec<&Node> = self.children.iter().flat_map(|child| child.at(path)).collect();
         if self.path == path {
@@ -46,7 +47,7 @@ impl Node {
         found
     }
 
-    /// How messages name it: its path, and the tag of an ELEMENT.
+    /// Returns the name by which messages refer to the node: its path, and the tag of an ELEMENT.
     pub(super) fn key(&self) -> String {
         let path = if self.path.is_empty() { &self.name } else { &self.path };
         match self.attribute("Tag") {
@@ -162,7 +163,7 @@ fn node(text: &str, at: usize, tag: &BytesStart<'_>, parent: Option<&Node>) -> R
     for attribute in tag.attributes().with_checks(false) {
         let attribute = attribute.map_err(|error| not_xml(line, &error.to_string()))?;
         let key = attribute.key.0;
-        // An element may stretch over lines.
+        // An element may extend over several lines.
         cursor += text.get(cursor..).and_then(|rest| rest.find(key)).unwrap_or(0);
         let attribute =
             Attribute { name: key.to_owned(), value: attribute.value.to_string(), line: line_of(text, cursor) };

@@ -2,12 +2,12 @@ use super::*;
 use crate::eki::fixture::{ACK, STATE};
 use proptest::prelude::*;
 
-/// The documents, and how the stream ends, when it comes in one piece.
+/// Cuts a stream that arrives in one piece; returns the documents and the final error.
 fn cut(stream: &[u8]) -> (Vec<String>, Option<FrameError>) {
     cut_at(stream, &[])
 }
 
-/// The same when it is cut at these places.
+/// Cuts a stream that arrives in pieces, divided at these positions.
 fn cut_at(stream: &[u8], cuts: &[usize]) -> (Vec<String>, Option<FrameError>) {
     let mut framer = Framer::default();
     let (mut documents, mut from) = (Vec::new(), 0);
@@ -34,7 +34,8 @@ fn documents_back_to_back_are_told_apart() {
     assert_eq!(error, None);
 }
 
-/// A stream with everything in it, cut at every single place, and at every two places of its first part.
+/// A stream with all kinds of content, divided at every single position, and at every two positions of its first
+/// part.
 #[test]
 fn no_cut_matters() {
     let stream = format!("\u{feff}<?xml v='1'?>{ACK}\0\n<a b='>'/><c> <d e=\"'/\" ></d >\n</c>{STATE}{ACK}<!x>");
@@ -112,7 +113,7 @@ fn an_error_stays_and_what_came_before_it_is_kept() {
     assert_eq!(framer.next_document(), error);
 }
 
-/// Pieces of streams, good and bad, so that a random row of them reaches every place of the scan.
+/// Pieces of streams, valid and invalid, so that a random sequence of them reaches every state of the scan.
 const PIECES: [&[u8]; 24] = [
     b"<a>",
     b"</a>",

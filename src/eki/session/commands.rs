@@ -1,4 +1,4 @@
-//! Commands into the open epoch: one, a path whole, or a path of which only a part is sent yet.
+//! Sends commands into the open epoch: one command, a whole path, or a path of which only a part is sent for now.
 
 use super::flow::Flow;
 use super::limits::{LinkLimits, QueueError};

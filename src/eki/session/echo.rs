@@ -1,9 +1,9 @@
 //! Compares base and tool as they were sent with the ones that the controller reports.
 //!
-//! A lost `set_base` leads to a collision although every pose looks plausible, so no straight line is sent before
-//! the state shows the frame that was set, in this epoch. Rotations are compared, not angles: near B = ±90° angles
-//! are noise. The controller keeps single-precision numbers: below 8 m that is half the tolerance at most, and
-//! angles are far finer.
+//! A lost `set_base` leads to a collision although every pose looks plausible. So no straight line is sent before
+//! the state shows, in this epoch, the frame that was set. Rotations are compared, not angles: near B = ±90° angles
+//! are noise. The controller stores single-precision numbers: below 8 m their error is at most half the tolerance,
+//! and for angles it is far smaller.
 
 use crate::eki::ids::CommandId;
 use crate::eki::report::EchoMismatch;
@@ -13,11 +13,11 @@ use std::collections::VecDeque;
 /// Largest difference between what was set and what is active, mm and degrees.
 const TOLERANCE: f64 = 0.001;
 
-/// One of the two frames.
+/// The echo of base or tool.
 #[derive(Debug)]
 pub(super) struct FrameEcho {
     frame: &'static str,
-    /// The one that is or should be active, and those queued behind it.
+    /// The frame that is or should be active, and those queued behind it.
     set: VecDeque<(CommandId, KukaPose)>,
     confirmed: CommandId,
 }
@@ -31,7 +31,7 @@ impl FrameEcho {
         self.set.push_back((id, pose));
     }
 
-    /// The last one queued; straight lines behind it wait for its echo.
+    /// Returns the last queued command that sets the frame; straight lines behind it wait for its echo.
     pub(super) fn last(&self) -> Option<CommandId> {
         self.set.back().map(|&(id, _)| id)
     }
@@ -52,7 +52,7 @@ impl FrameEcho {
         while self.set.get(1).is_some_and(|&(next, _)| next <= done) {
             self.set.pop_front();
         }
-        // While the next one may be in the making, either can be seen.
+        // While the next frame may be being set, the state may show either frame.
         let changing = self.set.iter().any(|&(id, _)| id > done && id <= sent);
         let Some(&(id, sent)) = self.set.front().filter(|&&(id, _)| id <= done && !changing) else { return Ok(()) };
         let frame = self.frame;
@@ -69,7 +69,7 @@ impl FrameEcho {
     }
 }
 
-/// Largest difference along an axis, mm, and the angle between the rotations, degrees.
+/// Calculates the largest difference along an axis, mm, and the angle between the rotations, degrees.
 fn apart(one: KukaPose, other: KukaPose) -> (f64, f64) {
     let [one, other] = [one, other].map(|pose| pose.to_rigid::<Base, Tool>());
     let distance_mm = (one.origin() - other.origin()).mm.amax();
@@ -86,7 +86,8 @@ mod tests {
         echo.follow(CommandId(1), CommandId(1), true, found).is_ok() && echo.is_confirmed(CommandId(1))
     }
 
-    /// At B = 90° only C − A counts: (40, 90, 10) and (0, 90, −30) are one rotation, (0, 90, −30.01) is another.
+    /// At B = 90° only C − A counts: (40, 90, 10) and (0, 90, −30) are the same rotation, (0, 90, −30.01) is
+    /// another.
     #[test]
     fn rotations_are_compared_and_not_angles() {
         let turned = |a_deg, b_deg, c_deg| KukaPose { a_deg, b_deg, c_deg, ..KukaPose::default() };
@@ -96,7 +97,8 @@ mod tests {
         assert!(!echo(turned(0.0, 0.0, 0.002), turned(0.0, 0.0, 0.0)));
     }
 
-    /// 5678.123456 mm is 5678.12353515625 in single precision; one and a half micrometres are not the same place.
+    /// 5678.123456 mm is 5678.12353515625 in single precision; a difference of one and a half micrometres is
+    /// another position.
     #[test]
     fn single_precision_is_the_controllers_and_no_difference() {
         let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
@@ -104,7 +106,8 @@ mod tests {
         assert!(!echo(at(5_678.123_456), at(5_678.125)));
     }
 
-    /// Base 1 is active, base 2 was sent: the state may show either, and neither counts as an echo of 2.
+    /// Base 1 is active and base 2 was sent: the state may show either base, and neither counts as an echo of base
+    /// 2.
     #[test]
     fn while_a_frame_changes_nothing_is_concluded() {
         let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };

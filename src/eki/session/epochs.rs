@@ -20,10 +20,11 @@ impl Session {
         self.open_epoch_above(Epoch(0))
     }
 
-    /// As [`Session::open_epoch`], with a number above this one too: what an earlier program opened never comes again.
+    /// Opens an epoch as [`Session::open_epoch`] does, with a number that is also above this one: an epoch that an
+    /// earlier program opened is never used again.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`Session::open_epoch`].
     pub fn open_epoch_above(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         self.greeted()?;
         let is_busy = match &self.phase {
@@ -49,8 +50,8 @@ impl Session {
         Ok(epoch)
     }
 
-    /// This epoch, and those on the way to it, each no farther than a step above the one before. What lies between was
-    /// never open for a command.
+    /// Returns this epoch and the intermediate epochs on the way to it, each at most one step above the previous
+    /// one. The epochs in between were never open for a command.
     fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
         let found = self.known_epoch();
         let far = u64::from(MAX_STEPS) * u64::from(EPOCH_STEP);
@@ -87,8 +88,8 @@ impl Session {
         Ok(())
     }
 
-    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise nothing is at stake,
-    /// and no number is used up by stops that are pressed again and again.
+    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise there is nothing to
+    /// stop, and repeated stops use up no numbers.
     pub fn stop_now(&mut self) {
         let is_at_work = self.moving || matches!(self.phase, Phase::Open(_) | Phase::Opening { .. });
         if is_at_work && self.is_connected() {
@@ -124,12 +125,12 @@ impl Session {
         }
     }
 
-    /// An epoch is open in which commands are left, or tool or water is on.
+    /// Returns whether an open epoch has commands left, or tool or water is on.
     pub(super) fn is_at_stake(&self) -> bool {
         matches!(&self.phase, Phase::Open(flow) if flow.is_busy() || self.harmful_on)
     }
 
-    /// Reports what is wrong and ends the epoch.
+    /// Reports the fault and ends the epoch.
     pub(super) fn fault(&mut self, report: Report) {
         self.reports.push_back(report);
         self.stop();

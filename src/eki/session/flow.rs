@@ -19,38 +19,38 @@ use crate::geometry::{Base, KukaPose, Tool};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Bytes sent and not yet received, at most: half of what a channel buffers by default (`eki.md` 6, 30).
+/// Largest number of bytes sent and not yet received: half of what a channel buffers by default (`eki.md` 6, 30).
 const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
-/// Turning speed by which a line that turns more than it goes is counted, degrees a second: slower than the
-/// controller's own (`$VEL.ORI`, 200), so that the count is not too small.
+/// Turning speed for the duration of a line that turns more than it moves, degrees a second. It is slower than the
+/// controller's own (`$VEL.ORI`, 200), so that the duration is not too short.
 const TURN_DEG_S: f64 = 90.0;
-/// How far behind its plan a point may be, beyond twice what it lasts (`faults.md` R5).
+/// How far behind its plan a point may be, in addition to twice its duration (`faults.md` R5).
 const MAX_LATENESS: Duration = Duration::from_millis(500);
 
-/// A command on its way.
+/// A command that is queued or sent.
 #[derive(Debug)]
 struct QueuedCommand {
     id: CommandId,
     bytes: Vec<u8>,
     /// The duration of its motion by our calculation; zero if nothing moves.
     motion: Duration,
-    /// Start and speed of its line are known, so that its motion is a measure.
+    /// Start and speed of the command's line are known, so that the duration of its motion is usable.
     measured: bool,
-    /// It ends on the panel.
+    /// The command ends on the panel.
     contact: bool,
-    /// The path that it is a point of.
+    /// The path to which the command belongs as a point.
     path: Option<Part>,
     /// The end and the speed of its line, while its start is not known.
     from_anywhere: Option<(KukaPose, Option<f64>)>,
     sent_at: Time,
 }
 
-/// A point's place in its path.
+/// The position of a point in its path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Part {
     first: CommandId,
     last: CommandId,
-    /// The echoes that it waits for.
+    /// The commands for whose echoes the point waits.
     base: CommandId,
     tool: CommandId,
 }
@@ -72,7 +72,7 @@ pub(super) struct Flow {
     acked_done: CommandId,
     state_done: CommandId,
     told: CommandId,
-    /// The most that may be sent, by the ring's free places.
+    /// Limit of the commands that may be sent, from the free places in the controller's ring.
     credit: Option<u64>,
     base: FrameEcho,
     tool: FrameEcho,
@@ -85,11 +85,11 @@ pub(super) struct Flow {
     touches: bool,
     /// The last point of the path that was reported as late.
     late: Option<CommandId>,
-    /// The last command that may be sent; those behind it wait.
+    /// The last command that may be sent; the commands behind it wait.
     permitted: Option<CommandId>,
 }
 
-/// A point that is not executed although it should long have been.
+/// A point that should have been executed long ago.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Late {
     pub id: CommandId,
@@ -137,7 +137,7 @@ impl Flow {
         self.acked_done.max(self.state_done)
     }
 
-    /// True while a command waits, or was sent and not executed.
+    /// Returns whether a command waits, or was sent and not executed.
     pub(super) fn is_busy(&self) -> bool {
         !self.queue.is_empty() || !self.in_flight.is_empty()
     }
@@ -228,7 +228,7 @@ impl Flow {
         Ok(last)
     }
 
-    /// Nothing behind this command is sent until a later one is permitted; `None` lifts it.
+    /// Sends nothing behind this command until a later one is permitted; `None` removes this limit.
     pub(super) fn permit(&mut self, last: Option<CommandId>) {
         self.permitted = last;
     }
@@ -269,13 +269,14 @@ impl Flow {
         if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {
             return false;
         }
-        // A path starts with enough points to blend, or whole.
+        // A path starts when there are enough points to blend, or when it is complete.
         let points = (part.last.0 - part.first.0 + 1) as usize;
         let together = if next.id == part.first { points.min(limits.min_points) } else { 1 };
         has_place && commands + together <= limits.window_commands && self.motion_fits(part, together, limits)
     }
 
-    /// Whether the next points of a path fit into the window by time, or are too few to wait for it.
+    /// Returns whether the next points of a path fit into the window by time, or whether so few are sent that they
+    /// need not wait for it.
     fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
         let is_ours = |queued: &QueuedCommand| queued.path == Some(part);
         let ahead = self.in_flight.iter().filter(|queued| is_ours(queued)).count();
@@ -356,12 +357,12 @@ impl Flow {
         Some(Late { id: next.id, contact: next.contact || self.touches, waited })
     }
 
-    /// The tool touches the panel, or a point that was sent does.
+    /// Returns whether the tool touches the panel, or a sent point will touch it.
     pub(super) fn is_near(&self) -> bool {
         self.in_flight.iter().any(|queued| queued.contact) || (self.is_busy() && self.touches)
     }
 
-    /// What has come to its end since the last call.
+    /// Returns the progress and the completed paths since the last call.
     pub(super) fn news(&mut self) -> Vec<Report> {
         let done = self.done();
         let mut news = Vec::new();

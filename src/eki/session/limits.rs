@@ -1,4 +1,4 @@
-//! The limits of a link, and why a command is not queued.
+//! The limits of a link, and the reasons why a command is not queued.
 
 use crate::eki::command::{CommandError, MappedInputs};
 use crate::eki::ids::Epoch;
@@ -9,15 +9,16 @@ use std::time::Duration;
 /// The limits of a link (`design.md`, "Limits").
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LinkLimits {
-    /// Motion sent and not yet executed, at most.
+    /// Longest motion sent and not yet executed.
     pub window: Duration,
-    /// Commands sent and not yet executed, at most.
+    /// Largest number of commands sent and not yet executed.
     pub window_commands: usize,
-    /// Points sent together when a path starts, and kept ahead whatever they last.
+    /// Number of points that are sent together when a path starts, and that are always sent ahead, whatever their
+    /// duration.
     pub min_points: usize,
-    /// From heartbeat to heartbeat.
+    /// Interval between heartbeats.
     pub heartbeat: Duration,
-    /// Silence after which the epoch is ended, while anything is queued.
+    /// Duration of silence after which the epoch is ended, while anything is queued.
     pub watchdog: Duration,
     /// The inputs that can be set.
     pub mapped_inputs: MappedInputs,
@@ -47,28 +48,28 @@ pub enum QueueError {
     /// No controller.
     #[error("there is no connection to the controller")]
     NotConnected,
-    /// A new epoch would begin on a moving robot.
+    /// A new epoch would begin while the robot moves.
     #[error("the robot still moves; abort, and wait for its standstill")]
     NotStanding,
     /// No epoch is open.
     #[error("no epoch is open; after a start, a stop or a fault one must be opened first")]
     NoEpoch,
-    /// Too far above the controller's epoch.
+    /// The next epoch is too far above the controller's epoch.
     #[error(
         "the next epoch would be {next} and the controller counts {found}; at most {most} more can be reached. Has the \
          controller been replaced? Deselect its programs, set CELL_EP there to {above}, and start it cold"
     )]
     EpochTooFar {
-        /// The next one by what was opened before.
+        /// The next epoch, from the epochs opened before.
         next: u64,
         /// The controller's.
         found: Epoch,
-        /// How far one may lie above the other.
+        /// Largest allowed distance between the two epochs.
         most: u32,
-        /// What the controller should count.
+        /// The epoch that should be set on the controller.
         above: u64,
     },
-    /// Straight lines need both frames.
+    /// Straight lines need both frames, base and tool.
     #[error("move_lin needs base and tool set in this epoch; {missing} was not")]
     FramesNotSet {
         /// What is missing.
@@ -84,7 +85,7 @@ pub enum QueueError {
         /// The last id.
         most: u32,
     },
-    /// The arm's correction needs the axes there, and none lead there.
+    /// The correction of the arm needs the axis angles at the point, and no axis angles reach it.
     #[error("no axis angles lead to point {point}, so that the correction of the arm cannot be applied to it")]
     Uncorrected {
         /// From 1.

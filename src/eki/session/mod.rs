@@ -41,9 +41,9 @@ use std::collections::VecDeque;
 /// The clock that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// The wall clock: heartbeats and watchdog by deadline.
+    /// The wall clock: heartbeats and watchdog follow deadlines.
     Wall,
-    /// The controller's virtual clock: it runs only as far as heartbeats let it.
+    /// The controller's virtual clock: it advances only as far as heartbeats allow.
     LockStep,
 }
 
@@ -60,11 +60,11 @@ enum Phase {
     Opening { epoch: Epoch, request: u32 },
     /// Commands flow.
     Open(Box<Flow>),
-    /// Has aborted; waits for standstill.
+    /// An abort was sent; the session waits for standstill.
     Stopping(Stopping),
 }
 
-/// An abort on its way.
+/// An abort in progress.
 #[derive(Debug, Clone, Copy)]
 struct Stopping {
     /// The epoch that it ended, with the sent and executed commands of that epoch.
@@ -72,10 +72,10 @@ struct Stopping {
     sent: CommandId,
     done: CommandId,
     refusal_told: bool,
-    /// The request, and when it was handed over for sending.
+    /// The abort request, and when it was handed over for sending.
     request: u32,
     asked_at: Option<Time>,
-    /// The controller has answered it: it has stopped.
+    /// The controller has answered the abort, and so has stopped.
     obeyed: bool,
 }
 
@@ -102,23 +102,23 @@ pub struct Session {
     phase: Phase,
     command_framer: Framer,
     state_framer: Framer,
-    /// When the message at hand began, by channel.
+    /// When the unfinished message began, by channel.
     begun: [Option<Time>; 2],
     requests: VecDeque<Vec<u8>>,
     reports: VecDeque<Report>,
-    /// The last state in an open epoch was of AUT or EXT.
+    /// Whether the last state in an open epoch was in mode AUT or EXT.
     was_automatic: bool,
-    /// Boot and programs' checksum of the controller that was last seen.
+    /// Boot id and checksum of the programs of the controller that was last connected.
     identity: Option<(i32, i32)>,
     /// The controller's epoch and the highest requested one, on this connection.
     controller_epoch: Epoch,
     asked_epoch: Epoch,
     /// The highest epoch that was ever requested to open, as far as this session and its callers know.
     opened_epoch: Epoch,
-    /// The last request sent and the last answered, on this connection.
+    /// The last request sent and the last request answered on this connection.
     asked: u32,
     answered: u32,
-    /// Heartbeats not yet answered, with the command that each names; in lock step only.
+    /// Unanswered heartbeats, each with the last command that it names; in lock step only.
     named: VecDeque<(u32, u32)>,
     last_sequence: Option<u32>,
     /// As last heard.
@@ -130,12 +130,12 @@ pub struct Session {
     /// The commanded outputs to a line, and those already sent to the controller on this connection.
     line: Option<u32>,
     line_told: Option<u32>,
-    /// Epochs one after the other of which no command was acknowledged in time.
+    /// Number of successive epochs in which no command was acknowledged in time.
     unacknowledged: u32,
 }
 
 impl Session {
-    /// A session that is not connected.
+    /// Creates a session that is not connected.
     pub fn new(wire: Wire, limits: LinkLimits, pace: Pace) -> Self {
         Session {
             wire,
@@ -198,7 +198,7 @@ impl Session {
         !matches!(self.phase, Phase::Offline)
     }
 
-    /// True while a request has no answer: another report is sure to come.
+    /// Returns whether a request has no answer yet, so that another report is certain to come.
     pub fn awaits_answer(&self) -> bool {
         self.is_connected() && self.answered < self.asked
     }
@@ -208,12 +208,12 @@ impl Session {
         if let Phase::Open(flow) = &self.phase { Some(flow.epoch()) } else { None }
     }
 
-    /// Messages of ended epochs that were dropped.
+    /// Returns the number of messages of ended epochs that were dropped.
     pub fn stale_messages(&self) -> u64 {
         self.stale
     }
 
-    /// The next bytes to send. Requests first: an abort waits for nothing.
+    /// Returns the next bytes to send. Requests come first, so that an abort waits for nothing.
     pub fn poll_transmit(&mut self, now: Time) -> Option<(Channel, Vec<u8>)> {
         if let Some(stopping) = self.stopping_mut() {
             stopping.asked_at.get_or_insert(now);
@@ -244,7 +244,7 @@ impl Session {
         }
     }
 
-    /// The epoch that requests are sent under.
+    /// Returns the epoch in which requests are sent.
     fn current_epoch(&self) -> Epoch {
         match &self.phase {
             Phase::Open(flow) => flow.epoch(),
@@ -270,7 +270,7 @@ impl Session {
     }
 
     fn ask(&mut self, request: Request) -> u32 {
-        // The last one is an abort's: with it the connection ends.
+        // The last request number is reserved for an abort: it ends the connection.
         if self.asked + 1 >= LAST_NUMBER && !matches!(request, Request::Abort { .. }) {
             self.disconnected(LinkLoss::RequestsExhausted { most: LAST_NUMBER });
             return self.asked;

@@ -1,4 +1,5 @@
-//! Receives: bytes to documents, documents to their meaning in the present phase of the session.
+//! Receives messages: converts bytes to documents, and processes the documents according to the phase of the
+//! session.
 
 use super::flow::{Flow, Late};
 use super::{Phase, Session, Stopping};
@@ -10,7 +11,7 @@ use crate::eki::state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 use crate::eki::time::Time;
 
 impl Session {
-    /// Bytes from the command channel.
+    /// Processes bytes from the command channel.
     pub fn push_command_bytes(&mut self, bytes: &[u8], now: Time) {
         self.command_framer.push(bytes);
         let mut has_ended = false;
@@ -30,7 +31,7 @@ impl Session {
         }
     }
 
-    /// Bytes from the state channel.
+    /// Processes bytes from the state channel.
     pub fn push_state_bytes(&mut self, bytes: &[u8], now: Time) {
         self.state_framer.push(bytes);
         let mut has_ended = false;
@@ -73,7 +74,7 @@ impl Session {
                     }
                 }
             }
-            // The reason may come behind the state that shows the stop.
+            // The reason for the stop may arrive after the state that shows the stop.
             Phase::Stopping(stopping) if Some(ack.epoch) == stopping.ended => {
                 let told = ack.refused.filter(|_| !stopping.refusal_told);
                 stopping.refusal_told |= told.is_some();
@@ -83,7 +84,7 @@ impl Session {
             }
             Phase::Open(flow) if ack.epoch > flow.epoch() => {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
-                // The abort's number is to be above it.
+                // The abort's number must be above this epoch.
                 self.asked_epoch = self.asked_epoch.max(ack.epoch);
                 self.fault(Report::SequenceError(error));
             }
@@ -95,7 +96,7 @@ impl Session {
     /// is reported, and no part of its message is believed.
     fn follows(&mut self, channel: Channel, found: Epoch) -> bool {
         let known = self.known_epoch();
-        // States come in their order; an acknowledgement may be of an epoch before.
+        // States arrive in order; an acknowledgement may belong to a previous epoch.
         let goes_back = channel == Channel::State && found < self.controller_epoch;
         let follows = found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;
         if !follows {
@@ -107,7 +108,8 @@ impl Session {
     fn on_state(&mut self, state: State, now: Time) {
         let identity = (state.boot, state.programs_checksum);
         if self.identity.is_some_and(|known| known != identity) {
-            // Its count may begin anew; ours does not, so that no number ever means two epochs.
+            // The controller's count may begin again; the client's count does not, so that no number ever belongs
+            // to two epochs.
             (self.last_sequence, self.controller_epoch, self.asked_epoch) = (None, Epoch(0), Epoch(0));
             self.reports.push_back(Report::Rebooted { state: Box::new(state) });
         }
@@ -121,7 +123,8 @@ impl Session {
             return;
         }
         if is_new && !self.is_greeting() {
-            // If it has not started anew after all, what it has of our epoch must not run on.
+            // If the controller has not restarted after all, it must not continue the commands of the client's
+            // epoch.
             self.controller_epoch = state.epoch;
             self.stop();
         }
@@ -131,7 +134,8 @@ impl Session {
         }
         self.harmful_on = state.outputs & self.limits.harmful_outputs != 0;
         if let Phase::Greeting { abort } = self.phase {
-            // Until our first request is answered the state may be an answer to the client before us.
+            // Until the first request of this client is answered, the state may be an answer to the previous
+            // client.
             if state.answered != self.asked {
                 return;
             }
@@ -169,7 +173,8 @@ impl Session {
     fn note_counts(&mut self, state: &State) {
         self.last_sequence = Some(state.sequence);
         self.answered = state.answered.clamp(self.answered, self.asked);
-        // In lock step the controller answers a heartbeat only when it has what the heartbeat names.
+        // In lock step the controller answers a heartbeat only when it has received the commands that the heartbeat
+        // names.
         while let Some((_, last_sent)) = self.named.pop_front_if(|(request, _)| *request <= self.answered) {
             if let Phase::Open(flow) = &mut self.phase {
                 flow.received_up_to(CommandId(last_sent));
@@ -197,7 +202,7 @@ impl Session {
                     self.check_interlocks(state);
                 }
             },
-            // Another one than ours, and on this channel nothing comes late.
+            // The epoch is not that of the client, and on this channel no message is delayed.
             Phase::Open(flow) => {
                 let error = SequenceError::Epoch { found: state.epoch, ours: flow.epoch() };
                 self.fault(Report::SequenceError(error));
@@ -247,7 +252,7 @@ impl Session {
         }
     }
 
-    /// The tool touches the panel, or a point that is under way does.
+    /// Returns whether the tool touches the panel, or a point that was sent will touch it.
     fn is_near(&self) -> bool {
         matches!(&self.phase, Phase::Open(flow) if flow.is_near())
     }

@@ -7,7 +7,7 @@ use crate::eki::report::{Channel, LinkLoss, Report};
 use crate::eki::time::Time;
 use std::time::Duration;
 
-/// Silence after which a connection is given up, queued commands or not.
+/// Duration of silence after which a connection is closed, with or without queued commands.
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Time limit of a message from its first byte to its last; a slower message is not accepted.
@@ -17,12 +17,14 @@ const MESSAGE_TIMEOUT: Duration = Duration::from_millis(200);
 const MAX_UNACKNOWLEDGED: u32 = 2;
 
 impl Session {
-    /// Sends a heartbeat now, once a controller has answered; in lock step it grants the controller its next 100 ms.
+    /// Sends a heartbeat now, if a controller has answered; in lock step the heartbeat grants the controller its
+    /// next 100 ms.
     pub fn heartbeat(&mut self, now: Time) {
         if self.greeted().is_err() {
             return;
         }
-        // Before it: in lock step nothing waits behind a heartbeat that waits for commands.
+        // The outputs are sent before the heartbeat: in lock step a heartbeat that waits for commands would delay
+        // them.
         self.line_due();
         let last_sent = if let Phase::Open(flow) = &self.phase { flow.sent().0 } else { 0 };
         let request = self.ask(Request::Heartbeat { last_sent });
@@ -44,7 +46,7 @@ impl Session {
         [heartbeat, Some(silence), watchdog].into_iter().flatten().chain(unfinished).min()
     }
 
-    /// Does what is due: heartbeat, watchdog, giving up a silent connection.
+    /// Performs the tasks that are due: heartbeat, watchdog, closing a silent connection.
     pub fn time_passed(&mut self, now: Time) {
         if self.pace == Pace::LockStep || !self.is_connected() {
             return;
@@ -60,7 +62,8 @@ impl Session {
             if channel == Channel::Command {
                 self.unacknowledged += 1;
             }
-            // Half a message that a disturbance left in the controller's memory swallows all that come behind it.
+            // Half a message that a disturbance left in the controller's memory absorbs all messages that follow
+            // it.
             if self.unacknowledged >= MAX_UNACKNOWLEDGED {
                 return self.disconnected(LinkLoss::NotAcknowledged { epochs: self.unacknowledged });
             }
@@ -80,7 +83,7 @@ impl Session {
         }
     }
 
-    /// A message that should have ended by now.
+    /// Finds a message that should have ended by now.
     fn unfinished(&self, now: Time) -> Option<(Channel, Duration)> {
         let waited =
             |begun: Option<Time>| begun.map(|begun| now.since(begun)).filter(|waited| *waited >= MESSAGE_TIMEOUT);
@@ -88,7 +91,7 @@ impl Session {
         channels.filter_map(|(channel, begun)| Some((channel, waited(begun)?))).next()
     }
 
-    /// When an abort that is on its way must have been answered.
+    /// Returns when a pending abort must have been answered.
     fn obeyed_by(&self) -> Option<Time> {
         let (Phase::Stopping(stopping) | Phase::Greeting { abort: Some(stopping) }) = &self.phase else {
             return None;
@@ -96,7 +99,7 @@ impl Session {
         stopping.asked_at.filter(|_| !stopping.obeyed).map(|at| at + self.limits.watchdog)
     }
 
-    /// The earliest moment at which silence is too long, and of which channel.
+    /// Returns the earliest moment at which a silence is too long, and the channel.
     fn watchdog(&self) -> Option<(Channel, Time)> {
         let Phase::Open(flow) = &self.phase else { return None };
         let state = (Channel::State, self.heard + self.limits.watchdog);

@@ -8,7 +8,7 @@ fn text(id: u32, epoch: u32, command: &Command, to_come: u32) -> String {
     String::from_utf8(bytes).expect("ASCII")
 }
 
-/// The nine functions of Table 3.1 but the two that are never sent, byte by byte.
+/// The nine functions of Table 3.1 except the two that are never sent, byte by byte.
 #[test]
 fn commands_are_written_as_the_file_says() {
     let pose =
@@ -79,7 +79,7 @@ fn a_state_is_read_number_by_number() {
     let state = wire().decode_state(STATE_TEXT).expect("a good state");
     assert_eq!((state.time_ms, state.sequence, state.answered, state.epoch), (1200, 7, 3, Epoch(2)));
     assert_eq!((state.boot, state.programs_checksum, state.mode), (77, -12_345, Mode::External));
-    // 119 = 1 + 2 + 4 + 16 + 32 + 64: all but moving (8) and stopped (128).
+    // 119 = 1 + 2 + 4 + 16 + 32 + 64: all flags except moving (8) and stopped (128).
     assert!(state.drives_on && state.guard_closed && state.motion_possible && state.base_set && state.tool_set);
     assert!(!state.emergency_stop && !state.moving && !state.stopped);
     assert_eq!((state.inputs, state.outputs, state.done, state.underruns), (5, 2, CommandId(17), 0));
@@ -91,7 +91,7 @@ fn a_state_is_read_number_by_number() {
     assert_eq!(state.flange_from_tool, KukaPose { z_mm: 120.0, ..KukaPose::default() });
 }
 
-/// Bit by bit: each flag is its own and no other.
+/// Bit by bit: each bit sets its own flag and no other.
 #[test]
 fn each_flag_has_its_bit() {
     let read = |flags: u32| {
@@ -263,7 +263,8 @@ fn numbers_that_cannot_be_sent_are_refused_with_their_field() {
     }
 }
 
-/// The single source is the file: another order there is another order on the wire, and a lost tag is an error.
+/// The file is the only source: another order in the file gives another order on the wire, and a missing tag is an
+/// error.
 #[test]
 fn tags_and_order_come_from_the_file() {
     let state = ChannelFile::parse(CELLSTAT).expect("reads");

@@ -10,7 +10,7 @@ macro_rules! fixture {
 const BY_PCL: [&[u8]; 3] =
     [fixture!("shot_ascii.pcd"), fixture!("shot_binary.pcd"), fixture!("shot_binary_compressed.pcd")];
 
-/// Header and points of a 2×2 cloud as text, to be spoilt.
+/// Returns header and points of a 2×2 cloud as text, for tests with errors.
 fn text(fields: &str, size: &str, kind: &str, points: &[&str]) -> String {
     let lines: String = points.iter().map(|point| format!("{point}\n")).collect();
     format!(
@@ -61,7 +61,7 @@ fn what_pcl_wrote_reads_as_it_was_made_in_all_three_encodings() {
     }
 }
 
-/// Text has eight digits, so x and y may differ in the last; the two binary forms are equal to the bit.
+/// Text has eight digits, so x and y may differ in the last digit; the two binary forms are equal to the bit.
 #[test]
 fn the_three_encodings_hold_the_same_cloud() {
     let [ascii, binary, compressed] = BY_PCL.map(|bytes| read_pcd(bytes).expect("a PCL file"));
@@ -72,7 +72,7 @@ fn the_three_encodings_hold_the_same_cloud() {
     }
 }
 
-/// By hand: 66051 = 0x010203 is red 1, green 2, blue 3; as a float's bits it is 9.2557e-41.
+/// Calculated by hand: 66051 = 0x010203 is red 1, green 2, blue 3; the same bits as a float are 9.2557e-41.
 #[test]
 fn colours_come_as_numbers_or_as_packed_floats() {
     let packed = format!("1 2 3 {:e}", f32::from_bits(66_051));
@@ -134,7 +134,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
     }
 }
 
-/// A 3×2 cloud has 96 bytes of points behind its header.
+/// A 3×2 cloud has 96 bytes of points after its header.
 #[test]
 fn a_truncated_file_says_how_much_is_missing() {
     let whole = write_pcd(&small_cloud());

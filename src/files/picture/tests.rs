@@ -1,9 +1,9 @@
-//! Pictures: what is kept, what is refused, and what damage does.
+//! Tests of pictures: what is preserved, what is refused, and the effect of damage.
 
 use super::*;
 use proptest::prelude::*;
 
-/// Smooth in two directions, so that JPEG may be compared.
+/// Returns a picture that is smooth in two directions, so that JPEG can be compared.
 fn picture(width: usize, height: usize) -> ColorPicture {
     let rgb = (0..width * height).map(|i| [(i % width * 3) as u8, (i / width * 5) as u8, 90]).collect();
     ColorPicture { width, height, rgb }
@@ -31,7 +31,7 @@ fn tiff_is_read() {
     assert_eq!(read_color(&as_file(pixels.into(), ImageFormat::Tiff)), Ok(color));
 }
 
-/// Quality 95 moves a smooth picture by a few grey values of 255.
+/// Quality 95 changes a smooth picture by a few grey values of 255.
 #[test]
 fn jpeg_keeps_a_smooth_picture_nearly() {
     let color = picture(64, 48);
@@ -40,7 +40,7 @@ fn jpeg_keeps_a_smooth_picture_nearly() {
     assert!(steps.max().expect("pixels") <= 6);
 }
 
-/// All three decoders must notice; JPEG's would not.
+/// A truncated file must be refused for all three formats; the JPEG decoder itself would not notice.
 #[test]
 fn a_truncated_picture_is_refused_wherever_it_is_cut() {
     let color = picture(64, 48);
@@ -110,7 +110,8 @@ fn camera(width_px: usize, height_px: usize) -> PinholeCamera {
     PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
 }
 
-/// Each bit of a measured picture's file is changed once: the pixels are as they were, or there is no picture.
+/// Each bit of a measured picture's file is changed once: either the pixels are unchanged, or no picture is
+/// returned.
 #[test]
 fn no_changed_bit_changes_a_measured_picture() {
     let (color, camera) = (picture(24, 16), camera(24, 16));
@@ -128,7 +129,7 @@ fn no_changed_bit_changes_a_measured_picture() {
             }
         }
     }
-    // The file's last part marks its end alone, and is not looked at.
+    // The file's last part only marks its end, and is not checked.
     assert!(refused > 10 * same, "{refused} refused, {same} the same");
 }
 
@@ -173,6 +174,6 @@ fn a_size_is_judged_before_pixels_are_unpacked() {
     let of_any = "the picture is 20000×20000, 400000000 pixels; at most 33554432 are unpacked";
     assert_eq!(words(read_color(&file).map(drop)), of_any);
     assert_eq!(words(read_gray(&file).map(drop)), of_any);
-    // The same with a size that is allowed is met by the decoder.
+    // With an allowed size the same header is refused by the decoder.
     assert!(words(read_color(&large(4_000, 4_000)).map(drop)).contains("damaged or truncated"));
 }

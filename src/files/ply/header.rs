@@ -1,13 +1,13 @@
-//! The header of a PLY file: line by line, strict about what is read and about nothing else.
+//! Reads the header of a PLY file line by line; only the parts that are used are checked strictly.
 
 use super::super::cloud_error::CloudFileError;
 
-/// Longest header that is searched for its end; real ones have 300 bytes.
+/// The end of the header is searched within this length; real headers have 300 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
 /// Largest data section and largest point, as for PCD; numbers of eight bytes need twice as much.
 const MAX_DATA_BYTES: u64 = 1 << 28;
 const MAX_POINT_BYTES: u64 = 128;
-/// What is read of a vertex, in the order of [`PropertyOffsets`].
+/// The properties of a vertex that are read, in the order of [`PropertyOffsets`].
 pub(super) const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -41,7 +41,7 @@ impl Number {
     }
 }
 
-/// One of [`NAMES`] in a vertex: its word in text, its byte in binary.
+/// The position of one of [`NAMES`] in a vertex: its index in the text line, its byte in binary.
 #[derive(Clone, Copy)]
 pub(super) struct PropertyOffset {
     pub word: usize,

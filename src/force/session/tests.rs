@@ -1,4 +1,4 @@
-//! A session, message by message.
+//! Tests a session, message by message.
 
 use super::*;
 use proptest::prelude::*;
@@ -29,7 +29,8 @@ fn lost(session: &Session) -> &Loss {
     loss
 }
 
-/// By hand: a command as soon as it is logged in, the next one 10 ms after the last; a ramp goes along.
+/// Calculated by hand: a command as soon as the session is logged in, the next command 10 ms after the last one;
+/// the ramp is part of the command.
 #[test]
 fn one_command_a_period_and_each_is_answered() {
     let mut session = live();
@@ -83,7 +84,7 @@ fn a_new_connection_holds_the_tool_back() {
 }
 
 proptest! {
-    /// Whatever comes, in whatever pieces: never a panic, and cut anywhere it comes to the same.
+    /// Any bytes, in any pieces, never cause a panic, and the result does not depend on where they are cut.
     #[test]
     fn bytes_mean_the_same_however_they_are_cut(
         bytes in prop::collection::vec(prop_oneof![Just(b'k'), Just(b' '), b'0'..=b'9', any::<u8>()], 0..150),

@@ -16,7 +16,7 @@ fn pressing(low_n: f64, high_n: f64) -> Expected {
     Expected { aim: Aim::Pressing, between_n: [low_n, high_n] }
 }
 
-/// The first reason, and when: one reading each 50 ms.
+/// Returns the first reason and its time; there is a reading each 50 ms.
 fn first_reason(readings: impl Fn(u64) -> (Reading, f64, Expected)) -> Option<(u64, String)> {
     let mut watch = Watch::default();
     (0..=2_000).step_by(50).find_map(|ms| {
@@ -40,7 +40,7 @@ fn a_force_out_of_its_band_is_told_once_it_lasts() {
     assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
     // Short peaks are not reported, however many there are.
     assert_eq!(first_reason(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))), None);
-    // While it ramps from 5 N, all between is as it should be.
+    // During the ramp from 5 N, all forces in between are as expected.
     assert_eq!(first_reason(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);
 }
 
@@ -64,14 +64,14 @@ fn contact_stroke_and_errors_are_told() {
     assert_eq!(first_reason(from_500(Reading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
 }
 
-/// Landing: less than the set-point, and none, is on its way; too much is too much.
+/// During landing, less than the set-point or no contact is allowed; too much force is reported.
 #[test]
 fn landing_may_have_no_contact_yet_and_never_too_much() {
     let landing = Expected { aim: Aim::Landing, between_n: [5.0, 5.0] };
     let air = Reading { contact: false, ..PRESSED };
     assert_eq!(first_reason(|_| (air, 0.0, landing)), None);
     assert_eq!(first_reason(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
-    // By hand: a sixth of 30 mm is 5 mm; it has 600 ms to get there.
+    // Calculated by hand: a sixth of 30 mm is 5 mm; the tool has 600 ms to reach it.
     let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
     let out = Reading { position_mm: 5.1, ..air };
     assert_eq!(first_reason(|_| (out, 0.0, held)), at(600, "tool_stuck"));
@@ -91,7 +91,8 @@ fn a_path_begins_with_a_tool_that_is_back() {
     assert_eq!(code(Reading { errors: ErrorBits(128), ..back }).as_deref(), Some("tool_errors"));
 }
 
-/// Held back, with time enough to have gone back: what it touches then is not the panel, whatever the force.
+/// The tool is held back and has had enough time to go back: a contact then is not with the panel, whatever the
+/// force.
 #[test]
 fn contact_in_the_air_is_told() {
     let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };

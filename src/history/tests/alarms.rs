@@ -1,4 +1,4 @@
-//! Alarms come and go when they should.
+//! Tests that alarms begin and end when they should.
 
 use super::*;
 use crate::record::{Answer, RequestRecord, Wanted};
@@ -12,7 +12,7 @@ fn gave(kind: Kind, codes: &[&'static str]) -> Finding {
     Finding::new(kind, 0, Judgement { verdict: Verdict::Review, reasons })
 }
 
-/// A cycle from 1,000 s to 1,090 s with these findings, which were kept every 10 s from 1,010 s on.
+/// Creates a cycle from 1,000 s to 1,090 s with these findings, which were stored every 10 s from 1,010 s on.
 fn past(findings: Vec<Finding>, end: &[&'static str]) -> (CycleRecord, AlarmTimes) {
     let mut record = cycle(1, 0.06, &[], &[]).record;
     let times = (0..findings.len() as i64).map(|index| Some(1_010_000 + index * 10_000)).collect();
@@ -33,7 +33,8 @@ fn alarm(code: &str, phase: Option<Kind>, raised: i64, gone: Option<i64>) -> Ala
     (code.to_owned(), phase, raised, gone)
 }
 
-/// The overlap is too low in two scans and right in the third, 20 s later; another phase does not end it.
+/// The overlap is too low in two scans and sufficient in the third, 20 s later; another phase does not end the
+/// alarm.
 #[test]
 fn an_alarm_lasts_until_its_phase_no_longer_gives_it() {
     let findings = vec![
@@ -79,7 +80,7 @@ fn while_a_cycle_runs_its_alarms_last() {
     assert_eq!(summaries(&record, &times), [alarm("low_overlap", Some(Kind::Locate), 1_010_000, None)]);
 }
 
-/// An earlier program kept no times: its findings count from the begin of the cycle.
+/// An earlier program stored no times: its findings count from the begin of the cycle.
 #[test]
 fn findings_without_a_time_count_from_the_begin() {
     let (record, _) = past(vec![gave(Kind::Locate, &["low_overlap"])], &[]);

@@ -11,7 +11,7 @@ fn found(kind: Kind, pass: u8, verdict: Verdict) -> Finding {
     Finding::new(kind, pass, Judgement { verdict, reasons: vec![] })
 }
 
-/// A film of 2 × 2 grids: which failed, after how long.
+/// Creates a film of 2 × 2 grids: which of them failed, and after what time.
 fn film(pass: u8, failed: &[(&str, f64)]) -> Finding {
     let verdict = if failed.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let area = |grid: &str| if failed.iter().any(|(id, _)| *id == grid) { 50.0 } else { 0.0 };
@@ -109,7 +109,7 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     assert_eq!(differs, ["recipe", "robot_correction"]);
     let residual = told.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
     assert_eq!(residual.values, [Some(0.06), Some(0.09)]);
-    // 0.09 less 0.06 is 0.03, to the last digit of both.
+    // 0.09 less 0.06 is 0.03, exact to the last digit of both numbers.
     assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.has_other_limit());
     let only =
         told.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
@@ -126,7 +126,7 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     );
 }
 
-/// By hand: r1c2 broke after 4, 10 and 6 s, in the middle 6 s; r2c1 after 3 and 8 s, between them 5.5 s.
+/// Calculated by hand: r1c2 broke after 4, 10 and 6 s, median 6 s; r2c1 after 3 and 8 s, median 5.5 s.
 #[test]
 fn the_heat_map_counts_first_films() {
     let cycles = [

@@ -20,17 +20,19 @@ use opencv::core::{Mat, MatTraitConstManual};
 use opencv::imgproc;
 use samples::{Sample, mean_areas, region_samples};
 
-/// A grid of which less than this share of its surface is in the picture was not looked at; the rest is rounding at edges.
+/// A grid counts as looked at if at least this share of its surface is in the picture; the rest is rounding at
+/// edges.
 const SEEN_SHARE: f64 = 0.99;
 
-/// A break of this number of pixels is found by either method; fewer may be lost in its rim. `make bench-inspect`
-/// prints the miss rate against size.
+/// Either method finds a break of this number of pixels; a smaller break may be lost in its rim. `make
+/// bench-inspect` prints the miss rate against size.
 const SURE_PX: f64 = 12.0;
 
 /// Side of the squares over which the surface of a pixel is averaged, px.
 const BLOCK_PX: usize = 16;
 
-/// Pixels around the region that the window has at least, so that closing its mask does not run into the window's edge.
+/// The minimum margin of the window around the region, px, so that closing the mask does not reach the window's
+/// edge.
 const MIN_MARGIN_PX: usize = 2;
 
 /// A rectangle of the picture.
@@ -49,7 +51,7 @@ impl Window {
     }
 }
 
-/// A taught pixel's surface, held by a pixel of the picture.
+/// The surface of a taught pixel, assigned to a pixel of the picture.
 #[derive(Debug, Clone, Copy)]
 struct Patch {
     grid: u32,
@@ -57,10 +59,10 @@ struct Patch {
     sanded: bool,
 }
 
-/// What of the taught region is looked at.
+/// The part of the taught region that is looked at.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Looked<'a> {
-    /// The window is wider than the region by this, px.
+    /// The window is wider than the region by this margin, px.
     pub margin_px: usize,
     /// Quadrilaterals of the taught picture that are left out.
     pub masked_px: &'a [[[f64; 2]; 4]],
@@ -73,7 +75,7 @@ pub struct Looked<'a> {
 pub struct GridFootprint {
     /// Its name.
     pub id: GridId,
-    /// Its whole surface, mm².
+    /// The whole surface of the grid, mm².
     pub area_mm2: f64,
     /// The share of the grid that lies in the picture and is not masked, 0…1.
     pub seen_share: f64,
@@ -81,7 +83,7 @@ pub struct GridFootprint {
     pub masked_share: f64,
     /// The area in the picture that showed nothing, mm²: overexposed, or hidden by a reflection that does not move.
     pub lost_mm2: f64,
-    /// Its edge in the picture, px, closed: curves on a curved panel under a real lens.
+    /// The closed edge of the grid in the picture, px: curves on a curved panel under a real lens.
     pub edge_px: Vec<Pixel>,
 }
 
@@ -117,7 +119,8 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Projects the region's taught pixels, but for those that are left out; the window is their bounding box and a margin.
+    /// Projects the region's taught pixels, except those that are left out. The window is their bounding box with a
+    /// margin.
     pub(super) fn new(
         taught: &TaughtPanel,
         camera: &PinholeCamera,
@@ -185,7 +188,7 @@ impl Footprint {
         Ok(Footprint::new(taught, &taught.camera, nominal, looked)?.detection_limit_mm2())
     }
 
-    /// The grids, row by row.
+    /// Returns the grids, row by row.
     pub fn grids(&self) -> &[GridFootprint] {
         &self.grids
     }
@@ -195,7 +198,8 @@ impl Footprint {
         self.to_picture(|index| self.inside[index])
     }
 
-    /// Which pixels of the window show a place that was sanded since the dry picture: one between such pixels, too.
+    /// Returns for each pixel of the window whether it shows a place that was sanded after the dry picture. A pixel
+    /// between such pixels counts, too.
     pub(super) fn sanded(&self) -> Vec<bool> {
         let own: Vec<Option<bool>> = (0..self.inside.len())
             .map(|index| {
@@ -208,7 +212,8 @@ impl Footprint {
         (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
     }
 
-    /// How much of each grid was sanded since the dry picture, as a share of what is looked at.
+    /// Returns for each grid the share that was sanded after the dry picture, relative to the part that is looked
+    /// at.
     pub(super) fn sanded_shares(&self) -> Vec<f64> {
         let mut areas = vec![(0.0, 0.0); self.grids.len()];
         for patch in &self.patches {
@@ -248,7 +253,7 @@ impl Footprint {
         let is_full = |block: &&(f64, usize)| 2 * block.1 >= BLOCK_PX * BLOCK_PX;
         let coarsest =
             blocks.iter().filter(is_full).map(|(area_mm2, pixels)| area_mm2 / *pixels as f64).reduce(f64::max);
-        // A region of few pixels has no full block.
+        // A region with few pixels has no full block.
         let all = self.inside.iter().filter(|inside| **inside).count().max(1) as f64;
         SURE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
@@ -267,19 +272,19 @@ impl Footprint {
         held
     }
 
-    /// The whole region's surface as far as it is in the picture, mm².
+    /// Returns the surface of the part of the region that is in the picture, mm².
     pub(super) fn region_mm2(&self) -> f64 {
         self.patches.iter().map(|patch| f64::from(patch.area_mm2)).sum()
     }
 
-    /// The surface of some of the window's pixels, mm².
+    /// Returns the surface of some of the window's pixels, mm².
     pub(super) fn surface_mm2(&self, pixels: impl Iterator<Item = usize>) -> f64 {
         let mut area_mm2 = vec![0.0; self.grids.len()];
         pixels.for_each(|index| self.add_area(index, &mut area_mm2));
         area_mm2.iter().sum()
     }
 
-    /// How many pixels, on average, are this much surface.
+    /// Returns the average number of pixels that cover this surface.
     pub(super) fn pixels_of(&self, area_mm2: f64) -> usize {
         let inside = self.inside.iter().filter(|inside| **inside).count() as f64;
         (area_mm2 * inside / self.region_mm2().max(f64::MIN_POSITIVE)) as usize
@@ -301,7 +306,7 @@ impl Footprint {
         &self.window
     }
 
-    /// The window's pixels that belong to the region, row by row.
+    /// Returns for each pixel of the window whether it belongs to the region, row by row.
     pub(super) fn inside(&self) -> &[bool] {
         &self.inside
     }
@@ -313,18 +318,18 @@ impl Footprint {
         }
     }
 
-    /// Column and row in the picture of one of the window's pixels.
+    /// Returns the column and the row in the picture for one of the window's pixels.
     pub(super) fn place(&self, index: usize) -> (usize, usize) {
         (self.window.left + index % self.window.width, self.window.top + index / self.window.width)
     }
 
-    /// The window's index of a pixel of the picture.
+    /// Returns the window's index of a pixel of the picture.
     pub(super) fn index_of(&self, column: usize, row: usize) -> Option<usize> {
         let (column, row) = (column.checked_sub(self.window.left)?, row.checked_sub(self.window.top)?);
         (column < self.window.width && row < self.window.height).then_some(row * self.window.width + column)
     }
 
-    /// A mask of the whole picture from one of the window.
+    /// Makes a mask of the whole picture from a mask of the window.
     pub(super) fn to_picture(&self, inside: impl Fn(usize) -> bool) -> Mask {
         let mut mask = Mask::empty(self.width_px, self.height_px);
         for index in (0..self.inside.len()).filter(|&index| inside(index)) {
@@ -363,7 +368,7 @@ fn starts_of(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
     starts
 }
 
-/// The pixels of the window for which `holds`, and the gaps of one pixel between them.
+/// Returns the pixels of the window for which `holds`, and the gaps of one pixel between them.
 fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
     let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
     named("closing the region's mask", closed_bytes(window, &bytes))
@@ -384,8 +389,8 @@ mod tests {
     use crate::recipe::Recipe;
 
     /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
-    /// lies. What is seen beyond the edge or through a hole, 160 mm behind, is no surface of the panel: pixels
-    /// beside it would be up to 27 mm² each.
+    /// lies. The background beyond the edge or behind a hole lies 160 mm farther away and is no surface of the
+    /// panel. With it, pixels at the edge would be up to 27 mm² each.
     #[test]
     fn the_background_is_no_surface() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\

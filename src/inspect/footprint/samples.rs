@@ -1,10 +1,11 @@
-//! The region's taught pixels: each with its grid, its place and its surface.
+//! The region's taught pixels, each with its grid, its position and its surface.
 
 use crate::geometry::{Mask, Panel, Pixel, Point, polygon};
 use crate::panel::TaughtPanel;
 use nalgebra::Point2;
 
-/// Neighbours this far give a pixel's surface: far enough for the scanner's noise, near enough for the curvature.
+/// Neighbours up to this distance, px, determine a pixel's surface: far enough against the scanner's noise, near
+/// enough for the curvature.
 const AREA_REACH_PX: usize = 3;
 
 /// A taught pixel of the region, before projection.
@@ -13,7 +14,7 @@ pub struct Sample {
     pub point: Option<Point<Panel>>,
     pub area_mm2: Option<f64>,
     pub masked: bool,
-    /// It was sanded since the dry picture was taken.
+    /// Whether the pixel was sanded after the dry picture was taken.
     pub sanded: bool,
 }
 
@@ -41,8 +42,8 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded:
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }
 
-/// Are the neighbours that give a pixel's surface on the panel? What lies behind its edge, or is seen through a
-/// hole, is far off.
+/// Checks whether the neighbours that determine a pixel's surface are on the panel. Points behind the edge or
+/// behind a hole are far away.
 fn is_surrounded(mask: &Mask, column: usize, row: usize) -> bool {
     let reach = AREA_REACH_PX as isize;
     [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().all(|(right, down)| {
@@ -53,14 +54,14 @@ fn is_surrounded(mask: &Mask, column: usize, row: usize) -> bool {
     })
 }
 
-/// The whole pixels from the least to the greatest of these, within a picture's length.
+/// Returns the whole pixels from the smallest to the largest of these values, limited to the picture's length.
 fn whole_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
     let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
     let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
     low..high.min(length)
 }
 
-/// The mean surface of a pixel of each grid, for pixels beside a missing point.
+/// Returns the mean surface of a pixel of each grid, for pixels beside a missing point.
 pub fn mean_areas(samples: &[Sample], grids: usize) -> Vec<f64> {
     let mut sums = vec![(0.0, 0usize); grids];
     for sample in samples {

@@ -1,4 +1,4 @@
-//! What is wrong with the pictures of a film that cannot be judged by, in words.
+//! Describes in words the flaws of the pictures that cannot be used for the judgement.
 
 use super::super::observed::Observation;
 use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, Quality};
@@ -6,14 +6,14 @@ use super::super::steady::MIN_OUTLINE_SEEN_PERCENT;
 use crate::recipe;
 use crate::words::apart;
 
-/// The flaw of the most pictures; of several the first.
+/// Returns the flaw that most pictures have; if several have the same number, the first of them.
 pub(super) fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
     Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
         if found.1.pictures > most.1.pictures { found } else { most }
     })
 }
 
-/// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
+/// Describes a flaw: the worst measured value and the limit.
 pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
     let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
     let (limit, decimals) = match flaw {

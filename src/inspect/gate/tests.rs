@@ -1,4 +1,4 @@
-//! The gate at its limits.
+//! Tests the gate at its limits.
 
 use super::super::observed::ByCell;
 use super::super::quality::Quality;
@@ -37,8 +37,8 @@ fn codes(observation: &Observation) -> Vec<String> {
     judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
 }
 
-/// By hand: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times the noise, and a fifth of the
-/// edge are enough.
+/// By hand, these values are sufficient: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times
+/// the noise, and a fifth of the edge.
 #[test]
 fn each_demand_is_kept_at_its_limit_and_not_beyond() {
     let usable = |usable_s: f64, longest_unseen_s: f64| {
@@ -94,7 +94,8 @@ fn each_demand_is_kept_at_its_limit_and_not_beyond() {
     }
 }
 
-/// Two brighter pictures and one that is out of focus: the light is named, by the worst and its own limit.
+/// Two pictures are brighter and one is out of focus: the reason names the light, with the worst value and the
+/// limit of this flaw.
 #[test]
 fn the_limit_that_was_broken_is_named() {
     let mut quality = good().quality;
@@ -108,7 +109,8 @@ fn the_limit_that_was_broken_is_named() {
     assert!(message.starts_with(told), "{message}");
 }
 
-/// As much is seen as is needed, but not in one place: that is no matter of how much is seen.
+/// Enough of the outline is seen, but its parts do not agree on one position: the reason must not name the amount
+/// that is seen.
 #[test]
 fn an_outline_that_does_not_agree_is_told_from_one_that_is_not_seen() {
     let told = |flaw: Flaw, worst: f64| {

@@ -1,12 +1,12 @@
-//! Queries of the model: the state of each pixel of the window.
+//! Queries the model: the state of each pixel of the window.
 
 use super::judging::{MOVES_ON_S, TICKS_PER_SECOND};
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN, STEPPED};
 use super::{Model, Shimmer};
 use crate::geometry::median;
 
-/// A pixel that showed nothing for a larger share of the film was not seen, nor was one that shows nothing for
-/// longer than [`MOVES_ON_S`] at the end.
+/// A pixel counts as not seen if it showed neither film nor a bare place for a larger share of the film. The same
+/// is true if it shows neither for longer than [`MOVES_ON_S`] at the end.
 const MAX_UNSEEN_SHARE: f64 = 0.5;
 /// A film that changes a place by less than this many times the noise is not distinguished from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
@@ -18,7 +18,7 @@ const FILM_STRIDE: usize = 7;
 const MIN_FILM_PIXELS: usize = 100;
 
 impl Model {
-    /// Block and place in it of a pixel of the window.
+    /// Returns the block of a pixel of the window, and the index of the pixel in this block.
     pub(super) fn at(&self, index: usize) -> (usize, usize) {
         let (row, column) = (index / self.window.width, index % self.window.width);
         (row * self.columns + column / BLOCK_PX, column % BLOCK_PX)
@@ -39,22 +39,22 @@ impl Model {
         f64::from(self.wet[block][at]) / f64::from(LEVEL)
     }
 
-    /// How long a place must look bare to have broken, s.
+    /// Returns how long a place must look bare to count as broken, s.
     pub fn persist_s(&self) -> f32 {
         self.terms.persist_s as f32
     }
 
-    /// The longest time between two pictures that were judged, s.
+    /// Returns the longest time between two pictures that were judged, s.
     pub fn longest_step_s(&self) -> f32 {
         self.times_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f32::max)
     }
 
-    /// The clip's noise, grey levels.
+    /// Returns the clip's noise, grey levels.
     pub fn noise_levels(&self) -> f64 {
         self.noise.levels()
     }
 
-    /// The median over the region's pixels that have a dry look, were seen wet and did not break.
+    /// Returns the median over the region's pixels that have a dry look, were seen wet and did not break.
     fn median(&self, of: impl Fn(usize) -> f64) -> Option<f64> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
         let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
@@ -62,18 +62,18 @@ impl Model {
         median(&mut values)
     }
 
-    /// The look of a pixel's film, levels.
+    /// Returns the look of a pixel's film, levels.
     pub fn wet_look_levels(&self, index: usize) -> f64 {
         self.wet_levels(index)
     }
 
-    /// What moves on the places without a dry look, if there are any.
+    /// Returns the measured movement on the places without a dry look, if there are any.
     pub fn shimmer(&self) -> Option<&Shimmer> {
         self.shimmer.as_ref()
     }
 
-    /// The variance of the sensor's noise in a site of the shimmer at a film of this look, levels²; `None` if it
-    /// was not measured.
+    /// Returns the variance of the sensor's noise in a site of the shimmer, for a film with this look, levels²;
+    /// `None` if it was not measured.
     pub fn site_variance(&self, index: usize, look_levels: f64) -> Option<f64> {
         let (block, _) = self.at(index);
         let view = self.views.chosen[self.views.tile_of(block)];
@@ -81,32 +81,32 @@ impl Model {
         Some(self.views.variance(view, of_channel?, of_mean?))
     }
 
-    /// What the film leaves of the dry look, measured by its wet looks.
+    /// Returns the share of the dry look that remains under the film, measured from the wet looks.
     pub(super) fn measured_film(&self) -> Option<f64> {
         self.median(|index| self.wet_levels(index) / self.dry_levels(index).max(1.0))
     }
 
-    /// What the film leaves of the dry look, if the clip determined it.
+    /// Returns the share of the dry look that remains under the film, if the clip determined it.
     pub fn film(&self) -> Option<f64> {
         self.film_left
     }
 
-    /// By how much the film changes the region, grey levels: the median.
+    /// Returns the median change of the region by the film, grey levels.
     pub fn change_levels(&self) -> Option<f64> {
         self.median(|index| (self.wet_levels(index) - self.dry_levels(index)).abs())
     }
 
-    /// A pixel's dry brightness, of any unit.
+    /// Returns a pixel's dry brightness, in an arbitrary unit.
     pub fn dry_brightness(&self, index: usize) -> f64 {
         self.dry_levels(index)
     }
 
-    /// Whether a pixel of the window was looked at.
+    /// Returns whether a pixel of the window was looked at.
     pub fn sees(&self, index: usize) -> bool {
         self.state(index) & INSIDE > 0
     }
 
-    /// Whether a pixel is judged by its wet look alone.
+    /// Returns whether a pixel is judged only by its wet look.
     pub fn is_without_dry(&self, index: usize) -> bool {
         self.state(index) & NO_DRY > 0
     }
@@ -119,7 +119,7 @@ impl Model {
         let Some(last_s) = self.times_s.last().copied().map(f64::from) else { return false };
         let unseen_s = f64::from(past.unseen[at]) / TICKS_PER_SECOND;
         let seen_s = f64::from(self.times_s[usize::from(past.seen_at[at])]);
-        // A block that was left alone since it was calm showed its film.
+        // A block that has been skipped since it was calm showed its film.
         let is_calm = state & super::kernel::BUSY == 0;
         state & INSIDE > 0
             && state & (EVER_WET | BROKE) > 0
@@ -128,37 +128,40 @@ impl Model {
             && (is_calm || last_s - seen_s <= MOVES_ON_S)
     }
 
-    /// Whether it was seen wet in a picture.
+    /// Returns whether the pixel was seen wet in a picture.
     pub fn ever_wet(&self, index: usize) -> bool {
         self.state(index) & EVER_WET > 0
     }
 
-    /// Whether its film is open now.
+    /// Returns whether the pixel's film is open now.
     pub fn is_open(&self, index: usize) -> bool {
         self.state(index) & OPEN > 0
     }
 
-    /// How long its film was open, if it broke and closed again, s.
+    /// Returns how long the pixel's film was open, if the film broke and closed again, s.
     pub fn was_open_s(&self, index: usize) -> Option<f32> {
         let (block, at) = self.at(index);
         let (past, time_s) = (&self.past[block], |picture: u16| self.times_s[usize::from(picture)]);
         (self.state(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
     }
 
-    /// The look to which its shares refer, levels: its dry look, or its film's if it has none.
+    /// Returns the reference look for a pixel's shares, levels: its dry look, or its film's look if it has no dry
+    /// look.
     fn whole_levels(&self, index: usize) -> f64 {
         let levels = if self.is_without_dry(index) { self.wet_levels(index) } else { self.dry_levels(index) };
         levels.max(1.0)
     }
 
-    /// Its look while it looked bare, as a share of its dry look; of a place without one, of its film's.
+    /// Returns the look of a pixel while it looked bare, as a share of its dry look; for a place without a dry
+    /// look, as a share of its film's look.
     pub fn bare_look(&self, index: usize) -> f32 {
         let (block, at) = self.at(index);
         let off_levels = f64::from(self.past[block].off[at] as i16) / f64::from(LEVEL);
         (1.0 + off_levels / self.whole_levels(index)) as f32
     }
 
-    /// Its look while it looked bare, and its look in the last picture, grey levels, both in the light of its film's look.
+    /// Returns the look of a pixel while it looked bare, and its look in the last picture, grey levels, both in the
+    /// light of its film's look.
     pub fn levels(&self, index: usize) -> [f32; 2] {
         let (block, at) = self.at(index);
         let gain = self.light.of_tile(self.views.tile_of(block));
@@ -166,13 +169,13 @@ impl Model {
         [self.bare_look(index) * self.whole_levels(index) as f32, now as f32]
     }
 
-    /// Its film's look in the same shares.
+    /// Returns the look of the pixel's film, in the same shares as [`Model::bare_look`].
     pub fn film_look(&self, index: usize) -> f32 {
         (self.wet_levels(index) / self.whole_levels(index)) as f32
     }
 
-    /// The standard deviation of [`Model::bare_look`], in the same shares: that of a mean look, and of the look
-    /// that it is held against.
+    /// Returns the standard deviation of [`Model::bare_look`], in the same shares. It contains the noise of the
+    /// mean look and of the look with which it is compared.
     pub fn bare_look_noise(&self, index: usize) -> f32 {
         let of_whole = match self.is_without_dry(index) {
             true => self.wet_variance,
@@ -183,8 +186,8 @@ impl Model {
         (self.noise_levels() * variance.sqrt() / self.whole_levels(index)) as f32
     }
 
-    /// What the film leaves of the dry look, from the 20th to the last but the 20th part of the region's known
-    /// film; `None` if nothing is known.
+    /// Returns the range of the share of the dry look that remains under the film. A twentieth of the region's
+    /// known film is left out at each end; `None` if nothing is known.
     pub fn film_range(&self) -> Option<[f64; 2]> {
         let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
         let all = (0..self.window.width * self.window.height).step_by(FILM_STRIDE).filter(counts);
@@ -194,12 +197,13 @@ impl Model {
         (shares.len() >= MIN_FILM_PIXELS).then(|| [shares[part], shares[shares.len() - 1 - part]])
     }
 
-    /// The least share of its dry look to which a broken place comes back.
+    /// Returns the minimum share of its dry look to which a broken place returns.
     pub fn damp(&self) -> f64 {
         self.terms.damp
     }
 
-    /// By how many times the noise a break that is as damp as allowed differs from the film there.
+    /// Returns the ratio of contrast to noise at a pixel: the difference between the film and a break that is as
+    /// damp as allowed, divided by the noise.
     pub fn contrast_to_noise(&self, index: usize) -> f64 {
         let wet = self.wet_levels(index);
         let (least, most) = if self.is_without_dry(index) {
@@ -218,17 +222,17 @@ impl Model {
         self.contrast_to_noise(index) >= MIN_CONTRAST_TO_NOISE
     }
 
-    /// Whether its film is brighter than any bare place there.
+    /// Returns whether the pixel's film is brighter than any bare place there.
     pub fn is_bright(&self, index: usize) -> bool {
         !self.is_without_dry(index) && self.sees(index) && self.film_look(index) > BRIGHT
     }
 
-    /// When its film broke, s; `None` if it did not.
+    /// Returns the time at which the pixel's film broke, s; `None` if it did not break.
     pub fn broke_s(&self, index: usize) -> Option<f32> {
         (self.state(index) & BROKE > 0).then(|| self.since_s(index))
     }
 
-    /// Since when it has looked bare, though not long enough to count.
+    /// Returns the time since which the pixel has looked bare, s, though not long enough to count as broken.
     pub fn looks_bare_since_s(&self, index: usize) -> Option<f32> {
         let (block, at) = self.at(index);
         let looks_bare = self.state(index) & (BROKE | INSIDE) == INSIDE && self.past[block].run[at] > 0;

@@ -1,4 +1,4 @@
-//! One row of tiles while it is judged.
+//! Judges one row of tiles.
 
 use super::judging::{Known, Observed, Past, Row, Rule, judge, stirred};
 use super::kernel::{BLOCK_PX, Block, CELL_PX, NEW};
@@ -7,7 +7,7 @@ use std::ops::Range;
 
 /// A row of tiles.
 pub struct Band<'a> {
-    /// Blocks of each of its rows.
+    /// The number of blocks in each row of the band.
     pub columns: usize,
     pub look: &'a [Block],
     /// The picture before.
@@ -16,17 +16,18 @@ pub struct Band<'a> {
     pub state: &'a mut [Block],
     pub wet: &'a mut [Block],
     pub past: &'a mut [Past],
-    /// Of each row the blocks with pixels of the region.
+    /// For each row, the blocks with pixels of the region.
     pub inside: &'a [Range<usize>],
 }
 
 impl Band<'_> {
-    /// Judges its pixels, those of the index-th row of tiles; those that broke now come back, as indices of the band.
+    /// Judges the pixels of the band, which is the row of tiles with number `index`. Returns the pixels that broke
+    /// now, as indices of the band.
     pub fn judge(&mut self, light: &Light, index: usize, rule: &Rule) -> Vec<usize> {
         let columns = self.columns;
         let gains = light.blocks_q12(index);
         let bare = light.on_bare_q12(&gains);
-        // Rows of a cell share one row of gains.
+        // The rows of a cell share one row of gains.
         let cells = |at: usize| at / columns / CELL_PX * columns + at % columns;
         let mut found = Vec::new();
         for (row, inside) in self.inside.iter().enumerate() {

@@ -6,11 +6,11 @@
 //!     e = s − r t d,  r = Σ s / Σ t d,        of the dry colour:  max e − min e ≤ 6 levels + max d / 16.       (1)
 //! The bound is four times a camera's noise. On a grey panel (1) always holds: colour gives no information there.
 
-/// What noise makes of (1), grey levels, and as a share of the brightest channel.
+/// The error that noise causes in (1), grey levels, and as a share of the brightest channel.
 const NOISE_LEVELS: f64 = 6.0;
 const NOISE_SHARE: f64 = 1.0 / 16.0;
 
-/// (1), for a place's channels now and when it was dry.
+/// Returns the result of (1) for a place's channels now and when it was dry.
 pub(super) fn is_of_dry_colour(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
     let [now, dry] = [now, dry].map(|rgb| rgb.map(f64::from));
     let lit: [f64; 3] = std::array::from_fn(|i| tint[i] * dry[i]);
@@ -34,7 +34,7 @@ mod tests {
         assert!(is_of_dry_colour([103, 34, 37], red, none) && is_of_dry_colour([80, 28, 28], red, none));
         assert!(!is_of_dry_colour([83, 38, 38], red, none));
         assert!(is_of_dry_colour([57; 3], [57; 3], none));
-        // A lamp that is a fifth redder now makes of dry red (120, 35, 35).
+        // A lamp that is now a fifth redder turns dry red into (120, 35, 35).
         assert!(is_of_dry_colour([120, 35, 35], red, [1.2, 1.0, 1.0]));
     }
 }

@@ -11,14 +11,14 @@
 const MIN_SWING: f64 = 0.02;
 const MIN_SWINGS: u32 = 3;
 
-/// How the light of each channel changed from picture to picture.
+/// The changes of the light of each channel from picture to picture.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Flicker {
     pictures: u32,
     channels: [Swings; 3],
 }
 
-/// The last picture's light and its change, logarithms, and the swings so far.
+/// The light of the last picture and its change, both as logarithms, and the swings so far.
 #[derive(Debug, Clone, Copy, Default)]
 struct Swings {
     last: f64,
@@ -68,7 +68,7 @@ mod tests {
         assert_eq!(falls, [0.0; 4]);
     }
 
-    /// By hand: three swings in sixteen pictures are fewer than a quarter.
+    /// By hand: three swings in sixteen pictures are less than a quarter.
     #[test]
     fn what_swung_once_does_not_flicker() {
         let mut flicker = Flicker::default();

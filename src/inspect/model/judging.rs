@@ -36,15 +36,15 @@ use super::kernel::{
 };
 use multiversion::multiversion;
 
-/// Times are counted in these parts of a second.
+/// Times are counted in ticks; this is the number of ticks per second.
 pub const TICKS_PER_SECOND: f64 = 64.0;
 /// Reflections move on within this time, s, and a break stays.
 pub const MOVES_ON_S: f64 = 3.0;
-/// So near to what it may be a look may lie on the bare side, in σ …
+/// A look this close to the bare looks, in σ, may still count as bare …
 const BARE_SIGMA: u16 = 6;
-/// … and this is no difference at all.
+/// … two looks this close together count as equal, in σ …
 const ALIKE_SIGMA: u16 = 4;
-/// What is farther outside of every bare look than this is water, in σ.
+/// … and a look that lies farther than this outside of all bare looks is water, in σ.
 const SURE_SIGMA: u16 = 8;
 /// A step changes the look by more than one part in this: at the edge of a shadow the light is not known better,
 /// and a film takes away two of five.
@@ -53,9 +53,9 @@ const FAR_PART: u16 = 6;
 const QUICK_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
 const CALM_TICKS: u16 = 64;
-/// A place that looks nearer to bare than to its film for this long, ticks, is not passed.
+/// A place that looks nearer to bare than to its film for this time, ticks, does not pass.
 const BETWEEN_TICKS: u16 = (MOVES_ON_S * TICKS_PER_SECOND) as u16;
-/// What rounding adds to a bound.
+/// The error by rounding that is added to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
 
 /// The observation of one block of pixels in a picture.
@@ -65,33 +65,33 @@ pub struct Observed<'a> {
     /// The picture before.
     pub before: &'a Block,
     pub dry: &'a Block,
-    /// The film's gain, 1/4096: against its wet look.
+    /// The gain of the film relative to its wet look, 1/4096.
     pub gain_q12: &'a Block,
     /// The light on a bare place, 1/4096.
     pub light_q12: &'a Block,
 }
 
-/// What is kept of a block's pixels from picture to picture besides their states.
+/// Data about a block's pixels that are stored from picture to picture, besides their states.
 #[derive(Debug, Clone, Copy)]
 pub struct Past {
-    /// For how long it looks bare, ticks.
+    /// Time for which the pixel has looked bare, ticks.
     pub run: Block,
-    /// The picture since which it looks bare.
+    /// The picture since which the pixel has looked bare.
     pub since: Block,
-    /// The picture in which its film closed again, if it broke before.
+    /// The picture in which the pixel's film closed again, if the film broke before.
     pub until: Block,
-    /// How far from its dry look it was while it looked bare, or from its wet look if it has no dry one: a mean
-    /// that forgets, 1/64 level; signed.
+    /// The difference from the pixel's dry look while it looked bare, or from its wet look if it has no dry look.
+    /// This is a mean with fading memory, 1/64 level, signed.
     pub off: Block,
-    /// For how long it showed neither film nor a bare place, ticks …
+    /// Time for which the pixel showed neither film nor a bare place, ticks …
     pub unseen: Block,
-    /// … and the picture in which it last showed one of them.
+    /// … and the picture in which the pixel last showed one of them.
     pub seen_at: Block,
-    /// For how long it has had a steady look that is neither, ticks.
+    /// Time for which the pixel has had a steady look that is neither film nor bare, ticks.
     pub away: Block,
-    /// When it last had its film's look, ticks; known while it is busy.
+    /// Time at which the pixel last had its film's look, ticks; known while the pixel is busy.
     pub left: Block,
-    /// Since when that has been its film's look, ticks.
+    /// Time since which the present wet look has been the film's look, ticks.
     pub anchored: Block,
 }
 
@@ -109,40 +109,41 @@ impl Past {
     };
 }
 
-/// How pixels are judged.
+/// The parameters for judging pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
     /// β in 1/65536.
     pub damp_q16: u16,
-    /// a of a place without a dry look, as a share of its wet look, 1/65536.
+    /// a for a place without a dry look, as a share of its wet look, 1/65536.
     pub away_q16: u16,
-    /// Brighter than this times its wet look no such place is bare: a reflection lies on its film. 1/4096, below 4.
+    /// A place without a dry look that is brighter than this multiple of its wet look is not bare: a reflection
+    /// lies on its film. 1/4096, below 4.
     pub bright_q12: u16,
     /// σ, 1/64 level.
     pub noise: u16,
-    /// H, ticks: at least one.
+    /// H, ticks; at least one tick.
     pub persist: u16,
-    /// The time from the picture before, ticks.
+    /// The time since the previous picture, ticks.
     pub step: u16,
     /// The time of this picture, ticks.
     pub ticks: u16,
-    /// The number of the picture before, and of this one.
+    /// The numbers of the previous picture and of this picture.
     pub before: u16,
     pub now: u16,
-    /// How much brighter the light is than before, 1/4096.
+    /// The ratio of the light to the previous light, 1/4096.
     pub brighter_q12: u16,
     /// The share of each picture in the mean look of a bare place is one part in 2 to this power: the mean is that
     /// of the last second.
     pub mean: u32,
-    /// While the wet look is still learnt: a new look counts for one part in 2 to this power.
+    /// Present while the wet look is being learnt: a new look counts for one part in 2 to this power.
     pub learn: Option<u32>,
 }
 
-/// Bare looks of a place, and how much its film's look may vary.
+/// The bare looks of a place, and the permitted variation of its film's look.
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
     bare: [u16; 2],
-    /// The half of the gap that is nearer to the bare looks, with them.
+    /// The bare looks together with the half of the gap that is nearer to them.
     half: [u16; 2],
     near: u16,
     gap: u16,
@@ -169,8 +170,8 @@ fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &Rule) -> Bounds {
     Bounds { bare: [low, high_end], half, near, gap }
 }
 
-/// Adds those of a row's blocks, the first of them `first`, that must be judged: not every pixel of the region is
-/// film, looks as its film does, and did so before.
+/// Adds the blocks of a row that must be judged; `first` is the index of the row's first block. A block is skipped
+/// only if each pixel of the region in it is film, looks as its film does, and did so before.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn stirred(first: usize, rows: Row<'_>, rule: &Rule, found: &mut Vec<usize>) {
     for index in 0..rows.look.len() {
@@ -193,7 +194,7 @@ pub fn stirred(first: usize, rows: Row<'_>, rule: &Rule, found: &mut Vec<usize>)
     }
 }
 
-/// A row's blocks in a picture.
+/// The blocks of a row in a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Row<'a> {
     pub look: &'a [Block],
@@ -204,7 +205,7 @@ pub struct Row<'a> {
     pub light_q12: &'a [Block],
 }
 
-/// What is known of a block's pixels so far: their states, the looks of their film, and their past.
+/// The data of a block's pixels so far: their states, the looks of their film, and their past.
 pub struct Known<'a> {
     pub state: &'a mut Block,
     pub wet: &'a mut Block,
@@ -215,7 +216,7 @@ pub struct Known<'a> {
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
     let Known { state: states, wet: wets_as, past } = known;
-    // Copies, which nothing else can point at: else the loop is not turned into vectors.
+    // Copies, to which nothing else can point: otherwise the compiler does not vectorize the loop.
     let Observed { look, before, dry, gain_q12, light_q12 } = observed;
     let (look, before, dry, gain_q12, light_q12) = (*look, *before, *dry, *gain_q12, *light_q12);
     let mut wet = *wets_as;
@@ -237,8 +238,8 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
-        // Nearer to bare than to its film; if it is not bare, it is a break that is damper than stated, or a film
-        // that thins out.
+        // The look is nearer to bare than to the film. If the place is not bare, it is a break that is damper than
+        // stated, or a film that becomes thinner.
         let is_nearer = mask(s >= half[0]) & mask(s <= half[1]) & !is_near & has_dry & visible;
         let is_between = is_nearer & !is_bare;
         let is_bright = mask(s > lit(w, rule.bright_q12));
@@ -259,11 +260,12 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
 
         let seen = looks_bare | looks_wet;
         unseen[i] += rule.step & !seen;
-        // A calm place is not judged, and has shown its film until the picture before.
+        // A calm place is not judged, and has shown its film up to the previous picture.
         let idle = mask(own & BUSY == 0);
         seen_at[i] = choose(seen, rule.now, choose(idle, rule.before, seen_at[i]));
 
-        // A second is long enough to learn the film's look by; a place that begins bare learns it when it is first wet.
+        // A second is long enough to learn the film's look. A place that is bare at the beginning learns its film's
+        // look when it first becomes wet.
         let ever_wet = mask(own & EVER_WET > 0);
         let nearer = ((s.wrapping_sub(w) as i16) >> shift) as u16;
         let first = !ever_wet & looks_wet & has_dry & !is_near;
@@ -271,9 +273,9 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let is_sure = looks_wet & (is_near & mask(gap >= ALIKE_SIGMA * rule.noise) | mask(outside >= sure));
         let wets = choose(has_dry, is_sure, looks_wet);
 
-        // Steps: the place leaves its film's look for another steady one that is not bare.
+        // Detects steps: the place leaves its film's look for another steady look that is not bare.
         let begun = choose(idle, rule.ticks - rule.step, left[i]);
-        // A film that left its look and came back moves.
+        // A film that left its look and returned to it is moving.
         let moved = is_near & has_dry & !idle & mask(rule.ticks - begun > rule.step);
         left[i] = choose(is_near & visible, rule.ticks, begun);
         let is_far = mask(s.abs_diff(w) > w / FAR_PART);
@@ -284,8 +286,8 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
         let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_nearer;
-        // A place that keeps a look nearer to bare than to its film is not passed, however it came there; if it is
-        // bare all the time, it breaks.
+        // A place that keeps a look nearer to bare than to its film does not pass, whatever led to this look. If
+        // the place is bare all the time, it breaks.
         let stepped = took_another | is_between & mask(away[i] >= BETWEEN_TICKS);
         let anchors = (reached & !stepped & !is_nearer) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));

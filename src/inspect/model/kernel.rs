@@ -5,7 +5,7 @@
 //! weights remove the lamp's change. The factor by which a tile of the region has more or less light is its gain
 //! ([`super::light`]).
 
-// The dispatcher that the attribute writes calls functions compiled for the processor that was found.
+// The dispatcher that the attribute generates calls functions compiled for the detected processor.
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use multiversion::multiversion;
@@ -14,65 +14,65 @@ use multiversion::multiversion;
 pub const LEVEL: u16 = 64;
 pub const OVEREXPOSED: u16 = 0x8000;
 pub const LOOK: u16 = 0x3fff;
-/// From this value on a channel may be overexposed.
+/// From this value upward a channel may be overexposed.
 const OVEREXPOSED_FROM: u8 = 250;
 
-/// Pixels of a row that are judged, or left, together; rows are whole blocks.
+/// The number of pixels of a row that are judged, or skipped, together; rows consist of whole blocks.
 pub const BLOCK_PX: usize = 32;
 pub type Block = [u16; BLOCK_PX];
-/// The light is constant over a cell of this side, px; the number of cells in a block.
+/// Side of a cell, px, over which the light is constant. The next constant is the number of cells in a block.
 pub const CELL_PX: usize = 8;
 pub const CELLS: usize = BLOCK_PX / CELL_PX;
 
-/// The state of a pixel: it belongs to the region and can be looked at.
+/// State of a pixel: the pixel belongs to the region and can be looked at.
 pub const INSIDE: u16 = 0x0001;
-/// Its film is open now, as far as is known.
+/// State of a pixel: its film is open now, according to the present data.
 pub const OPEN: u16 = 0x0002;
-/// It was seen wet once.
+/// State of a pixel: it was seen wet at least once.
 pub const EVER_WET: u16 = 0x0004;
 /// It broke.
 pub const BROKE: u16 = 0x0008;
-/// It broke in this picture.
+/// State of a pixel: it broke in this picture.
 pub const NEW: u16 = 0x0010;
-/// It left its wet look within a moment for another steady look that is not the dry one.
+/// State of a pixel: it changed within a moment from its wet look to another steady look that is not the dry one.
 pub const STEPPED: u16 = 0x0020;
-/// It has no dry look of its own any more: it is judged by its wet look alone.
+/// State of a pixel: it no longer has a dry look of its own and is judged only by its wet look.
 pub const NO_DRY: u16 = 0x0040;
-/// It left its film's look once and came back: water moves there.
+/// State of a pixel: it left its film's look once and returned to it, so water moves there.
 pub const MOVED: u16 = 0x0080;
-/// Something is under way: the pixel must be judged in the next picture, whatever it shows.
+/// State of a pixel: a change is in progress, and the pixel must be judged in the next picture, whatever it shows.
 pub const BUSY: u16 = 0x0100;
 
-/// a b / 2¹⁶.
+/// Returns a b / 2¹⁶.
 #[inline(always)]
 pub fn high(a: u16, b: u16) -> u16 {
     ((u32::from(a) * u32::from(b)) >> 16) as u16
 }
 
-/// Every bit if it holds: with masks in place of branches, loops become vectors.
+/// Returns all bits set if `holds`, else 0: with masks instead of branches, the compiler can vectorize loops.
 #[inline(always)]
 pub fn mask(holds: bool) -> u16 {
     u16::from(holds).wrapping_neg()
 }
 
-/// The first if the mask is set, else the second.
+/// Returns `first` if the mask is set, else `second`.
 #[inline(always)]
 pub fn choose(mask: u16, first: u16, second: u16) -> u16 {
     (first & mask) | (second & !mask)
 }
 
-/// A look under a gain in 1/4096, below 4.
+/// Applies a gain in 1/4096, below 4, to a look.
 #[inline(always)]
 pub fn lit(look: u16, gain_q12: u16) -> u16 {
     high(look << 2, gain_q12 << 2)
 }
 
-/// Weighted sums of the channels; `weights` add up to some [`LEVEL`].
+/// Calculates weighted sums of the channels; `weights` add up to some [`LEVEL`].
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     let count = out.len().min(pixels.len());
     let (out, bytes) = (&mut out[..count], &pixels.as_flattened()[..3 * count]);
-    // By bytes, since compilers unravel those of a pixel in vectors, and load triples one by one.
+    // Computed byte by byte: compilers turn this into vector code, but load the triples of pixels one by one.
     for i in 0..count {
         let [r, g, b] = [bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]].map(u16::from);
         let sum = (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(LOOK);
@@ -81,7 +81,8 @@ pub fn looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     }
 }
 
-/// Looks found and expected over the pixels of a tile that are within a band about what is expected.
+/// Sums of the found and the expected looks over the pixels of a tile that lie within a band around the expected
+/// look.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Sum {
     pub found: u32,
@@ -89,21 +90,22 @@ pub struct Sum {
     pub pixels: u32,
 }
 
-/// Which of a tile's rows are added up, and which looks count.
+/// Selects the rows of a tile that are added up, and the looks that count.
 #[derive(Debug, Clone, Copy)]
 pub struct Adding {
-    /// From one row to the next, blocks.
+    /// Distance from one row to the next, blocks.
     pub stride: usize,
-    /// One row in this many.
+    /// Only every nth row is added up, with this n.
     pub every: usize,
     /// The band, in 1/1024 of the expected look, below 2.
     pub band_q10: [u16; 2],
 }
 
-/// As many looks of 14 bits add up within 16.
+/// The number of looks of 14 bits that can be added without exceeding 16 bits.
 const WITHIN_16_BITS: usize = 4;
 
-/// Adds up the film of a tile, one block wide, against its wet look: its first row's begins the slices.
+/// Adds up the looks of a tile's film and its wet looks. The tile is one block wide, and its first row is at the
+/// beginning of the slices.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn add_up(look: &[Block], wet: &[Block], state: &[Block], adding: Adding) -> Sum {
     let Adding { stride, every, band_q10 } = adding;
@@ -137,7 +139,7 @@ fn total(lanes: &Block) -> u32 {
     lanes.iter().copied().map(u32::from).sum()
 }
 
-/// How many pixels of a row in the region are overexposed.
+/// Counts the overexposed pixels of the region in a row.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn overexposed(look: &[Block], state: &[Block]) -> u32 {
     let mut lanes = [0; BLOCK_PX];
@@ -153,7 +155,7 @@ pub fn overexposed(look: &[Block], state: &[Block]) -> u32 {
 mod tests {
     use super::*;
 
-    /// By hand, weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
+    /// By hand, with weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
     #[test]
     fn a_look_is_a_weighted_mean() {
         let mut out = [0; 2];
@@ -161,7 +163,8 @@ mod tests {
         assert_eq!(out, [20 * 64, (16 * 255) | OVEREXPOSED]);
     }
 
-    /// By hand: of 60, 100 and 30 levels the second is far from the 60 that are expected, the third too; a fourth is open.
+    /// By hand: of 60, 100 and 30 levels, the second and the third are far from the expected 60; a fourth pixel is
+    /// open.
     #[test]
     fn only_film_near_its_wet_look_tells_the_light() {
         let (mut look, mut state) = ([0; BLOCK_PX], [INSIDE; BLOCK_PX]);

@@ -16,14 +16,15 @@ use super::sensor::SensorNoise;
 use crate::geometry::{ColorPicture, median};
 use crate::inspect::footprint::Window;
 
-/// So far around the window nothing is looked at, as a share of its size: the panel's own rim, and what is sprayed.
+/// A margin around the window, as a share of its size, in which nothing is looked at: the panel's own rim, and the
+/// area that is sprayed.
 const AROUND: f64 = 0.06;
 /// About this many places are examined at most, and fewer than this give no result.
 const PLACES: usize = 1_500;
 const MIN_PLACES: usize = 60;
 /// Levels of a dry place that can be used.
 const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
-/// No lamp changes by more while a panel is tested: what lies around it became wet.
+/// No lamp changes beyond this range while a panel is tested: outside of it, the surroundings became wet.
 const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
 /// At this level or above a place may be overexposed, and shows only that it is at least as bright.
 const SATURATED: u8 = 250;
@@ -31,20 +32,20 @@ const SATURATED: u8 = 250;
 const NEAR: f64 = 0.08;
 /// This share of the places around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.5;
-/// On a light that changed by more than [`NEAR`] the places agree to this share of what they did before, or it is a
-/// shadow on most of them.
+/// If the light changed by more than [`NEAR`], the share of places that agree must be at least this part of the
+/// previous share. Otherwise a shadow lies on most of the places.
 const STILL_AGREE: f64 = 0.9;
 
-/// What lies around the panel, in the dry picture.
+/// The surroundings of the panel in the dry picture.
 #[derive(Debug, Clone, Default)]
 pub struct Lamp {
     places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
-    /// The light that was believed last, and [`Lamp::followed`] then.
+    /// The last light that was accepted, and the value of [`Lamp::followed`] at that time.
     believed: Option<(Lit, f64)>,
-    /// The light by what most places changed from picture to picture, the mean of the channels.
+    /// The light, followed through the changes of most places from picture to picture; the mean of the channels.
     followed: f64,
-    /// What the square about each place showed last, in the dry picture's light.
+    /// The last levels of the square around each place, in the dry picture's light.
     last: Vec<[f64; 3]>,
     sensor: [SensorNoise; 2],
 }
@@ -52,7 +53,7 @@ pub struct Lamp {
 /// The light of one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Lit {
-    /// Of each channel, against the dry picture.
+    /// The gain of each channel, relative to the dry picture.
     pub gains: [f64; 3],
     /// The share of the places that agree; 0 for too few places, and if no lamp is like that.
     pub agree: f64,
@@ -66,7 +67,7 @@ pub struct Lit {
 impl Lit {
     const UNKNOWN: Lit = Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0, brighter: None };
 
-    /// The mean of the channels.
+    /// Returns the mean of the channels.
     pub fn mean(&self) -> f64 {
         self.gains.iter().sum::<f64>() / 3.0
     }
@@ -85,7 +86,7 @@ impl Lit {
 }
 
 impl Lamp {
-    /// Around this window in a dry picture.
+    /// Examines the surroundings of this window in a dry picture.
     pub fn around(window: &Window, dry: &ColorPicture) -> Self {
         let margin = |length: usize| (AROUND * length as f64).ceil() as usize;
         let (across, down) = (margin(window.width), margin(window.height));
@@ -108,14 +109,14 @@ impl Lamp {
         Lamp { places, ..Lamp::default() }
     }
 
-    /// Around this window in the next dry picture.
+    /// Adds the surroundings of this window in the next dry picture.
     pub fn and_around(&mut self, window: &Window, dry: &ColorPicture) {
         self.at(dry);
         let sensor = std::mem::take(&mut self.sensor);
         *self = Lamp { flicker: self.flicker.against_this(), sensor, ..Lamp::around(window, dry) };
     }
 
-    /// The light of the next picture.
+    /// Measures the light of the next picture.
     pub fn at(&mut self, picture: &ColorPicture) -> Lit {
         if self.places.len() < MIN_PLACES {
             return Lit::UNKNOWN;
@@ -160,9 +161,9 @@ impl Lamp {
 }
 
 impl Lamp {
-    /// The sensor's noise in the means of squares of [`Lamp::SIDE_PX`]: of one channel, and of the mean of all
-    /// three. Neighbours and channels of a colour picture are not independent, so that neither follows from the
-    /// noise of a pixel.
+    /// Returns the sensor's noise in the means of squares of [`Lamp::SIDE_PX`]: for one channel, and for the mean
+    /// of all three. Neighbours and channels of a colour picture are not independent, so that neither value follows
+    /// from the noise of a pixel.
     pub fn sensor(&self) -> [&SensorNoise; 2] {
         self.sensor.each_ref()
     }
@@ -207,8 +208,8 @@ impl Lamp {
     }
 }
 
-/// The ratio that most places have: the median of those near to the median of all, and to that one. What became wet
-/// is beyond.
+/// Returns the ratio that most places have: the median of the ratios near the median of all, repeated once about
+/// the result. The ratios of places that became wet lie outside.
 fn most(ratios: &mut [f64]) -> f64 {
     let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
     (0..2).fold(first, |gain, _| {
@@ -246,8 +247,8 @@ mod tests {
         assert_eq!(none, Lit::UNKNOWN, "nothing lies around the panel");
     }
 
-    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, at least
-    /// 1.34 times.
+    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, so that
+    /// they are at least 1.34 times as bright.
     #[test]
     fn an_exposure_that_changed_is_no_lamp_and_no_water() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
@@ -258,8 +259,8 @@ mod tests {
         }
     }
 
-    /// By hand: of five places two became wet, and the others are 3 % darker, as bright, and 3 % brighter: the
-    /// median of all is 0.97, that of those near to it 1, with which three of five agree.
+    /// By hand: of five places two became wet, and the others are 3 % darker, equally bright, and 3 % brighter. The
+    /// median of all is 0.97, the median of the ratios near it is 1, and three of five places agree with it.
     #[test]
     fn what_became_wet_does_not_count_for_light() {
         let window = Window { left: 0, top: 40, width: 100, height: 20 };
@@ -284,13 +285,13 @@ mod tests {
             lamp.at(&now).sure().map(|gains| (100.0 * gains[1]).round())
         };
         assert_eq!([0, 58, 40, 120, 0].map(&mut shown), [Some(100.0), None, Some(100.0), Some(80.0), Some(100.0)]);
-        // A shadow that creeps over the places darkens few of them from one picture to the next.
+        // A shadow that moves slowly over the places darkens only few of them from one picture to the next.
         let crept: Vec<Option<f64>> = (0..=20).map(|tenth| shown(58 * tenth / 20)).collect();
         assert!(crept.iter().all(|gain| gain.is_none_or(|gain| gain == 100.0)), "{crept:?}");
         assert!(crept[20].is_none() && crept[..14].iter().all(Option::is_some), "{crept:?}");
     }
 
-    /// By hand: five pictures that go from 200 to 140 levels and back have three swings.
+    /// By hand: five pictures that change from 200 to 140 levels and back have three swings.
     #[test]
     fn a_lamp_that_flickers_is_told_from_what_becomes_wet() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };

@@ -13,48 +13,48 @@ use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 
 /// A tile's side, px.
 pub const TILE_PX: usize = BLOCK_PX;
-/// No light is brighter, 1/4096; a picture in which it were could not be judged by.
+/// The largest accepted light, 1/4096; a picture with more light could not be used for the judgement.
 const MAX_Q12: f64 = 16_383.0;
 
-/// Of a tile this share at least must be near what is expected.
+/// At least this share of a tile must be near the expected look.
 const MIN_SHARE: f64 = 0.25;
-/// How much brighter or darker than the region's median a tile may be.
+/// The permitted range of a tile's light relative to the region's median.
 const LOCALLY: [f64; 2] = [0.55, 1.08];
 
 /// The light of one picture.
 #[derive(Debug, Clone)]
 pub struct Light {
     columns: usize,
-    /// Of each tile, row by row; 1 is that of the wet looks.
+    /// The light of each tile, row by row, relative to the light of the wet looks.
     tiles: Vec<f64>,
     /// The region's median.
     pub global: f64,
-    /// Does the lamp's own change play no part in it?
+    /// Whether the lamp's own change is left out of the light.
     without_lamp: bool,
 }
 
 impl Light {
-    /// The same light as that of the wet looks, on a lattice of tiles.
+    /// Returns the same light as that of the wet looks, for a lattice of tiles.
     pub fn even(columns: usize, rows: usize) -> Self {
         Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, without_lamp: false }
     }
 
-    /// The light of the first wet picture, which is that of the wet looks.
+    /// Returns the light of the first wet picture, which is that of the wet looks.
     pub fn first(&self, without_lamp: bool) -> Light {
         Light { tiles: vec![1.0; self.tiles.len()], global: 1.0, without_lamp, ..*self }
     }
 
-    /// Whether the lamp's own change plays no part in it.
+    /// Returns whether the lamp's own change is left out of the light.
     pub fn is_without_lamp(&self) -> bool {
         self.without_lamp
     }
 
-    /// The light on a tile, against the first wet picture.
+    /// Returns the light on a tile, relative to the first wet picture.
     pub fn of_tile(&self, tile: usize) -> f64 {
         self.tiles[tile].max(f64::MIN_POSITIVE)
     }
 
-    /// The light by the tiles' sums, each with its pixels in the region.
+    /// Calculates the light from the tiles' sums; `inside` is the number of pixels of each tile in the region.
     pub fn found(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> Light {
         let known =
             |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
@@ -89,8 +89,8 @@ impl Light {
         Light { columns: self.columns, tiles: (0..sums.len()).map(smooth).collect(), global, without_lamp }
     }
 
-    /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to
-    /// tile centre.
+    /// Returns the light on the blocks of one row of tiles, 1/4096, once for each row of cells. The light is
+    /// interpolated from tile centre to tile centre.
     pub fn blocks_q12(&self, row: usize) -> Vec<Block> {
         let (rows, columns) = (self.tiles.len() / self.columns, self.columns);
         let mut blocks = vec![[0; BLOCK_PX]; CELLS * columns];
@@ -108,7 +108,7 @@ impl Light {
         blocks
     }
 
-    /// The light on bare places beside film with these gains, 1/4096.
+    /// Returns the light on bare places beside film with these gains, 1/4096.
     pub fn on_bare_q12(&self, gains: &[Block]) -> Vec<Block> {
         if !self.without_lamp {
             return gains.to_vec();
@@ -125,7 +125,7 @@ fn between(cell: usize, tiles: usize) -> (usize, usize, f64) {
     (first, (first + 1).min(tiles - 1), at - first as f64)
 }
 
-/// A gain in 1/4096.
+/// Converts a gain to units of 1/4096.
 pub fn q12(gain: f64) -> u16 {
     (gain * 4096.0).clamp(0.0, MAX_Q12) as u16
 }
@@ -150,7 +150,8 @@ mod tests {
         Sum { found, expected: 1_000, pixels: 100 }
     }
 
-    /// By hand: of nine tiles eight have a tenth more light; the ninth, 1.3 as bright, counts for 1.08 · 1.1 at most.
+    /// By hand: eight of nine tiles have a tenth more light; the ninth, 1.3 times as bright, counts for 1.08 · 1.1
+    /// at most.
     #[test]
     fn a_part_may_be_darker_and_not_brighter() {
         let mut sums = vec![sum(1_100); 9];
@@ -163,8 +164,8 @@ mod tests {
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
-    /// By hand: beside a lamp that is known, a film that is 1.3 times as bright as it was has 1.08 at most, and a
-    /// bare place has the lamp's light; in a shadow of 0.8 both have 0.8.
+    /// By hand, with a known lamp: a film that became 1.3 times as bright counts for 1.08 at most, and a bare place
+    /// has the lamp's light. In a shadow of 0.8 both have 0.8.
     #[test]
     fn beside_a_known_lamp_no_film_is_light() {
         let of = |found: u32| Light::even(3, 3).found(&[sum(found); 9], &[100; 9], true);

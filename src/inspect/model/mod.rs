@@ -53,33 +53,34 @@ const WIDE_Q10: [u16; 2] = [512, 1331];
 const ABOUT: [f64; 2] = [0.86, 1.16];
 /// Every nth row is used for the first mean: thousands of pixels remain.
 const MEAN_ROW_STRIDE: usize = 4;
-/// Darker than this a dry place shows nothing, levels; from OVEREXPOSED on it may be overexposed.
+/// A dry place that is darker than this shows nothing, levels. From OVEREXPOSED upward a place may be overexposed.
 const MIN_DRY_LEVELS: u8 = 4;
 const MAX_DRY_LEVELS: u8 = 249;
 /// The wet look is learnt over this time, s.
 const LEARNT_S: f64 = 1.0;
-/// While water comes, a place is wet that differs from each bare look by this share of its dry look.
+/// While water is sprayed, a place counts as wet if it differs from each bare look by at least this share of its
+/// dry look.
 const SPRAYED_SHARE: f64 = 0.1;
-/// A film leaves more or less of a sanded place's look than of the panel's by such a power, which the simulators
-/// draw from 0.85 to 1.25.
+/// On a sanded place the film may leave another share of the look than on the panel: the panel's share to a power
+/// up to this one. The simulators draw the power from 0.85 to 1.25.
 pub const FILM_POWER: f64 = 1.3;
-/// Looks are compared up to this many times a film's.
+/// The largest ratio to a film's look up to which looks are compared.
 const MAX_BRIGHTNESS_RATIO: f64 = 3.9;
-/// What a film leaves of the dry look, until the clip determines it.
+/// The share of the dry look that remains under a film; assumed until the clip determines it.
 pub const FILM_ASSUMED: f64 = 0.62;
 
-/// More pictures than these are not counted, nor a film that lasts longer, s.
+/// The largest number of pictures that are counted, and the longest film, s.
 pub const MAX_PICTURES: usize = u16::MAX as usize;
 pub const MAX_FILM_S: f64 = 1_000.0;
 
-/// What a film is judged with.
+/// The parameters for judging a film.
 #[derive(Debug, Clone, Copy)]
 pub struct Terms {
-    /// How much red, green and blue count.
+    /// The weights of red, green and blue.
     pub channel_weights: [f64; 3],
-    /// How long a place must look bare to have broken, s.
+    /// Time for which a place must look bare to count as broken, s.
     pub persist_s: f64,
-    /// A broken place comes back to this share of its dry look at least.
+    /// A broken place returns to at least this share of its dry look.
     pub damp: f64,
 }
 
@@ -87,11 +88,11 @@ pub struct Terms {
 #[derive(Debug)]
 pub struct Model {
     window: Window,
-    /// Blocks of a row, which are the columns of tiles, too.
+    /// Blocks in a row, which is also the number of columns of tiles.
     columns: usize,
     terms: Terms,
     views: Views,
-    /// The mean of the dry pictures, in their channels.
+    /// The mean of the dry pictures, for each channel.
     dry_rgb: Vec<[u8; 3]>,
     dry_sum: Vec<[u16; 3]>,
     dry_pictures: u16,
@@ -103,22 +104,23 @@ pub struct Model {
     past: Vec<Past>,
     region: Region,
     noise: Noise,
-    /// What moves on places without a dry look, if there are any.
+    /// The movement on places without a dry look, if there are any.
     shimmer: Option<Shimmer>,
     lamp: Lamp,
     lit: Lit,
     light: Light,
-    /// The light of the picture that was looked at last.
+    /// The light of the last picture that was looked at.
     next_light: Option<Light>,
-    /// What the film leaves of the dry look: the median over the region's pixels.
+    /// The share of the dry look that remains under the film: the median over the region's pixels.
     film_left: Option<f64>,
-    /// The brightest light so far, against that of the first wet picture.
+    /// The brightest light so far, relative to the light of the first wet picture.
     brightest: f64,
     /// The times of the judged pictures, s; the first represents the beginning.
     times_s: Vec<f32>,
-    /// The first wet picture was looked at.
+    /// Whether the first wet picture was looked at.
     is_watching: bool,
-    /// The variance of the learnt wet look, and of the mean of a bare look, for a variance of 1 of one picture.
+    /// The variances of the learnt wet look and of the mean of a bare look, relative to the variance of one
+    /// picture.
     wet_variance: f64,
     bare_variance: f64,
 }
@@ -166,7 +168,7 @@ impl Model {
         }
     }
 
-    /// A picture of the dry panel; several are averaged.
+    /// Adds a picture of the dry panel; several are averaged.
     pub fn dry(&mut self, picture: &ColorPicture) {
         let window = self.window;
         self.dry_pictures += 1;
@@ -190,7 +192,7 @@ impl Model {
         self.lamp.and_around(&window, picture);
     }
 
-    /// The dry looks in each tile's view.
+    /// Calculates the dry looks in the view of each tile.
     fn set_dry_looks(&mut self) {
         let mut out = [0];
         for index in 0..self.dry_rgb.len() {
@@ -201,12 +203,12 @@ impl Model {
         }
     }
 
-    /// Whether a dry picture was taken.
+    /// Returns whether a dry picture was taken.
     pub fn has_dry(&self) -> bool {
         self.dry_pictures > 0
     }
 
-    /// A picture under the spray: what is wet by now.
+    /// Evaluates a picture under the spray and marks the places that are wet by now.
     pub fn spray(&mut self, picture: &ColorPicture) {
         if !self.has_dry() {
             return;
@@ -246,7 +248,7 @@ impl Model {
         same.into_iter().all(|same| same)
     }
 
-    /// Looks at a picture of the wet panel, and judges nothing yet.
+    /// Measures a picture of the wet panel, without judging it yet.
     pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
         self.lit = self.lamp.at(picture);
         let is_first = !self.is_watching;
@@ -271,7 +273,7 @@ impl Model {
         measured
     }
 
-    /// The first wet picture: what each tile is looked at by, and the first wet looks.
+    /// Processes the first wet picture: chooses the view of each tile, and sets the first wet looks.
     fn begin(&mut self, picture: &ColorPicture) {
         let gains = self.lit.sure().unwrap_or([1.0; 3]);
         let window = self.window;
@@ -299,7 +301,7 @@ impl Model {
         self.is_watching = true;
     }
 
-    /// The share of the region that is overexposed.
+    /// Returns the share of the region that is overexposed.
     fn overexposed_share(&self) -> f64 {
         let rows = self.region.rows.iter().enumerate().step_by(EXPOSED_ROW_STRIDE);
         let found: u32 = rows
@@ -311,7 +313,7 @@ impl Model {
         f64::from(found) / f64::from(self.region.exposed_of.max(1))
     }
 
-    /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
+    /// Judges the last picture that was looked at. Returns the pixels that broke now, as indices of the window.
     pub fn follow(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
         let too_many = self.times_s.len() >= MAX_PICTURES || since_wet_s > MAX_FILM_S;
         let Some(light) = self.next_light.take().filter(|_| !too_many) else { return Vec::new() };
@@ -335,8 +337,8 @@ impl Model {
             away_q16: q16(self.away_share()),
             bright_q12: light::q12(self.brightest_break()),
             noise: (self.noise.levels() * f64::from(LEVEL)).round() as u16,
-            // What looks bare from one picture to another was so for a step longer on average: half a step before
-            // and after.
+            // A place that looks bare in consecutive pictures was bare for one step longer on average: half a step
+            // before and half a step after.
             persist: ticks(self.terms.persist_s).saturating_sub(step).max(1),
             step,
             ticks: ticks(since_wet_s),
@@ -359,16 +361,17 @@ impl Model {
         broke
     }
 
-    /// Half of what a break that is as damp as allowed changes a film by, as a share of the film's look.
+    /// Returns half of the change that a break as damp as allowed causes in a film, as a share of the film's look.
     pub fn away_share(&self) -> f64 {
-        // A shadow on the first picture is no film, which is taken in the brightest light so far: a break is rather
-        // too near than too far.
+        // A shadow on the first picture is not film; therefore the film is evaluated in the brightest light so far.
+        // This rather underestimates than overestimates the change by a break.
         let film = self.film_left.unwrap_or(FILM_ASSUMED);
         let film = if film < 1.0 { (film * self.brightest).min(1.0) } else { film };
         ((self.terms.damp / film - 1.0).abs() / 2.0).min(0.5)
     }
 
-    /// The brightest that a place without a dry look can be when its film has opened, as a share of its film's look.
+    /// Returns the largest look that a place without a dry look can have after its film has opened, as a share of
+    /// its film's look.
     pub fn brightest_break(&self) -> f64 {
         let film = self.film_left.unwrap_or(FILM_ASSUMED).min(1.0);
         (film.powf(-FILM_POWER) * 1.125).min(MAX_BRIGHTNESS_RATIO)
@@ -379,7 +382,7 @@ impl Model {
         shimmer.add(&shimmer::Picture { look: &self.look, wet: &self.wet, state: &self.state, since_wet_s });
     }
 
-    /// Ends the observation: nothing is taken any more.
+    /// Ends the observation: no further pictures are accepted.
     pub fn end(&mut self) {
         self.shimmer.iter_mut().for_each(Shimmer::end);
     }
@@ -392,7 +395,8 @@ impl Model {
         }
     }
 
-    /// Whether a pixel of the window has the dry panel's colour; a place without a dry look has none to compare.
+    /// Returns whether a pixel of the window has the dry panel's colour. For a place without a dry look, there is
+    /// no colour to compare, and the result is true.
     fn has_dry_colour(&self, picture: &ColorPicture, index: usize) -> bool {
         let (block, at) = self.at(index);
         if self.state[block][at] & NO_DRY > 0 {
@@ -404,8 +408,9 @@ impl Model {
         self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, tint))
     }
 
-    /// What looks bare is a reflection: it did not break, and since it looks bare it has shown nothing of its film.
-    /// Its run stays one picture short, so that the next one is looked at as well.
+    /// Cancels a break because the bare look is a reflection. The pixel did not break, and since it has looked bare
+    /// it has shown nothing of its film. The run stays one picture short, so that the next picture is looked at as
+    /// well.
     fn take_back(&mut self, index: usize) {
         let (block, at) = self.at(index);
         let past = &mut self.past[block];
@@ -415,14 +420,14 @@ impl Model {
         past.seen_at[at] = past.since[at];
     }
 
-    /// Each tile's sums, first over a wide band, then about their mean.
+    /// Returns the sums of each tile, first over a wide band, then about their mean.
     fn sums(&self) -> Vec<Sum> {
         let tile_rows: Vec<usize> = (0..self.state.len() / self.columns / TILE_PX).collect();
         let sums: Vec<Vec<Sum>> = tile_rows.par_iter().map(|row| self.sums_of(*row)).collect();
         sums.concat()
     }
 
-    /// Those of one row of tiles.
+    /// Returns the sums of one row of tiles.
     fn sums_of(&self, tile_row: usize) -> Vec<Sum> {
         let stride = self.columns;
         let rows = tile_row * TILE_PX * stride..(tile_row + 1) * TILE_PX * stride;
@@ -443,7 +448,7 @@ impl Model {
         (0..stride).map(tile).collect()
     }
 
-    /// Judges every pixel; those that broke now come back.
+    /// Judges every pixel, and returns the pixels that broke now.
     fn judge(&mut self, rule: &Rule) -> Vec<usize> {
         let (columns, width) = (self.columns, self.window.width);
         let light = &self.light;
@@ -464,7 +469,7 @@ impl Model {
     }
 }
 
-/// A share below 1 in 1/65536.
+/// Converts a share below 1 to units of 1/65536.
 fn q16(share: f64) -> u16 {
     (share * 65_536.0).round().min(65_535.0) as u16
 }

@@ -1,21 +1,22 @@
-//! The clip's own noise: how much a pixel of the film differs from picture to picture.
+//! The clip's own noise: the difference of a film's pixel from picture to picture.
 //!
-//! The difference of two pictures has √2 of one picture's standard deviation σ. Water that moves makes some of the
-//! differences larger, so the lower third of their distribution counts: of a normal distribution 30 % of the
-//! absolute differences are below 0.385 √2 σ.
+//! The difference of two pictures has √2 times the standard deviation σ of one picture. Moving water makes some of
+//! the differences larger, so only the lower third of their distribution counts. In a normal distribution 30 % of
+//! the absolute differences are below 0.385 √2 σ.
 
 use super::kernel::{Block, INSIDE, LEVEL, LOOK, NO_DRY, OVEREXPOSED};
 
 /// The quantile of the differences that is evaluated, and its value for σ = 1.
 const SHARE: f64 = 0.3;
 const AT_SHARE: f64 = 0.385;
-/// Differences are counted in classes of 1/16 level, up to this many.
+/// Differences are counted in classes of 1/16 level; the second constant is the number of classes.
 const CLASS: u16 = LEVEL / 16;
 const CLASSES: usize = 512;
-/// Less noise than the rounding to whole levels leaves is no measurement, levels; and what is assumed before there is one.
+/// Noise below that of rounding to whole levels is not a measurement, levels. The second constant is the noise that
+/// is assumed before the first measurement.
 const MIN_LEVELS: f64 = 0.35;
 const ASSUMED_LEVELS: f64 = 1.5;
-/// One row in this many is looked at, and this many differences are enough.
+/// Every nth row is looked at. The second constant is the number of differences that is sufficient.
 pub(super) const ROW_STRIDE: usize = 4;
 const MIN_DIFFERENCES: u64 = 200;
 
@@ -45,7 +46,7 @@ impl Noise {
         }
     }
 
-    /// σ in grey levels.
+    /// Returns σ in grey levels.
     pub fn levels(&self) -> f64 {
         let all: u64 = self.classes.iter().sum();
         if all < MIN_DIFFERENCES {
@@ -71,9 +72,9 @@ mod tests {
     use super::super::kernel::BLOCK_PX;
     use super::*;
 
-    /// Sums of twelve uniform numbers are nearly normal: of σ = 2 levels 2 are found. If a quarter of the pixels
-    /// moves by 20, 30 % of all are 40 % of the others, which lie below 0.524 √2 σ: by hand 2 · 0.524/0.385 = 2.72
-    /// are found.
+    /// Sums of twelve uniform numbers are nearly normal: for σ = 2 levels, 2 are found. If a quarter of the pixels
+    /// moves by 20, 30 % of all pixels are 40 % of the others, which lie below 0.524 √2 σ. By hand, 2 · 0.524/0.385
+    /// = 2.72 are found.
     #[test]
     fn noise_is_found_beside_what_moves() {
         for moving in [0, 4] {

@@ -1,4 +1,4 @@
-//! Which tiles and blocks hold pixels of the region, so that the others are left alone.
+//! Tiles and blocks that contain pixels of the region, so that the others can be skipped.
 
 use super::kernel::{Block, INSIDE};
 use super::light::TILE_PX;
@@ -11,16 +11,16 @@ pub(super) const EXPOSED_ROW_STRIDE: usize = 4;
 /// The region's pixels in the tiles and blocks of a window.
 #[derive(Debug)]
 pub struct Region {
-    /// Of each tile its pixels in the rows that are used for the light.
+    /// For each tile, the number of its pixels in the rows that are used for the light.
     pub inside: Vec<u32>,
-    /// Of each row the blocks from the first to the last that hold one.
+    /// For each row, the blocks from the first to the last that contain a pixel of the region.
     pub rows: Vec<Range<usize>>,
-    /// Its pixels in the rows that are used for the overexposed share.
+    /// The number of the region's pixels in the rows that are used for the overexposed share.
     pub exposed_of: u32,
 }
 
 impl Region {
-    /// By the states of the blocks, `columns` of them in a row.
+    /// Determines the region from the states of the blocks, with `columns` blocks in a row.
     pub fn from_blocks(kept: &[Block], columns: usize) -> Self {
         let count = |block: &Block| block.iter().filter(|state| **state & INSIDE > 0).count() as u32;
         let counts: Vec<u32> = kept.iter().map(count).collect();

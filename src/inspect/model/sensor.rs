@@ -4,7 +4,7 @@
 //! have twice that. At places where the light changed between the two pictures the differences are far beyond it
 //! and do not count.
 
-/// Differences beyond this are no noise of a mean of many pixels, levels.
+/// Larger differences are not noise of a mean of many pixels, levels.
 const MAX_LEVELS: f64 = 3.0;
 /// Brightness is counted in classes of this width, levels; a class with too few differences gives no result.
 const CLASS_LEVELS: f64 = 16.0;
@@ -14,7 +14,8 @@ const MIN_COUNT: f64 = 100.0;
 /// The least variance: rounding leaves 1/12 in each of 4 × 4 pixels and three channels.
 const MIN_VARIANCE: f64 = 1.0 / 12.0 / 48.0;
 
-/// Differences so far: of each class how many, and the sums of their squares and of their brightness.
+/// The statistics of the differences so far: for each class the number, and the sums of the squares and of the
+/// brightness.
 #[derive(Debug, Clone, Default)]
 pub struct SensorNoise {
     classes: [[f64; 3]; CLASSES],
@@ -33,7 +34,7 @@ impl SensorNoise {
         }
     }
 
-    /// The variance of the noise at a brightness, levels²; `None` if too little was seen.
+    /// Returns the variance of the noise at a brightness, levels²; `None` if too little was seen.
     pub fn variance(&self, levels: f64) -> Option<f64> {
         let known: Vec<(f64, f64, f64)> = (self.classes.iter())
             .filter(|[count, ..]| *count >= MIN_COUNT)
@@ -47,11 +48,13 @@ impl SensorNoise {
             |of: &dyn Fn(&(f64, f64, f64)) -> f64| known.iter().map(|it| it.0 * of(it)).sum::<f64>() / weight;
         let (level, variance) = (mean(&|it| it.1), mean(&|it| it.2));
         let (spread, shared) = (mean(&|it| (it.1 - level).powi(2)), mean(&|it| (it.1 - level) * (it.2 - variance)));
-        // Noise does not fall with the light, and is never less than what rounding leaves of the mean of 48 numbers.
+        // Noise does not decrease with more light, and is never less than the rounding error of the mean of 48
+        // numbers.
         let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
         let at = |levels: f64| (variance + slope * (levels - level)).max(MIN_VARIANCE);
-        // Beyond what was seen the slope is not sure, and with a and b ≥ 0 the variance is at least in proportion
-        // to s below it, and at most above it: the larger one counts, so that noise is never taken for water.
+        // Outside of the observed range the slope is not sure. With a and b ≥ 0 the variance is at least in
+        // proportion to s below that range, and at most above it. The larger value counts, so that noise never
+        // counts as water.
         let nearest =
             known.iter().map(|it| it.1).min_by(|a, b| (a - levels).abs().total_cmp(&(b - levels).abs()))?;
         let seen = known.iter().fold([f64::INFINITY, 0.0], |[low, high], it| [it.1.min(low), it.1.max(high)]);
@@ -64,9 +67,9 @@ impl SensorNoise {
 mod tests {
     use super::*;
 
-    /// By hand: differences of ±1 at 40 levels are a variance of 1/2, of ±2 at 100 levels one of 2; between them at
-    /// 70 it is 1.25, at 10 levels it would be −0.25, and is a quarter of that at 40. At 200 the line gives 4.5,
-    /// twice that at 100 is less.
+    /// By hand: differences of ±1 at 40 levels are a variance of 1/2, and ±2 at 100 levels a variance of 2. Between
+    /// them, at 70, the variance is 1.25. At 10 levels the line would give −0.25; the result is a quarter of the
+    /// variance at 40. At 200 the line gives 4.5, and twice the variance at 100 is less.
     #[test]
     fn noise_grows_with_the_light() {
         let mut noise = SensorNoise::default();

@@ -13,31 +13,32 @@ use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK, NO_DRY, OVEREXPOSED};
 use super::lamp::Lamp;
 use rayon::prelude::*;
 
-/// A site is a square of this side, px: water moves on a scale of millimetres, and the noise of its mean is smaller.
+/// A site is a square with this side, px: water moves on a scale of millimetres, and the mean of a square has less
+/// noise.
 const SITE_SIDE_PX: usize = Lamp::SIDE_PX;
-/// The number of spans. A span begins with a picture and holds those of this time, s, a second but for what clocks
-/// round: at less than a picture a second each picture is a span.
+/// The number of spans. A span begins with a picture and contains the pictures of the following `SPAN_S`, s: a
+/// second minus the rounding of clocks. With less than one picture a second, each picture is a span.
 const SPANS: usize = 24;
 const SPAN_S: f64 = 0.99;
 /// This share of a site's pixels and pictures must be seen in a span.
 const WHOLE: f32 = 0.9;
-/// How many second differences they have.
+/// The number of second differences of the spans.
 pub const DIFFERENCES: usize = SPANS - 2;
-/// The sums of each place that is looked at: a lattice of sites.
+/// The sums for each place that is looked at, on a lattice of sites.
 #[derive(Debug, Clone)]
 pub struct Shimmer {
     columns: usize,
-    /// The span that is added up, when it began, and how many pictures each has.
+    /// The number of the present span, the time when it began, and the number of pictures in each span.
     span: usize,
     began_s: f64,
     pictures: [u32; SPANS],
-    /// Of each site the sum of s/w over its pixels and the pictures, and how many they were.
+    /// For each site, the sum of s/w over its pixels and the pictures, and the number of summands.
     sums: Vec<[f32; 2]>,
-    /// The means of s/w in the spans that are over; not a number if too little was seen.
+    /// The means of s/w in the finished spans; NaN if too little was seen.
     means: Vec<[f32; SPANS]>,
 }
 
-/// What is looked at in one picture.
+/// The inputs from one picture.
 pub struct Picture<'a> {
     pub look: &'a [Block],
     pub wet: &'a [Block],
@@ -49,7 +50,7 @@ impl Shimmer {
     /// A site's side, px.
     pub const SIDE_PX: usize = SITE_SIDE_PX;
 
-    /// For blocks in rows of `columns`.
+    /// Creates the lattice for blocks in rows of `columns`.
     pub fn new(columns: usize, blocks: usize) -> Self {
         let sites = blocks * BLOCK_PX / (SITE_SIDE_PX * SITE_SIDE_PX);
         Shimmer {
@@ -94,7 +95,7 @@ impl Shimmer {
         let Some(pictures) = self.pictures.get(self.span).copied() else { return };
         for (sums, means) in self.sums.iter_mut().zip(&mut self.means) {
             let [sum, count] = *sums;
-            // With fewer pixels its noise would be larger than is taken.
+            // With fewer pixels the noise of the mean would be larger than assumed.
             if count > 0.0 && count >= WHOLE * (SITE_SIDE_PX * SITE_SIDE_PX) as f32 * pictures as f32 {
                 means[self.span] = sum / count;
             }
@@ -108,22 +109,22 @@ impl Shimmer {
         self.span = SPANS;
     }
 
-    /// Sites in a row of the lattice.
+    /// Returns the number of sites in a row of the lattice.
     pub fn columns(&self) -> usize {
         self.columns * BLOCK_PX / SITE_SIDE_PX
     }
 
-    /// How many sites there are.
+    /// Returns the number of sites.
     pub fn len(&self) -> usize {
         self.sums.len()
     }
 
-    /// Row and column of a site in the window, px.
+    /// Returns the row and the column of a site in the window, px.
     pub fn place(&self, at: usize) -> (usize, usize) {
         (at / self.columns() * SITE_SIDE_PX, at % self.columns() * SITE_SIDE_PX)
     }
 
-    /// The sites about a pixel of the window.
+    /// Returns the sites around a pixel of the window.
     pub fn sites_about(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + '_ {
         let (row, column) = (row / SITE_SIDE_PX, column / SITE_SIDE_PX);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns());
@@ -142,7 +143,7 @@ impl Shimmer {
     }
 }
 
-/// Adds the part of a block's row that each site has.
+/// Adds the part of a block's row that lies in each site.
 fn add_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
     let mut shares = [[0.0_f32; 2]; BLOCK_PX];
     for i in 0..BLOCK_PX {
@@ -163,7 +164,7 @@ mod tests {
     use super::*;
 
     /// By hand: 60 levels that rise by 0.1 in each span of 1 s show nothing. A place that is 1 level brighter in
-    /// every second span has second differences of 2 levels: with a noise of 1 level and 10 pictures a span z is 2
+    /// every second span has second differences of 2 levels. With a noise of 1 level and 10 pictures a span, z is 2
     /// / √((1 + 4 + 1)/10) = 2.58.
     #[test]
     fn what_a_film_shows_and_a_place_that_dries_does_not() {

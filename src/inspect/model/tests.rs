@@ -1,8 +1,8 @@
-//! The model by itself, on 64 × 64 px: dry 100 levels, wet 60.
+//! Tests of the model alone, on 64 × 64 px: dry 100 levels, wet 60.
 //!
-//! The numbers by hand: a break comes back to 80 levels at least (`damp` 0.8), the gap to the film is 20 levels,
-//! and the noise is what rounding leaves, 0.35 levels; six times of that below 80, from 77.9 levels on, a place
-//! looks bare, up to 9/8 of 100 and the rounding.
+//! The numbers by hand: a break returns to at least 80 levels (`damp` 0.8), the gap to the film is 20 levels, and
+//! the noise is that of rounding, 0.35 levels. A place looks bare from six times the noise below 80, from 77.9
+//! levels, up to 9/8 of 100 and the rounding.
 
 use super::*;
 
@@ -16,7 +16,7 @@ fn picture(level: impl Fn(usize, usize) -> u8) -> ColorPicture {
     ColorPicture { width: SIDE, height: SIDE, rgb }
 }
 
-/// A picture of the film at 60 levels but for the place.
+/// A picture of the film at 60 levels, except for the place.
 fn film(place: u8) -> ColorPicture {
     picture(|column, row| if PLACE[0].contains(&column) && PLACE[1].contains(&row) { place } else { 60 })
 }
@@ -28,7 +28,7 @@ fn model(sanded: &[bool], terms: Terms) -> Model {
     model
 }
 
-/// Shows pictures at these times; how many pixels broke.
+/// Shows pictures at these times, and returns the number of pixels that broke.
 fn show(model: &mut Model, times_s: impl Iterator<Item = f64>, level: impl Fn(f64) -> u8) -> usize {
     let one = |time_s: f64| {
         let picture = film(level(time_s));
@@ -38,7 +38,8 @@ fn show(model: &mut Model, times_s: impl Iterator<Item = f64>, level: impl Fn(f6
     times_s.map(one).sum()
 }
 
-/// Whether the place broke, and if it was seen, after 2 s of film and 2 s at this level, five pictures a second.
+/// Returns whether the place broke and whether it was seen, after 2 s of film and 2 s at this level, with five
+/// pictures a second.
 fn after_film(model: &mut Model, level: u8) -> (bool, bool) {
     let times_s = (0..20).map(|picture| 0.2 * f64::from(picture));
     let broke = show(model, times_s, |time_s| if time_s < 2.0 { 60 } else { level });
@@ -53,7 +54,7 @@ fn bare_film_and_neither_by_hand() {
         assert_eq!(found(level), (true, true), "{level}");
     }
     assert_eq!(found(61), (false, true), "film");
-    // A steady look that is neither, taken within a moment: nothing is known of the place.
+    // A steady look that is neither film nor bare, reached within a moment: the state of the place is unknown.
     for level in [40, 76, 120] {
         assert_eq!(found(level), (false, false), "{level}");
     }
@@ -76,9 +77,9 @@ fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     assert!(seen(2.0) && !seen(5.0));
 }
 
-/// By hand: of a film at 60 of 100 levels a break changes the look by (80/60 − 1)/2 = 1/6 at half of its way, which
-/// is 10 levels, up or down; brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, 131 levels, no bare place can
-/// be.
+/// By hand, for a film at 60 of 100 levels: half of the change by a break is (80/60 − 1)/2 = 1/6 of the look. This
+/// is 10 levels, up or down. A bare place cannot be brighter than (1/0.6)^1.3 · 9/8 = 2.186 times its film, 131
+/// levels.
 #[test]
 fn a_sanded_place_is_held_against_its_wet_look_alone() {
     let sanded: Vec<bool> = (0..SIDE * SIDE).map(|index| index / SIDE >= 20).collect();
@@ -93,8 +94,8 @@ fn a_sanded_place_is_held_against_its_wet_look_alone() {
     assert_eq!((show(&mut dark, times_s, |_| 100), dark.ever_wet(35 * SIDE + 35)), (0, true));
 }
 
-/// A break from 4 s to 8 s of a film, in 1 to 30 pictures a second, evenly or not: it is found, and begins at 4 s
-/// to a picture.
+/// A break lasts from 4 s to 8 s of a film, with 1 to 30 pictures a second, at equal intervals or not. The break is
+/// found, and begins at 4 s within one picture.
 #[test]
 fn times_are_those_of_the_time_stamps() {
     for rate in [1.0, 2.0, 5.0, 12.0, 30.0] {
@@ -121,7 +122,7 @@ fn times_are_those_of_the_time_stamps() {
     }
 }
 
-/// What looks bare for less than `persist_s` did not break, however many pictures show it.
+/// A place that looks bare for less than `persist_s` did not break, even if many pictures show it.
 #[test]
 fn a_flash_is_no_break() {
     for rate in [5.0, 30.0] {
@@ -142,7 +143,7 @@ fn what_is_wet_under_the_spray() {
     }
 }
 
-/// By hand: below 4 levels a dry place shows nothing, from 250 on it may be overexposed.
+/// By hand: a dry place below 4 levels shows nothing, and from 250 levels upward it may be overexposed.
 #[test]
 fn a_black_or_overexposed_dry_place_is_not_seen() {
     let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
@@ -151,7 +152,7 @@ fn a_black_or_overexposed_dry_place_is_not_seen() {
     assert_eq!([0, 1, 2, 3].map(|index| model.sees(index)), [false, true, true, false]);
 }
 
-/// A film that is overexposed for half of the time, or for the last 3 s, was not seen.
+/// A place whose film is overexposed for half of the time, or for the last 3 s, was not seen.
 #[test]
 fn what_is_hidden_is_not_seen() {
     let seen = |from_s: f64, to_s: f64| {
@@ -164,9 +165,10 @@ fn what_is_hidden_is_not_seen() {
     assert!(seen(9.2, 12.0) && !seen(8.4, 12.0), "at the end");
 }
 
-/// A red primer of (100, 35, 35) that the film makes (58, 13, 13). By hand, in the mean of the channels 57 and 28:
-/// a place that mirrors 25 levels of white is as bright as (83, 38, 38), 53, nearly dry, and has not its colour. It
-/// does not break and was not seen, while one that is dry again breaks, also under a lamp of 0.9.
+/// A red primer of (100, 35, 35), which the film changes to (58, 13, 13); by hand, 57 and 28 in the mean of the
+/// channels. A place that mirrors 25 levels of white has (83, 38, 38) and a mean of 53: nearly as bright as dry,
+/// but of another colour. It does not break and was not seen, while a place that is dry again breaks, also under a
+/// lamp of 0.9.
 #[test]
 fn a_white_reflection_on_a_coloured_panel_is_no_break() {
     let broke = |place: [u8; 3], lamp: f64| {

@@ -9,20 +9,21 @@ use super::light::TILE_PX;
 
 /// A larger difference gives no more information, levels.
 const MAX_LEVELS: f64 = 40.0;
-/// A channel alone must be this much better than the mean: each tile decides by a few hundred noisy pixels.
+/// A single channel must be better than the mean by this factor: each tile decides from a few hundred noisy pixels.
 const BETTER: f64 = 1.1;
 
-/// Weights of the channels in what may be looked at, and how much less noise than one channel it has.
+/// The weights of the channels in each view that may be chosen, and the ratio of its noise to the noise of one
+/// channel.
 #[derive(Debug, Clone)]
 pub struct Views {
     weights: Vec<([f64; 3], f64)>,
     columns: usize,
-    /// What each tile looks at.
+    /// The view that each tile uses.
     pub chosen: Vec<usize>,
 }
 
 impl Views {
-    /// The mean by the recipe's weights first, then each channel that counts in it.
+    /// Creates the views: first the mean with the recipe's weights, then each channel that counts in this mean.
     pub fn new(channel_weights: [f64; 3], columns: usize, tiles: usize) -> Self {
         let sum: f64 = channel_weights.iter().sum();
         let mean = channel_weights.map(|weight| weight / sum);
@@ -33,8 +34,8 @@ impl Views {
         Views { weights, columns, chosen: vec![0; tiles] }
     }
 
-    /// Chooses by the change from dry to wet of some of the region's pixels: the pixel's block, and its change in
-    /// each channel.
+    /// Chooses the view of each tile by the change from dry to wet in some of the region's pixels. `changes`
+    /// contains each pixel's block and its change in each channel.
     pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
         let mut said = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
         for (block, change) in changes {
@@ -49,23 +50,25 @@ impl Views {
         }
     }
 
-    /// The tile of a block.
+    /// Returns the tile of a block.
     pub fn tile_of(&self, block: usize) -> usize {
         block / self.columns / TILE_PX * self.columns + block % self.columns
     }
 
-    /// How many views there are.
+    /// Returns the number of views.
     pub fn count(&self) -> usize {
         self.weights.len()
     }
 
-    /// The variance of a view's noise, by that of one channel and that of the mean of all three with equal weights.
+    /// Returns the variance of a view's noise, from the variance of one channel and that of the mean of all three
+    /// with equal weights.
     pub fn variance(&self, view: usize, of_channel: f64, of_mean: f64) -> f64 {
         let squares = self.weights[view].0.iter().map(|weight| weight * weight).sum::<f64>();
         if squares > 0.99 { of_channel } else { of_mean * 3.0 * squares }
     }
 
-    /// The weights of a view in light that is brighter by these gains: its look is as if the light were the dry picture's.
+    /// Returns the weights of a view in light that is brighter by these gains; with them, the look is the same as
+    /// in the dry picture's light.
     pub fn weights(&self, view: usize, gains: [f64; 3]) -> [u16; 3] {
         std::array::from_fn(|i| (self.weights[view].0[i] / gains[i] * f64::from(LEVEL)).round() as u16)
     }
@@ -80,9 +83,9 @@ pub fn columns(width: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in one channel alone is 10
-    /// of the mean, 17 against its noise: the channel is looked at. A change of 20 in each is 20 of the mean, 35
-    /// against its noise.
+    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in only one channel is 10 in
+    /// the mean, 17 relative to the mean's noise: the tile uses the channel. A change of 20 in each channel is 20
+    /// in the mean, 35 relative to its noise.
     #[test]
     fn a_tile_looks_at_what_changes_most_against_its_noise() {
         let chosen = |change: [f64; 3], weights: [f64; 3]| {

@@ -1,4 +1,5 @@
-//! What a place that looks bare is, on a window of 40 × 40 px: film 0.6 of the dry look, breaks 0.9.
+//! Tests of the classification of places that look bare, on a window of 40 × 40 px: film 0.6 of the dry look,
+//! breaks 0.9.
 
 use super::*;
 
@@ -6,7 +7,7 @@ const SIDE: usize = 40;
 const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
 const SIZES: Sizes = Sizes { glint_px: 50, bead_px: 6, break_px: 12 };
 
-/// What is observed, by default a film that holds.
+/// The simulated observations; the default is a film that does not break.
 struct Film {
     broke_s: Vec<f32>,
     open_s: Vec<Option<f32>>,
@@ -16,13 +17,13 @@ struct Film {
     is_sanded: bool,
     has_contrast: bool,
     bright: Vec<bool>,
-    /// What a place that is open shows in the last picture; `None` is its bare look.
+    /// The look of an open place in the last picture; with `None`, its bare look.
     now: Option<f32>,
     break_to_film: Option<[f32; 2]>,
 }
 
 impl Film {
-    /// A place of these pixels that broke at 1 s and is open.
+    /// Makes a place of these pixels that broke at 1 s and is open.
     fn with(place: impl Fn(usize, usize) -> bool) -> Self {
         let inside = |i: usize| place(i % SIDE, i / SIDE);
         Film {
@@ -115,7 +116,7 @@ fn a_bell_that_does_not_move_is_unsure() {
     assert_eq!(film.settled(), (0, 113));
 }
 
-/// By hand: 30 × 2 px have no pixel that does not touch the outside; a disc of their size would have 37.
+/// By hand: in 30 × 2 px every pixel touches the outside; in a disc of the same size 37 pixels would not.
 #[test]
 fn a_thin_line_is_unsure() {
     assert_eq!(Film::with(|column, row| (5..35).contains(&column) && (20..22).contains(&row)).settled(), (0, 60));
@@ -132,8 +133,8 @@ fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
     assert_eq!(film.settled(), (0, 113));
 }
 
-/// What looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right moved on, and is as small as a
-/// glint. The same place open at one time broke, and closed.
+/// A place looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right, and is as small as a glint.
+/// This place moved on. If the same place is open at one time, it broke and closed.
 #[test]
 fn a_glint_that_moves_on_is_no_break() {
     let place = |column: usize, row: usize| (10..16).contains(&column) && (10..16).contains(&row);
@@ -149,10 +150,10 @@ fn a_glint_that_moves_on_is_no_break() {
     assert_eq!(closed.settled(), (113, 0));
 }
 
-/// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may be of one trail.
-/// Of specks that open one after another and close 0.6 s later, the first is film at 1.6 − 0.5 + 0.4 = 1.5 s,
-/// before the last opens at 2.5 s; of those that open at once, or stay open for 4 s, and of one alone, nothing is
-/// known; nor of two of 16 px, each of which is as large as a break.
+/// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may belong to one
+/// trail. Specks open one after another and close 0.6 s later: the first is film at 1.6 − 0.5 + 0.4 = 1.5 s, before
+/// the last opens at 2.5 s. Specks that open at once or stay open for 4 s, and a single speck, remain unsure. The
+/// same is true for two specks of 16 px, each as large as a break.
 #[test]
 fn places_of_one_trail_are_judged_together() {
     let specks = |count: usize, step_s: f32, open_s: f32| {
@@ -177,8 +178,8 @@ fn places_of_one_trail_are_judged_together() {
     assert_eq!(large.settled(), (0, 32));
 }
 
-/// At a picture a second a break that opened between 4 s and 6 s and closed again 1 s later shows no part that was
-/// film before another was bare: by hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5 s.
+/// At one picture a second a break opened between 4 s and 6 s and closed again 1 s later. No part of it was film
+/// before another part was bare. By hand, its first part may have closed as late as 5 − 0.5 + 2 = 6.5 s, after 5 s.
 #[test]
 fn a_break_between_two_pictures_did_not_move_on() {
     let place = |column: usize, row: usize| (10..14).contains(&column) && (10..14).contains(&row);
@@ -191,8 +192,8 @@ fn a_break_between_two_pictures_did_not_move_on() {
     assert_eq!(Film { longest_step_s: 0.2, ..film }.settled(), (0, 0));
 }
 
-/// By hand: film of 22 and of 66 levels, breaks of 34 and of 88 in them. Their mean of 61 is within 8 % of the
-/// brighter film, and no pixel is.
+/// By hand: films of 22 and 66 levels, with breaks of 34 and 88 levels in them. The mean of the breaks, 61, is
+/// within 8 % of the brighter film, but no single pixel is.
 #[test]
 fn a_break_over_two_kinds_of_film_did_not_become_film() {
     let mut film = Film { is_sanded: true, ..Film::with(disc) };
@@ -203,7 +204,8 @@ fn a_break_over_two_kinds_of_film_did_not_become_film() {
     assert_eq!(broke + unsure, 113);
 }
 
-/// By hand: 2 × 2 px of water within a break are a bead and belong to it; 3 × 3 px are more than the 6 px of the largest.
+/// By hand: 2 × 2 px of water within a break are a bead and belong to the break. 3 × 3 px are larger than the
+/// largest bead of 6 px.
 #[test]
 fn a_bead_belongs_to_its_break() {
     let with_hole = |side: usize| {
@@ -214,8 +216,8 @@ fn a_bead_belongs_to_its_break() {
     assert_eq!(with_hole(3).settled().0, 113 - 9);
 }
 
-/// Beside an edge of what was sanded: by hand, 0.62 is the film's look on the right, and 0.62/0.36 = 1.72 times
-/// that on the left, as a break of that film would be. Nothing is known of the place then.
+/// Beside an edge of a sanded area: by hand, 0.62 is the film's look on the right and 0.62/0.36 = 1.72 times the
+/// film's look on the left. A break of the left film would look the same. The state of the place is then unknown.
 #[test]
 fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_unsure() {
     let beside = |left: f32| {
@@ -226,9 +228,9 @@ fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_u
     assert_eq!((beside(0.36), beside(0.6)), ((0, 113), (0, 0)));
 }
 
-/// A sanded place: by hand 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0 and broke; 0.62 is within 8 % of
-/// the film around it, which it became after a glint; 0.45, and any look if nothing is known of the film, is
-/// neither. A mean of 0.7 that is 0.62 in the last picture became film, too.
+/// Tests a sanded place. By hand, 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0: the place broke. A look of
+/// 0.62 is within 8 % of the film around it: the place became film after a glint. A look of 0.45, and any look if
+/// the film is unknown, is neither. A place with a mean of 0.7 and 0.62 in the last picture became film, too.
 #[test]
 fn a_sanded_place_is_held_against_the_film_around_it() {
     let sanded = |bare: f32| Film { is_sanded: true, bare: vec![bare; SIDE * SIDE], ..Film::with(disc) };

@@ -5,15 +5,15 @@
 use crate::geometry::ColorPicture;
 use nalgebra::Vector2;
 
-/// How far a profile reaches to both sides, px.
+/// The length of a profile to each side, px.
 pub(super) const REACH_PX: i32 = 8;
 const COUNT: usize = 2 * REACH_PX as usize + 1;
-/// A profile needs this much contrast, levels, to carry information.
+/// The minimum contrast with which a profile carries information, levels.
 pub(super) const MIN_CONTRAST: f32 = 12.0;
-/// Of a profile's gradient, what is below this share of its largest step is noise.
+/// The part of a profile's gradient below this share of its largest step is noise.
 const NOISE_SHARE: f32 = 0.25;
 
-/// What of a pixel is looked at: the mean of its channels, or one of them.
+/// The views of a pixel: the mean of its channels, and each of the channels.
 pub(super) const VIEWS: usize = 4;
 pub(super) const GRAY: usize = 0;
 
@@ -27,18 +27,18 @@ pub(super) struct EdgeLocation {
 /// An edge in one profile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
-    /// From the profile's middle along the normal, px.
+    /// Distance of the edge from the profile's middle along the normal, px.
     pub(super) offset_px: f32,
     /// The largest step as a share of the edge's contrast.
     pub(super) sharpness: f32,
     pub(super) contrast: f32,
 }
 
-/// What a picture shows across one place.
+/// The profile of a picture across one place.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
     pub(super) edge: Option<Edge>,
-    /// Mean level along it; none beyond the picture.
+    /// Mean level along the profile; `None` outside of the picture.
     pub(super) mean: Option<f32>,
 }
 
@@ -79,7 +79,7 @@ pub(super) fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) ->
     Some(Edge { offset_px: sum / weight, sharpness: largest / contrast, contrast })
 }
 
-/// One view between four pixels; `None` beyond the picture.
+/// Interpolates one view between four pixels; `None` outside of the picture.
 fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
     let within = |at: f32, length: usize| at >= 0.0 && at < length as f32 - 1.0;
     if !within(at.x, picture.width) || !within(at.y, picture.height) {

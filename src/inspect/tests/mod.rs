@@ -15,7 +15,7 @@ const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 const WET: [u8; 3] = [60, 55, 50];
 const DRY: [u8; 3] = [110, 105, 100];
-/// Twelve pixels of 4 mm², which are surely found, and a little.
+/// Twelve pixels of 4 mm², which are surely found, and a small margin.
 const MIN_BREAK_MM2: f64 = 50.0;
 
 const CAMERA: PinholeCamera = PinholeCamera {
@@ -41,12 +41,12 @@ fn recipe(inspect: &str) -> Recipe {
     Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// A checked `[inspect]` table.
+/// Parses and checks an `[inspect]` table.
 pub fn inspect_table(text: &str) -> recipe::Inspect {
     recipe(text).inspect().clone()
 }
 
-/// A picture of noise, the same for one seed.
+/// Returns a picture of noise; the same seed gives the same picture.
 pub fn pseudo_random(width: usize, height: usize, seed: u32) -> ColorPicture {
     let byte = |i: u32| {
         let mixed = (i ^ (seed << 24)).wrapping_mul(0x9E37_79B1);
@@ -57,7 +57,7 @@ pub fn pseudo_random(width: usize, height: usize, seed: u32) -> ColorPicture {
     ColorPicture { width, height, rgb }
 }
 
-/// The wall before the camera, 800 mm away; some of its points dropped out.
+/// Returns the wall in front of the camera, 800 mm away, with some missing points.
 fn taught(recipe: &Recipe) -> TaughtPanel {
     let point = |i: usize| {
         let (column, row) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
@@ -78,7 +78,7 @@ fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
     Rigid::claim(Translation3::new(x_mm, y_mm, z_mm).into())
 }
 
-/// A median of 3 × 3 px, so that a block loses just its corners.
+/// A median of 3 × 3 px, so that a block loses only its corners.
 const SHARP: &str = "method = \"thesis\"\nmedian_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
 /// The default method.
@@ -103,7 +103,7 @@ fn watch(x_mm: f64, settings: &str) -> Watch {
     Watch::new(&view(&taught(&recipe), shifted(x_mm)), recipe.inspect(), demands()).expect("in view")
 }
 
-/// A wet panel with dry blocks, each from left, top to right, bottom (exclusive).
+/// Returns a picture of a wet panel with dry blocks, each from left, top to right, bottom (exclusive).
 fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
     let mut picture = ColorPicture::filled(WIDTH, HEIGHT, WET);
     for &[left, top, right, bottom] in blocks {

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// By hand, the default method: all 20 × 15 px of 4 mm², from 2 s on, found in grid r1c2; the film keeps 55/105 of the
-/// dry brightness, and the smallest sure break is 12 px.
+/// By hand, with the default method: all 20 × 15 px of 4 mm² are found from 2 s on, in grid r1c2. The film keeps
+/// 55/105 of the dry brightness, and the smallest sure break is 12 px.
 #[test]
 fn the_model_finds_a_break_to_the_pixel() {
     let inspection = run(watch(0.0, FILM), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
@@ -18,7 +18,8 @@ fn the_model_finds_a_break_to_the_pixel() {
     assert_eq!((observation.quality.usable, observation.quality.moved_px), (6, None), "a wall has no outline");
 }
 
-/// It breaks at 1 s and closes after 3 s: a break that is noted as closed. What flashes for one picture is none.
+/// The film breaks at 1 s and closes after 3 s: a break that is recorded as closed. A place that looks bare in only
+/// one picture is not a break.
 #[test]
 fn a_film_that_closes_again_has_broken() {
     let inspection = run(watch(0.0, FILM), |second| match second {
@@ -55,8 +56,8 @@ fn light_is_made_up_for_within_its_limit() {
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
-/// A film that goes from all of the panel at once looks like more light: by hand 100/70 = 1.43 times as bright, and
-/// no test passes.
+/// A film that disappears from the whole panel at once looks like more light: by hand 100/70 = 1.43 times as
+/// bright, and the test does not pass.
 #[test]
 fn a_film_that_goes_all_at_once_is_no_light() {
     let shown = |level: u8| {
@@ -97,8 +98,8 @@ fn a_region_that_is_hardly_wet_is_no_test() {
     assert_eq!((less.judgement.verdict, less.grids[0].time_to_break_s), (Verdict::Fail, Some(0.0)));
 }
 
-/// Under the spray the place is wet in one picture, and dry before the film is watched: a break at 0 s, and no place
-/// that never wets.
+/// Under the spray the place is wet in one picture, and it is dry again before the film is observed. This is a
+/// break at 0 s, and not a place that never becomes wet.
 #[test]
 fn what_dries_under_the_spray_is_a_break_at_0_s() {
     let mut watch = watch(0.0, FILM);
@@ -124,8 +125,9 @@ fn what_is_masked_does_not_pass_and_hides_nothing_else() {
     assert_eq!(broken.mask().count(), 50 * 15, "nothing is looked at behind the mask");
 }
 
-/// By hand: of the region 10 × 10 px were at 60 levels, as if wet, when the panel should have been dry; wet they are as
-/// bright: neither broken nor passed. The same place at its full brightness never wets: a break.
+/// By hand: 10 × 10 px of the region had 60 levels, as if wet, when the panel should have been dry. When wet, they
+/// are equally bright: they neither break nor pass. The same place at its full brightness never becomes wet: a
+/// break.
 #[test]
 fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     let block = [100, 30, 110, 40];
@@ -146,8 +148,8 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     assert_eq!((never.judgement.verdict, codes(&never)), (Verdict::Fail, vec!["broken"]));
 }
 
-/// By hand: 4 × 4 px of 4 mm² that shine in all wet pictures are more than the 50 mm² from which a grid fails; in four of
-/// six it is still more than half of them, in two they are a glint.
+/// By hand: 4 × 4 px of 4 mm² that shine in all wet pictures are more than the 50 mm² from which a grid fails. In
+/// four of six pictures they are hidden for more than half of the time; in two they are a glint.
 #[test]
 fn a_reflection_that_stands_still_hides_its_grid() {
     let shone = |pictures| shone([30, 50, 34, 54], pictures, &[]);
@@ -157,9 +159,9 @@ fn a_reflection_that_stands_still_hides_its_grid() {
     assert_eq!((codes(&shone(4)), shone(2).judgement.verdict), (vec!["not_seen"], Verdict::Pass));
 }
 
-/// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for as long: all 300 px are the break,
-/// those too that lie within two cells of the rim. The same rim without a break beside it makes none, though it
-/// hides its place.
+/// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for the same time. All 300 px are the
+/// break, including those within two cells of the rim. The same rim without a break beside it causes no break,
+/// though it hides its place.
 #[test]
 fn a_bright_rim_beside_a_break_hides_none_of_it() {
     let broke = shone([90, 30, 93, 45], 6, &[[70, 30, 90, 45]]);
@@ -169,9 +171,9 @@ fn a_bright_rim_beside_a_break_hides_none_of_it() {
     assert_eq!((codes(&clean), clean.mask().count()), (vec!["not_seen"], 0));
 }
 
-/// By hand: a reflection of 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: it failed, whatever is hidden.
-/// Of 10 px that are hidden and 12 px that broke, 40 and 48 mm², neither would make a grid fail, and both together
-/// would.
+/// By hand: a reflection covers 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: the grid failed, whatever
+/// is hidden. Of 10 px that are hidden and 12 px that broke, 40 and 48 mm², neither would make a grid fail, but
+/// both together do.
 #[test]
 fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_what_is_hidden() {
     let failed = shone([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
@@ -192,7 +194,8 @@ fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_w
     assert!((both.grids[0].broken_mm2 - 48.0).abs() < 0.1, "{:?}", both.grids[0]);
 }
 
-/// A reflection on a rectangle of pixels in the first of six wet pictures, and blocks that break after the first of them.
+/// A reflection on a rectangle in the first `pictures` of six wet pictures, and blocks that break after the first
+/// picture.
 fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usize; 4]]) -> Inspection {
     let mut watch = watch(0.0, FILM);
     watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
@@ -240,8 +243,8 @@ fn a_film_that_mirrors_is_told_by_either_sign_and_in_tinted_light() {
     assert_eq!(mirrored(levels, &[]).judgement.verdict, Verdict::Pass);
 }
 
-/// On the right grids the film mirrors what makes it 1 level brighter than the dry panel: there a break would not
-/// show, and they do not pass, whatever breaks elsewhere.
+/// On the right grids the film mirrors light that makes it 1 level brighter than the dry panel. A break would not
+/// be visible there, and these grids do not pass, whatever breaks elsewhere.
 #[test]
 fn where_the_film_looks_dry_nothing_is_told() {
     for blocks in [vec![], vec![[30, 30, 50, 45]]] {
@@ -257,7 +260,7 @@ fn where_the_film_looks_dry_nothing_is_told() {
     }
 }
 
-/// A film of these levels on the region's left, middle and right grids; the blocks break after the first picture.
+/// A film with these levels on the region's left, middle and right grids; the blocks break after the first picture.
 fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     let tint = [1.06, 1.0, 0.94];
     let mut watch = watch(0.0, FILM);
@@ -281,8 +284,8 @@ fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     watch.finish().expect("wet pictures")
 }
 
-/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. Of 4 levels these differ by
-/// 1.1, of 16 by 4.4: three and twelve times the noise that rounding leaves, 0.35 levels. Four times is needed.
+/// By hand: the film leaves 55/105 = 0.524 of the dry brightness, a damp break 0.8. At 4 levels these differ by
+/// 1.1, at 16 by 4.4: three and twelve times the noise of rounding, 0.35 levels. Four times is needed.
 #[test]
 fn a_part_that_the_film_hardly_changes_cannot_be_judged() {
     let codes_with = |level: u8| {

@@ -1,4 +1,4 @@
-//! The thesis's method, and what holds for either.
+//! Tests of the thesis's method, and tests that apply to both methods.
 
 use super::*;
 
@@ -35,8 +35,9 @@ fn a_displaced_panel_takes_its_grids_along() {
     assert_eq!(inspection.footprint.region().count(), 120 * 80);
 }
 
-/// By hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px, and a pixel is 1.6 × 1.6 mm;
-/// taught pixels then leave gaps, which belong to the region. A break of 24 × 20 px without corners is 476·2.56 mm².
+/// By hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px, and a pixel is 1.6 × 1.6
+/// mm. The taught pixels then leave gaps, which belong to the region. A break of 24 × 20 px without corners is
+/// 476·2.56 mm².
 #[test]
 fn a_nearer_panel_keeps_its_areas() {
     let recipe = recipe(SHARP);
@@ -68,8 +69,8 @@ fn what_broke_stays_broken_when_water_runs_over_it() {
     assert_eq!((inspection.judgement.verdict, inspection.breaks[0].first_seen_s), (Verdict::Fail, 1.0));
 }
 
-/// By hand: 1 × 3 px of 4 mm² is nothing to a median of 3 × 3; 2 × 2 px neither; a plus of 5 px keeps its middle alone:
-/// 4 mm², below 50 mm².
+/// By hand: a median of 3 × 3 removes 1 × 3 px of 4 mm², and also 2 × 2 px. Of a plus of 5 px it keeps only the
+/// middle: 4 mm², below 50 mm².
 #[test]
 fn a_break_below_the_least_area_is_told_and_passes() {
     let inspection =
@@ -153,7 +154,7 @@ fn part_of_a_test_says_nothing() {
     assert!((aside.footprint.grids()[2].seen_share - 0.25).abs() < 0.01, "10 of 40 columns are in the picture");
 }
 
-/// Pictures that were dropped before the first one, here at 10 s, are missing like any others.
+/// Pictures that were dropped before the first picture, here at 10 s, count as missing like any others.
 #[test]
 fn a_film_that_begins_late_has_a_gap() {
     let begun = |begins_s: f64| {
@@ -190,8 +191,8 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }
 
-/// Pictures of a whole film in which no water moves: if its places were sanded since the dry picture nothing shows
-/// that they were ever wet, and neither method passes them.
+/// Pictures of a whole film in which no water moves. If its places were sanded after the dry picture, there is no
+/// evidence that they were ever wet, and neither method lets them pass.
 #[test]
 fn a_sanded_place_needs_evidence_of_water_by_either_method() {
     for method in [FILM, SHARP] {

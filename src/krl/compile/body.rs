@@ -7,7 +7,7 @@ use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     pub(super) fn block(&mut self, statements: &[Statement]) {
-        // What follows the block belongs to the statement around it again.
+        // The code behind the block belongs to the outer statement again.
         let around = self.statement;
         for statement in statements {
             self.statement(statement);
@@ -154,7 +154,7 @@ impl Compiler<'_> {
         });
     }
 
-    /// `TEXT[]="abc"`; no other array is assigned as a whole.
+    /// Compiles `TEXT[]="abc"`; no other array is assigned as a whole.
     fn assign_array(&mut self, to: &VariableRef, value: &Expression, dimensions: &[usize], kind: Type) {
         let given = self.value(value, Type::Text);
         let is_text = [Type::Text, Type::Char, Type::Unknown].contains(&given);
@@ -179,7 +179,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A condition, and the jump that is taken if it is FALSE.
+    /// Compiles a condition, and the jump that is executed if the condition is FALSE.
     fn condition(&mut self, condition: &Expression) -> usize {
         let kind = self.value(condition, Type::Bool);
         if ![Type::Bool, Type::Unknown].contains(&kind) {

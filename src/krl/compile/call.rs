@@ -1,4 +1,4 @@
-//! Calls: the number of arguments, their types, and whether they are handed over by value or as a variable.
+//! Compiles calls: the number of arguments, their types, and whether they are passed by value or as a variable.
 
 use super::super::code::Op;
 use super::super::routines::{Builtin, Known, Wants, known};
@@ -28,7 +28,7 @@ impl Compiler<'_> {
         Some(Type::Unknown)
     }
 
-    /// The routine of this name that this file sees: its own, else a global one.
+    /// Returns the routine of this name that is visible in this file: its own routine, or else a global one.
     pub(super) fn routine_seen(&self, name: &str) -> Option<usize> {
         let places = self.routine_places.get(name)?;
         let own = places.iter().find(|place| self.routines[**place].file == self.file);
@@ -55,7 +55,7 @@ impl Compiler<'_> {
         returns
     }
 
-    /// An argument of which nothing is known: a value, a variable, an array.
+    /// Compiles an argument of which nothing is known: a value, a variable, or an array.
     fn any(&mut self, given: &Expression) {
         if let Expression::Variable(place) = given {
             self.address(place);
@@ -80,7 +80,7 @@ impl Compiler<'_> {
         };
         let Some(found) = self.address(place) else { return };
         if !found.writable {
-            // Whether the routine writes it is not looked at.
+            // It is not checked whether the routine writes the argument.
             self.warn(
                 &place.name,
                 format!("{routine} needs a variable for this argument; this one cannot be written"),
@@ -93,7 +93,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A text, or an array as a whole.
+    /// Compiles a text, or an array as a whole, that is passed by value.
     fn array_by_value(&mut self, given: &Expression, wanted: &Argument) {
         self.not_executed("an array by value");
         let found = match given {
@@ -113,7 +113,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A variable that is handed over has the wanted type, or one that the controller changes into it.
+    /// Checks that a passed variable has the expected type, or a type that the controller converts into it.
     fn same_variable(&mut self, place: &VariableRef, found: Type, wanted: Type) {
         if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same(found, wanted) {
             return;

@@ -1,4 +1,4 @@
-//! What is known while files are compiled, and how steps and problems are noted.
+//! The data that are collected while files are compiled, and the functions that add steps and problems.
 
 use crate::config::Problem;
 use crate::krl::code::{Cell, Location, Op};
@@ -11,7 +11,7 @@ use crate::krl::system::Kss;
 use crate::krl::types::{Scope, Type, Types};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Longer names do not compile on a controller.
+/// The maximum length of a name; longer names do not compile on a controller.
 const MAX_NAME_LENGTH: usize = 24;
 
 /// The location of a variable.
@@ -21,19 +21,19 @@ pub(super) enum Home {
     Local(u32),
     Referred(u32),
     System(u16),
-    /// One input or output, from 1: a SIGNAL.
+    /// One input or output, numbered from 1: a SIGNAL.
     Bit {
         variable: u16,
         number: i32,
     },
-    /// Known by its type alone: a statement that names it is not executed.
+    /// No location, because only the variable's type is known: a statement that names it is not executed.
     Nowhere,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Variable {
     pub(super) kind: Type,
-    /// 0 if the size is the caller's, or not known.
+    /// The sizes of an array; 0 if the caller determines the size, or if it is not known.
     pub(super) dimensions: Vec<usize>,
     pub(super) home: Home,
     pub(super) constant: bool,
@@ -42,7 +42,7 @@ pub(super) struct Variable {
     pub(super) writable: bool,
 }
 
-/// A variable of a data list, and the place of its declaration.
+/// A variable of a data list, and the location of its declaration.
 #[derive(Debug, Clone)]
 pub(super) struct SharedVariable {
     pub(super) variable: Variable,
@@ -58,7 +58,7 @@ pub(super) struct Argument {
     pub(super) dimensions: Vec<usize>,
 }
 
-/// What a caller must know of a routine.
+/// The data of a routine that a caller needs.
 #[derive(Debug, Clone)]
 pub(super) struct Signature {
     pub(super) file: usize,
@@ -74,40 +74,40 @@ pub(super) struct Compiler<'a> {
     pub(super) types: Types,
     /// The module of each file: a data list and the program of the same name share one.
     pub(super) modules: Vec<usize>,
-    /// Variables that every file sees.
+    /// Variables that are visible in every file.
     pub(super) globals: BTreeMap<String, SharedVariable>,
-    /// Variables of a data list that only the program of the same name sees.
+    /// Variables of a data list that are visible only in the program of the same name.
     pub(super) of_module: BTreeMap<(usize, String), SharedVariable>,
     /// Values of constants, of a module or of all files.
     pub(super) constants: BTreeMap<(Option<usize>, String), Cell>,
     pub(super) routines: Vec<Signature>,
-    /// The places of all routines of a name.
+    /// The indices of all routines with the same name.
     pub(super) routine_places: BTreeMap<String, Vec<usize>>,
     pub(super) program: Program,
     pub(super) problems: Vec<Vec<Problem>>,
     pub(super) warnings: Vec<Vec<Problem>>,
-    /// What is understood and not executed.
+    /// Statements that are understood but not executed.
     pub(super) unexecuted: Vec<Vec<Problem>>,
-    /// Names of each file that were reported as not known.
+    /// Names that were reported as unknown, for each file.
     pub(super) reported: BTreeSet<(usize, String)>,
     pub(super) text_places: BTreeMap<String, u32>,
-    /// Of what is being compiled.
+    /// The file that is being compiled.
     pub(super) file: usize,
     pub(super) line: usize,
     pub(super) routine: Option<usize>,
-    /// The statement that is being compiled, as the execution counts it.
+    /// The statement that is being compiled, with the number that the execution uses.
     pub(super) statement: u32,
     pub(super) locals: BTreeMap<String, Variable>,
     pub(super) frame_cells: usize,
     pub(super) returns: Option<Type>,
-    /// Counters of FOR with known first and last value.
+    /// Counters of FOR with known initial and final value.
     pub(super) ranges: BTreeMap<String, (i32, i32)>,
     /// Jumps of EXIT that wait for the end of their loop.
     pub(super) exits: Vec<Vec<usize>>,
 }
 
 impl<'a> Compiler<'a> {
-    /// Nothing is declared yet, but the files are known.
+    /// Creates a compiler that knows the files, with nothing declared yet.
     pub(super) fn new(files: &'a [File], kss: Option<Kss>) -> Self {
         Compiler {
             files,
@@ -138,7 +138,8 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// Files of one name are one module; if several data lists have it, those of one folder.
+/// Assigns files to modules: files with the same name are one module. If several data lists have this name, the
+/// files of one folder are one module.
 fn modules(files: &[File]) -> Vec<usize> {
     let folder = |file: &File| file.name.rfind(['/', '\\']).map_or(String::new(), |at| file.name[..at].to_owned());
     let mut lists: BTreeMap<&str, usize> = BTreeMap::new();
@@ -166,14 +167,14 @@ impl Compiler<'_> {
         push(&mut self.warnings[self.file], problem);
     }
 
-    /// Warns of a name once for each file.
+    /// Warns about a name once for each file.
     pub(super) fn warn_once(&mut self, name: &str, message: impl Into<String>) {
         if self.reported.insert((self.file, name.to_owned())) {
             self.warn(name, message);
         }
     }
 
-    /// The statement that is being compiled is understood and not executed.
+    /// Records that the statement being compiled is understood but not executed.
     pub(super) fn not_executed(&mut self, what: &str) {
         let problem = Problem { line: self.line, key: what.to_owned(), message: "is not executed".to_owned() };
         push(&mut self.unexecuted[self.file], problem);
@@ -196,7 +197,7 @@ impl Compiler<'_> {
         routine.into_iter().chain([Scope::Module(self.modules[self.file])]).collect()
     }
 
-    /// The type of this name; a warning if it is not known.
+    /// Returns the type of this name, and warns if the name is unknown.
     pub(super) fn type_named(&mut self, name: &str) -> Type {
         if let Some(kind) = self.types.find(name, &self.scopes()) {
             return kind;
@@ -246,7 +247,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Cells of the frame for a variable or a counter. What does not fit into memory is not laid out.
+    /// Reserves cells of the frame for a variable or a counter. Variables that do not fit into memory are not
+    /// allocated.
     pub(super) fn reserve(&mut self, cells: usize) -> u32 {
         let offset = self.frame_cells;
         if cells <= MEMORY_VALUES.saturating_sub(offset) {
@@ -264,7 +266,7 @@ fn push(list: &mut Vec<Problem>, problem: Problem) {
     }
 }
 
-/// Programs of a cell are small; a place beyond 32 bits cannot occur.
+/// Converts a number to 32 bits. Programs of a cell are small, so that a larger index cannot occur.
 pub(super) fn cells_u32(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }

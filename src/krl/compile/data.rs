@@ -1,4 +1,4 @@
-//! Data lists: variables, their place in shared memory and their first values.
+//! Compiles data lists: variables, their addresses in shared memory, and their initial values.
 
 use super::super::code::{Cell, Shared};
 use super::super::limits::{ARRAY_VALUES, MEMORY_VALUES};
@@ -12,14 +12,14 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Part of a shared variable that receives a first value.
 #[derive(Clone)]
 struct Part {
-    /// Its first cell; `None` if it is not laid out.
+    /// The first cell of the part; `None` if no memory is allocated for it.
     at: Option<usize>,
     kind: Type,
     dimensions: Vec<usize>,
 }
 
 impl Compiler<'_> {
-    /// An array's size; 0 if it is the caller's.
+    /// Returns an array's size; 0 if the caller determines it.
     pub(super) fn dimension(&mut self, size: Option<&Expression>) -> usize {
         let Some(size) = size else { return 0 };
         match self.constant(size) {
@@ -32,7 +32,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// Whether a size may be known on the controller: by a constant of a file that is not named.
+    /// Returns whether the controller may know a size: through a constant in a file that was not given to this
+    /// check.
     fn may_be_constant(&self, size: &Expression) -> bool {
         match size {
             Expression::Variable(place) => self.shared_variable(&place.name).is_none_or(|known| known.constant),
@@ -42,10 +43,11 @@ impl Compiler<'_> {
         }
     }
 
-    /// The values of constants, which sizes of other lists may name before their own list is laid out.
+    /// Finds the values of constants. Sizes of other lists may use them before memory is allocated for the list of
+    /// the constant.
     pub(super) fn find_constants(&mut self) {
         let files = self.files;
-        // Twice: a constant may name one of a later list.
+        // Two passes: a constant may refer to a constant of a later list.
         for _ in 0..2 {
             for (index, file) in files.iter().enumerate() {
                 self.file = index;
@@ -70,7 +72,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The variables of all data lists, and their first values.
+    /// Declares the variables of all data lists, with their initial values.
     pub(super) fn declare_data(&mut self) {
         let files = self.files;
         for (index, file) in files.iter().enumerate() {
@@ -138,7 +140,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The first cell of a shared variable; `None` if it does not fit into memory.
+    /// Allocates memory for a shared variable and returns its first cell; `None` if it does not fit into memory.
     fn lay_out(&mut self, name: &str, kind: Type, dimensions: &[usize]) -> Option<usize> {
         let cells = self.types.cells(kind, dimensions);
         if cells > ARRAY_VALUES {
@@ -186,7 +188,8 @@ impl Compiler<'_> {
         }
     }
 
-    /// `SIGNAL NAME $OUT[3]` is a BOOL, one of several outputs an INT, an analog one a REAL.
+    /// Declares a signal: `SIGNAL NAME $OUT[3]` is a BOOL, a signal of several outputs is an INT, an analog signal
+    /// is a REAL.
     pub(super) fn signal(&mut self, name: &str, [from, to]: [&Option<VariableRef>; 2]) -> Variable {
         self.check_name(name);
         let analog = from.as_ref().is_some_and(|from| matches!(from.name.as_str(), "$ANIN" | "$ANOUT"));
@@ -205,7 +208,7 @@ impl Compiler<'_> {
         variable
     }
 
-    /// `$OUT[3]`: the system variable and the number.
+    /// Returns the system variable and the number of `$OUT[3]`.
     fn bit(&mut self, place: &VariableRef) -> Option<(u16, i32)> {
         let index = system::find(&place.name)?;
         let [Step::Index(indices)] = &place.steps[..] else { return None };
@@ -238,7 +241,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// `NAME[1]=17` in a data list.
+    /// Compiles `NAME[1]=17` in a data list.
     fn first_value(&mut self, to: &VariableRef, value: &Expression) {
         self.statement = u32::MAX;
         let Some(variable) = self.shared_variable(&to.name).cloned() else {
@@ -289,7 +292,7 @@ impl Compiler<'_> {
         Some(())
     }
 
-    /// An element, or a row of a table: `NAME[2,]`.
+    /// Selects an element, or a row of a table: `NAME[2,]`.
     fn index_part(&mut self, name: &str, indices: &[Option<Expression>], part: &mut Part) -> Option<()> {
         let dimensions = std::mem::take(&mut part.dimensions);
         if indices.len() != dimensions.len() {
@@ -418,7 +421,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The value of an expression that is known before the program runs.
+    /// Returns the value of an expression that is known before the program runs.
     pub(super) fn constant(&self, expression: &Expression) -> Option<Cell> {
         use super::super::syntax::Binary::{By, Minus, Plus, Times};
         match expression {
@@ -460,7 +463,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A variable of a data list that this file sees.
+    /// Returns a variable of a data list that is visible in this file.
     pub(super) fn shared_variable(&self, name: &str) -> Option<&Variable> {
         let module = self.modules[self.file];
         let of_module = self.of_module.get(&(module, name.to_owned()));
@@ -468,7 +471,7 @@ impl Compiler<'_> {
     }
 }
 
-/// A variable that is known by its type alone.
+/// Returns a variable of which only the type is known.
 pub(super) fn nowhere(kind: Type, dimensions: Vec<usize>) -> Variable {
     Variable { kind, dimensions, home: Home::Nowhere, constant: false, value: None, writable: true }
 }

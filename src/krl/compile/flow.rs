@@ -12,7 +12,7 @@ use super::super::syntax::{
 use super::compiler::{Compiler, Signature};
 use std::collections::BTreeMap;
 
-/// Which local variables are assigned, by their numbers; `None` if this place is never reached.
+/// The local variables that are assigned, by their numbers; `None` if this point of the program is never reached.
 type Assigned = Option<Set>;
 
 /// A set of local variables.
@@ -167,7 +167,7 @@ impl Flow<'_, '_> {
                 number.iter().for_each(|number| self.read(number, &mut now));
             }
             Action::Checked { values, .. } => values.iter().for_each(|(value, _)| self.read(value, &mut now)),
-            // What was not read may have assigned anything.
+            // A statement that was not read may have assigned any variable.
             Action::NotRead => (0..self.locals.len()).for_each(|number| now.insert(number)),
             Action::Brake { .. } | Action::Halt | Action::Continue | Action::Label(_) | Action::Goto(_) => {}
         }
@@ -187,7 +187,7 @@ impl Flow<'_, '_> {
         }
     }
 
-    /// `may_skip` if the body may be left out, and the loop ends by itself.
+    /// Evaluates a loop. `may_skip` is true if the body may be skipped and the loop ends by itself.
     fn looped(&mut self, body: &[Statement], now: Set, may_skip: bool) -> Assigned {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));
@@ -257,7 +257,7 @@ impl Flow<'_, '_> {
     }
 }
 
-/// What is assigned on both ways that meet here.
+/// Returns the variables that are assigned on both paths that meet here.
 fn both(one: Assigned, other: Assigned) -> Assigned {
     match (one, other) {
         (Some(one), Some(other)) => Some(one.common(&other)),

@@ -1,14 +1,15 @@
-//! Reading a memory of EthernetKRL that was cleared just before: EKI_Get does not wait, it finds the memory empty.
+//! Warns if a memory of EthernetKRL is read directly after it was cleared: EKI_Get does not wait, and finds the
+//! memory empty.
 //!
-//! Looked at is one block, statement by statement: anything that may wait in between, or that is not known, ends the
-//! search.
+//! The check examines one block, statement by statement. It ends at any statement that may wait, or that is not
+//! known.
 
 use super::super::routines::Builtin::{EkiCheckBuffer, EkiClear, EkiClearBuffer, EkiClose};
 use super::super::routines::{Builtin, known};
 use super::super::syntax::{Action, Call, Expression, Statement};
 use super::compiler::Compiler;
 
-/// A memory, or all of a channel, that was cleared.
+/// A memory, or a whole channel, that was cleared.
 struct Cleared<'a> {
     channel: &'a str,
     tag: Option<&'a str>,

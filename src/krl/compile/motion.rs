@@ -1,4 +1,4 @@
-//! Motions, splines and triggers to steps.
+//! Compiles motions, splines and triggers to steps.
 
 use super::super::code::Op;
 use super::super::syntax::{Action, Expression, MotionStatement, PathKind, Statement, TriggerPlace, VariableRef};
@@ -29,7 +29,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// True for axes, false for a pose; 6 numbers are on the stack.
+    /// Compiles a target, so that 6 numbers are on the stack. Returns true for axes, false for a pose.
     fn target(&mut self, path: PathKind, target: &Expression) -> bool {
         let wanted = match target {
             Expression::Aggregate { type_name: None, parts } => self.kind_of_parts(parts),
@@ -48,7 +48,7 @@ impl Compiler<'_> {
         axes
     }
 
-    /// `WITH $VEL.CP=0.2`: checked as assignments.
+    /// Compiles `WITH $VEL.CP=0.2`; these settings are checked as assignments.
     fn settings(&mut self, with: &[(VariableRef, Expression)]) {
         with.iter().for_each(|(to, value)| self.assign(to, value));
     }

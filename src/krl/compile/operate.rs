@@ -1,4 +1,4 @@
-//! Operators between two values.
+//! Compiles operators between two values.
 
 use super::super::code::Op;
 use super::super::syntax::{Binary, Expression};
@@ -11,7 +11,8 @@ impl Compiler<'_> {
             Binary::And | Binary::Or => self.logical(operator, left, right),
             Binary::Geometric => self.geometric(left, right),
             Binary::Equal | Binary::Unequal => {
-                // A word is of the enumeration on the other side, a text of one character a CHAR if that is one.
+                // An enumeration constant belongs to the enumeration on the other side; a text of one character is
+                // a CHAR if the other side is a CHAR.
                 let is_of_other = matches!(left, Expression::Word(_) | Expression::Text(_));
                 let (left, right) = if is_of_other { (right, left) } else { (left, right) };
                 self.compare(operator, left, right)
@@ -35,7 +36,7 @@ impl Compiler<'_> {
         (left, self.value(right, left))
     }
 
-    /// INT beside REAL becomes REAL; CHAR is a number from 0 to 255.
+    /// Compiles an arithmetic operator: INT with REAL gives REAL; CHAR is a number from 0 to 255.
     fn number(&mut self, operator: Binary, left: Type, right: Type) -> Type {
         match (left, right) {
             (Type::Unknown, _) | (_, Type::Unknown) => Type::Unknown,
@@ -108,7 +109,7 @@ impl Compiler<'_> {
         Type::Bool
     }
 
-    /// `POS:FRAME` and so on: 6 numbers each, 6 numbers come out.
+    /// Compiles `POS:FRAME` and similar expressions: two values of 6 numbers each, with 6 numbers as the result.
     fn geometric(&mut self, left: &Expression, right: &Expression) -> Type {
         let frame = self.types.own("FRAME");
         let mut sides = [Type::Unknown; 2];

@@ -1,4 +1,4 @@
-//! Addresses of variables and of their components and elements.
+//! Compiles addresses of variables and of their components and elements.
 
 use super::super::code::{Cell, Op};
 use super::super::routines::VARIABLES_OF_ETHERNET_KRL_6;
@@ -11,7 +11,7 @@ use super::data::nowhere;
 /// A variable or part of one; the steps have put its address on the stack.
 pub(super) struct Found {
     pub(super) kind: Type,
-    /// Of an array as a whole; empty for one value.
+    /// The sizes if the value is a whole array; empty for a single value.
     pub(super) dimensions: Vec<usize>,
     pub(super) writable: bool,
     pub(super) constant: bool,
@@ -36,7 +36,8 @@ impl Compiler<'_> {
         None
     }
 
-    /// A constant is never written; whether a program that writes what the controller only reads is refused is not known.
+    /// Checks that a variable is writable. A constant is never written. It is not known whether a controller
+    /// refuses a program that writes a read-only variable.
     pub(super) fn check_writable(&mut self, name: &str, found: &Found, message: &str) {
         if found.writable {
             return;
@@ -129,7 +130,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The indices of a variable that is not known: the variables in them may be.
+    /// Checks the indices of an unknown variable: the variables in the indices may be known.
     fn check_indices(&mut self, place: &VariableRef) {
         for step in &place.steps {
             if let Step::Index(indices) = step {
@@ -138,7 +139,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The component of this name; a report if there is none.
+    /// Returns the component of this name, and reports if it does not exist.
     pub(super) fn component_of(&mut self, variable: &str, kind: Type, name: &str) -> Option<Component> {
         let struc = self.types.struc(kind);
         if let Some(component) = struc.and_then(|struc| struc.component(name)) {
@@ -187,7 +188,7 @@ impl Compiler<'_> {
         by_reference: bool,
     ) -> Option<()> {
         if indices.iter().all(Option::is_none) {
-            // The array as a whole.
+            // The whole array.
             return Some(());
         }
         if found.kind == Type::Unknown && found.dimensions.is_empty() {
@@ -219,7 +220,7 @@ impl Compiler<'_> {
         Some(())
     }
 
-    /// An index that is known before the program runs, or by the FOR around it.
+    /// Checks an index that is known before the program runs, or whose range follows from the FOR around it.
     fn check_bounds(&mut self, variable: &str, index: &Expression, count: usize) {
         if count == 0 {
             return;
@@ -235,13 +236,13 @@ impl Compiler<'_> {
         }
         let Expression::Variable(place) = index else { return };
         let range = self.ranges.get(&place.name).filter(|_| place.steps.is_empty()).copied();
-        // Perhaps an IF leaves it out.
+        // An IF may exclude this value of the index.
         if let Some(wrong) = range.and_then(|(low, high)| [low, high].into_iter().find(is_outside)) {
             self.warn(variable, message(wrong));
         }
     }
 
-    /// An address on the stack becomes the value there.
+    /// Replaces an address on the stack by the value at this address.
     pub(super) fn load(&mut self, kind: Type) {
         let cells = cells_u32(self.types.size(kind));
         if cells != 1 {

@@ -1,4 +1,4 @@
-//! STRUC and ENUM of all files. A structure may name one that is declared after it.
+//! Declares STRUC and ENUM of all files. A structure may refer to a structure that is declared after it.
 
 use super::super::limits::ARRAY_VALUES;
 use super::super::syntax::{Data, Declaration, Declared, Item};
@@ -6,7 +6,7 @@ use super::super::types::{NewComponent, Scope};
 use super::compiler::Compiler;
 use std::collections::BTreeMap;
 
-/// A structure that is to be declared.
+/// A structure that is still to be declared.
 struct Waiting<'a> {
     file: usize,
     routine: Option<usize>,
@@ -76,13 +76,15 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    /// Declares each structure after those that it names; what is left names itself in a circle.
+    /// Declares each structure after the structures to which it refers. The structures that remain refer to
+    /// themselves in a circle.
     fn declare_strucs(&mut self, waiting: &[Waiting<'_>]) {
         let mut by_name: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (place, struc) in waiting.iter().enumerate() {
             by_name.entry(struc.name).or_default().push(place);
         }
-        // How many of the structures that it names are still to be declared, and who waits for each.
+        // For each structure, the number of its referenced structures that are still to be declared, and the
+        // structures that wait for it.
         let mut awaits = vec![0_usize; waiting.len()];
         let mut waiters: Vec<Vec<usize>> = vec![Vec::new(); waiting.len()];
         for (place, struc) in waiting.iter().enumerate() {
@@ -152,7 +154,8 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// The controller's own data lists, `$config.dat` and others, are seen by every program, with or without PUBLIC and GLOBAL.
+/// Returns whether a data list is visible everywhere. The controller's own data lists, `$config.dat` and others,
+/// are visible in every program, with or without PUBLIC and GLOBAL.
 pub(super) fn is_seen_everywhere(data: &Data) -> bool {
     data.name.starts_with('$')
 }

@@ -1,4 +1,4 @@
-//! Values: expressions that put something on the stack.
+//! Compiles values: expressions that put a value on the stack.
 
 use super::super::code::{Cell, Op};
 use super::super::limits::AGGREGATE_VALUES;
@@ -37,7 +37,7 @@ impl Compiler<'_> {
         kind
     }
 
-    /// A value of a type that is not known.
+    /// Compiles a value of unknown type.
     fn unknown(&mut self, what: &str) -> Type {
         self.not_executed(what);
         self.push(Cell::Unset, Type::Unknown)
@@ -73,7 +73,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The place of a word in its enumeration; a report if it has none there.
+    /// Returns the index of a constant in its enumeration, and reports if the enumeration does not contain it.
     pub(super) fn word_place(&mut self, word: &str, kind: Type) -> Option<u16> {
         if kind == Type::Unknown {
             return None;
@@ -115,7 +115,8 @@ impl Compiler<'_> {
         Type::Unknown
     }
 
-    /// An aggregate of no type that is wanted or stated is what its components are of.
+    /// Returns the type of an aggregate whose type is neither expected nor stated; the type follows from its
+    /// components.
     pub(super) fn kind_of_parts(&self, parts: &[(VariableRef, Expression)]) -> Type {
         let has = |name: &str| parts.iter().any(|(place, _)| place.name == name);
         let any = |names: &[&str]| names.iter().any(|name| has(name));
@@ -177,7 +178,7 @@ impl Compiler<'_> {
         kind
     }
 
-    /// One component of an aggregate: `X 1`, `NAME[] "abc"`, `LIST[2] 7`.
+    /// Compiles one component of an aggregate: `X 1`, `NAME[] "abc"`, `LIST[2] 7`.
     fn part(&mut self, place: &VariableRef, value: &Expression, kind: Type, dimensions: &[usize]) {
         match place.steps.first() {
             None if dimensions.is_empty() => self.typed_value(value, kind, &place.name),
@@ -217,7 +218,7 @@ impl Compiler<'_> {
         kind
     }
 
-    /// A value that must be of this type; INT and REAL are changed into each other, as KRL does.
+    /// Compiles a value that must have this type; INT and REAL are converted into each other, as in KRL.
     pub(super) fn typed_value(&mut self, expression: &Expression, wanted: Type, key: &str) {
         let found = self.value(expression, wanted);
         self.convert(found, wanted, key);
@@ -237,14 +238,14 @@ impl Compiler<'_> {
             (Type::Int, Type::Char) | (Type::Char, Type::Int | Type::Real) | (Type::Text, Type::Char) => {
                 self.not_executed("a CHAR from another type");
             }
-            // One character in place of a text.
+            // One character instead of a text.
             (Type::Char, Type::Text) => self.not_executed("a text in a variable"),
             _ if self.types.are_alike(found, wanted) => self.resize(found, wanted),
             _ => self.mismatched(found, wanted, key),
         }
     }
 
-    /// A pose or axes of one type as those of another: the shorter is the beginning of the longer.
+    /// Converts a pose or axes of one type to another type: the shorter type is the beginning of the longer one.
     fn resize(&mut self, found: Type, wanted: Type) {
         let [from, to] = [found, wanted].map(|kind| cells_u32(self.types.size(kind)));
         if from > to {

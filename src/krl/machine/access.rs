@@ -1,4 +1,5 @@
-//! What a step reads and writes: cells of memory, of a frame, of the system; the last may have to wait for the arm.
+//! The memory that a step reads and writes: cells of the data lists, of a frame, and of the system. An access to
+//! the system may have to wait for the arm.
 
 use super::super::code::{Address, Cell, Space};
 use super::super::program::Program;
@@ -18,7 +19,7 @@ impl Interpreter {
         }
     }
 
-    /// Whether reading this must wait for the arm.
+    /// Returns whether reading this address must wait for the arm.
     #[inline]
     pub(super) fn must_wait(&self, address: Address, host: &mut dyn Host) -> bool {
         let Space::System(index) = address.space else { return false };

@@ -1,10 +1,10 @@
-//! Arithmetic as KRL has it: INT of 32 bits that truncates, REAL of 32 bits, words and truth.
+//! Arithmetic as in KRL: INT of 32 bits with truncation, REAL of 32 bits, enumeration constants and BOOL.
 
 use super::super::code::Cell;
 use super::super::syntax::Binary;
 use super::outcome::Wrong;
 
-/// The result of an operator between two values of one type.
+/// Returns the result of an operator between two values of the same type.
 pub(super) fn binary(operator: Binary, left: Cell, right: Cell) -> Result<Cell, Wrong> {
     match (left, right) {
         (Cell::Int(left), Cell::Int(right)) => int(operator, left, right),
@@ -70,7 +70,7 @@ pub(super) fn negated(number: i32) -> Result<Cell, Wrong> {
     number.checked_neg().map(Cell::Int).ok_or_else(|| "the result does not fit into an INT".into())
 }
 
-/// REAL to INT, rounded to the nearest.
+/// Converts a REAL to the nearest INT.
 pub(super) fn round(number: f32) -> Result<Cell, Wrong> {
     let rounded = f64::from(number).round();
     if rounded.abs() <= 2_147_483_647.0 {

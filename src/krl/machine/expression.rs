@@ -1,4 +1,4 @@
-//! What [`condense`](super::super::condense) has put together, executed at once.
+//! Executes at once the steps that [`condense`](super::super::condense) has combined.
 
 use super::super::code::{Address, Cell, Space};
 use super::super::condense::{Start, Together, Value};
@@ -83,7 +83,7 @@ impl Interpreter {
         Ok(address)
     }
 
-    /// A value within another one: most are constants and variables.
+    /// Evaluates a value within another one: most are constants and variables.
     #[inline(always)]
     fn part(
         &self,

@@ -1,4 +1,4 @@
-//! What lies outside of the language: the controller around an interpreter.
+//! The interface to everything outside of the language: the controller around an interpreter.
 
 use super::interpreter::Interpreter;
 use super::memory::Memory;
@@ -7,33 +7,33 @@ use crate::krl::program::Program;
 use crate::krl::routines::Builtin;
 use crate::krl::syntax::{Approximation, Motion};
 
-/// A motion as the program states it.
+/// A motion as stated in the program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionRequest {
     /// PTP or LIN.
     pub motion: Motion,
-    /// The target is axes; else a pose.
+    /// True if the target is axes; false if it is a pose.
     pub axes: bool,
-    /// Degrees, or mm and degrees.
+    /// The target: degrees for axes, mm and degrees for a pose.
     pub target: [f32; 6],
-    /// How its end is rounded.
+    /// The approximation of the motion's end.
     pub approximates: Option<Approximation>,
 }
 
-/// What EthernetKRL gives back: `EKI_STATUS`, and the value that was read.
+/// The answer of EthernetKRL: `EKI_STATUS`, and the value that was read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EkiAnswer {
     /// Entries left.
     pub buff: i32,
     /// Entries read.
     pub read: i32,
-    /// 0, or the number of the message.
+    /// The number of the message; 0 for no message.
     pub msg_no: i32,
-    /// A client is connected.
+    /// Whether a client is connected.
     pub connected: bool,
-    /// Of the message that brought the entry.
+    /// The counter of the message that brought the entry.
     pub counter: i32,
-    /// What was read: a simple value, or six numbers.
+    /// The value that was read: a simple value, or six numbers.
     pub value: [Cell; 6],
 }
 
@@ -51,13 +51,13 @@ pub trait Host {
     /// If the value is not allowed.
     fn write(&mut self, variable: u16, offset: u32, value: Cell) -> Result<(), String>;
 
-    /// ms since the controller's start.
+    /// Returns the time since the controller's start, ms.
     fn now_ms(&self) -> u64;
 
-    /// Nothing is planned and nothing moves.
+    /// Returns whether no motion is planned and the arm does not move.
     fn arm_stands(&self) -> bool;
 
-    /// Motions planned, the present one included.
+    /// Returns the number of planned motions, including the present one.
     fn planned(&self) -> usize;
 
     /// `$ADVANCE`.
@@ -69,13 +69,13 @@ pub trait Host {
     /// If the controller gives it up.
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String>;
 
-    /// A statement waits for the arm: what is planned is executed to its end.
+    /// Executes all planned motions to their end, because a statement waits for the arm.
     fn let_arm_finish(&mut self);
 
     /// Brakes; the arm has stopped once [`Host::arm_stands`] is true.
     fn brake(&mut self, fast: bool);
 
-    /// RESUME: what was planned is forgotten.
+    /// Discards the planned motions after RESUME.
     fn discard(&mut self);
 
     /// EthernetKRL.
@@ -90,10 +90,10 @@ pub trait Host {
     /// If the command is not known.
     fn command(&mut self, text: &str) -> Result<(), String>;
 
-    /// BAS(#INITMOV,…): speeds and accelerations at their defaults.
+    /// Sets speeds and accelerations to their defaults: BAS(#INITMOV,…).
     fn init_motion(&mut self);
 
-    /// Whether a system variable has a value.
+    /// Returns whether a system variable has a value.
     fn is_initialized(&mut self, name: &str) -> bool;
 }
 

@@ -10,7 +10,7 @@ pub(super) struct Frame {
     pub(super) return_to: usize,
     /// Its first cell.
     pub(super) base: usize,
-    /// Of the stack when it was called.
+    /// Height of the stack when the routine was called.
     pub(super) height: usize,
     /// Present if an interrupt or trigger broke in: its priority, and what the interrupted program waited for.
     pub(super) broke_in: Option<BrokeIn>,
@@ -30,12 +30,12 @@ pub(super) struct BrokeIn {
 pub(super) struct Interrupt {
     pub(super) number: i32,
     pub(super) global: bool,
-    /// The frame that declared it.
+    /// The frame that declared the interrupt.
     pub(super) declared_in: usize,
     pub(super) condition: usize,
     pub(super) call: usize,
     pub(super) on: bool,
-    /// The condition when it was last looked at.
+    /// The value of the condition at its last evaluation.
     pub(super) was: bool,
     pub(super) pending: bool,
 }
@@ -43,17 +43,17 @@ pub(super) struct Interrupt {
 /// A trigger of a motion.
 #[derive(Debug, Clone)]
 pub(super) struct Trigger {
-    /// Of its motion, once that is planned.
+    /// The number of the trigger's motion, as soon as this motion is planned.
     pub(super) sequence: Option<u64>,
     pub(super) call: usize,
     pub(super) base: usize,
 }
 
-/// One interpreter: the state of a run. The program is handed over with each call, always the same one.
+/// One interpreter: the state of a run. The program is passed with each call; it must always be the same program.
 #[derive(Debug, Clone)]
 pub struct Interpreter {
     pub(super) meaning: Meaning,
-    /// The robot interpreter: it moves the arm, waits for it, has interrupts.
+    /// Whether this is the robot interpreter: it moves the arm, waits for it, and has interrupts.
     pub(super) moves: bool,
     pub(super) at: usize,
     pub(super) stack: Vec<Cell>,
@@ -61,28 +61,28 @@ pub struct Interpreter {
     pub(super) cells: Vec<Cell>,
     pub(super) frames: Vec<Frame>,
     pub(super) interrupts: Vec<Interrupt>,
-    /// Triggers of the motion that comes next, and of those that are planned.
+    /// Triggers of the next motion and of the planned motions.
     pub(super) armed: Vec<Trigger>,
     pub(super) waits_until_ms: Option<u64>,
     /// BRAKE was requested in this interrupt; true if the planned motions are lost.
     pub(super) braked: Option<bool>,
-    /// The motion of this statement is planned.
+    /// Whether the motion of this statement is planned.
     pub(super) planned: bool,
-    /// CONTINUE: of this statement.
+    /// The statement to which CONTINUE applies.
     pub(super) keeps_going: Option<usize>,
-    /// ON_ERROR_PROCEED: the next statement's fault is passed over.
+    /// ON_ERROR_PROCEED: the fault of the next statement is ignored.
     pub(super) proceeds: u8,
-    /// Of the statement that an interrupt broke into.
+    /// The saved `planned`, `keeps_going` and `statement` of each statement that an interrupt broke into.
     pub(super) saved: Vec<(bool, Option<usize>, usize)>,
     pub(super) statement: usize,
     pub(super) statement_height: usize,
-    /// While an interrupt's condition is looked at: the first cell of the routine that declared it, and how many frames
-    /// there are outside of the functions that the condition calls.
+    /// Present while an interrupt's condition is evaluated: the first cell of the routine that declared it, and the
+    /// number of frames outside of the functions that the condition calls.
     pub(super) condition_base: Option<(usize, usize)>,
 }
 
 impl Interpreter {
-    /// An interpreter without a program to run; `moves` for the robot's.
+    /// Creates an interpreter without a program; `moves` is true for the robot interpreter.
     pub fn new(meaning: Meaning, moves: bool) -> Self {
         Interpreter {
             meaning,
@@ -114,7 +114,7 @@ impl Interpreter {
     /// Forgets everything.
     pub fn clear(&mut self) {
         let Interpreter { stack, cells, frames, interrupts, armed, saved, .. } = self;
-        // What was reserved is used again: a cycle begins 83 times a second.
+        // The allocated memory is reused: a cycle begins 83 times a second.
         stack.clear();
         cells.clear();
         frames.clear();
@@ -126,13 +126,13 @@ impl Interpreter {
         (self.proceeds, self.condition_base) = (0, None);
     }
 
-    /// Whether there is something to execute.
+    /// Returns whether there is nothing to execute.
     #[inline]
     pub fn is_idle(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// The file and line that is executed.
+    /// Returns the file and the line that are executed.
     pub fn place(&self, program: &Program) -> String {
         let location = program.statements.get(self.statement);
         location.map_or(String::new(), |at| format!("{}:{}", program.files[at.file], at.line))

@@ -1,6 +1,7 @@
-//! Interrupts and triggers: declared at a level, seen at an edge, by priority; RESUME.
+//! Interrupts and triggers: declared at a level, detected at an edge, executed by priority; RESUME.
 //!
-//! A smaller number breaks into a larger one. A trigger has the lowest priority of all.
+//! An interrupt with a smaller priority number interrupts one with a larger number. A trigger has the lowest
+//! priority of all.
 
 use super::super::code::Op;
 use super::super::program::Program;
@@ -65,7 +66,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The value of an interrupt's condition.
+    /// Evaluates an interrupt's condition.
     fn condition(
         &mut self,
         index: usize,
@@ -76,7 +77,7 @@ impl Interpreter {
         let (at, height) = (self.at, self.stack.len());
         let interrupt = &self.interrupts[index];
         let (start, level) = (interrupt.condition, interrupt.declared_in);
-        // Conditions are of the declaring routine's variables.
+        // A condition uses the variables of the routine that declared it.
         self.condition_base = self.frames.get(level).map(|frame| (frame.base, self.frames.len()));
         self.at = start;
         let value = loop {
@@ -106,7 +107,7 @@ impl Interpreter {
             return Ok(());
         }
         if let Op::Load = op {
-            // The condition never waits for the arm.
+            // Evaluating the condition never waits for the arm.
             let address = self.pop_address()?;
             let cell = self.read(address, memory, host)?;
             self.stack.push(cell);
@@ -149,8 +150,9 @@ impl Interpreter {
         true
     }
 
-    /// A motion has passed its end, or the middle of its blend: its triggers fire. Returns false if a trigger
-    /// must wait, so that the motion must be offered again; true if one breaks in or none is armed for this motion.
+    /// Fires the triggers of a motion that has passed its end, or the middle of its blend. Returns false if a
+    /// trigger must wait, so that the motion must be offered again; true if a trigger interrupts or none is armed
+    /// for this motion.
     pub fn fire_triggers(&mut self, sequence: u64) -> bool {
         if self.priority() <= TRIGGER_PRIORITY {
             return false;
@@ -184,7 +186,7 @@ impl Interpreter {
         self.at = call;
     }
 
-    /// Of what runs now; the program itself comes after all interrupts.
+    /// Returns the priority of the code that runs now; the program itself comes after all interrupts.
     fn priority(&self) -> i32 {
         let broke_in = self.frames.iter().rev().find_map(|frame| frame.broke_in.as_ref());
         broke_in.map_or(i32::MAX, |broke_in| broke_in.priority)
@@ -238,12 +240,12 @@ impl Interpreter {
         Ok(Flow::Next)
     }
 
-    /// The triggers of this motion never fire.
+    /// Removes the triggers of this motion, so that they never fire.
     pub fn forget_triggers(&mut self, sequence: u64) {
         self.armed.retain(|trigger| trigger.sequence != Some(sequence));
     }
 
-    /// A trigger that fires late is still to come.
+    /// Returns whether a late trigger of this motion must still fire.
     pub fn has_trigger(&self, sequence: u64) -> bool {
         self.armed.iter().any(|trigger| trigger.sequence == Some(sequence))
     }

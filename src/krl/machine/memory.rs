@@ -1,18 +1,19 @@
-//! The memory of an interpreter, and how it interprets what public documents leave open.
+//! The memory of an interpreter, and its interpretation of points that public documents do not specify.
 
 use crate::krl::code::Cell;
 use crate::krl::program::Program;
 
-/// What public documents leave open. Each may be one or the other on a controller; the programs must work with both.
+/// Points that public documents do not specify. Each may be true or false on a controller; the programs must work
+/// in both cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Meaning {
-    /// RESUME needs `$ADVANCE` = 0 at its moment; else the program stops.
+    /// RESUME requires `$ADVANCE` = 0 at the time of its execution; otherwise the program stops.
     pub resume_needs_advance_0: bool,
     /// INTERRUPT ON fires if the condition already holds.
     pub on_fires_at_once: bool,
     /// AND and OR leave out their right side if the left one decides.
     pub short_circuit: bool,
-    /// `{X 1}` assigned to a variable leaves its other components as they were; else they become invalid.
+    /// `{X 1}` assigned to a variable leaves the other components unchanged; otherwise they become invalid.
     pub aggregate_keeps_rest: bool,
     /// A trigger may fire a while after the arm has reached its point, even when the advance run already continues.
     pub late_triggers: bool,
@@ -22,21 +23,21 @@ pub struct Meaning {
     pub clear_of_unknown_stops: bool,
     /// EKI_Open within two cycles after EKI_Clear fails: the server exists already.
     pub immediate_reopen_fails: bool,
-    /// The trigger of a motion behind which nothing is planned may not fire at all.
+    /// If no motion is planned after a motion, its trigger may not fire at all.
     pub triggers_get_lost: bool,
     /// A program that the safety controller stops is reported as stopped a few cycles later, and executes
     /// statements until then.
     pub stops_late: bool,
 }
 
-/// Memory that both interpreters share, and what was executed.
+/// The memory that both interpreters share, and a record of the executed statements.
 #[derive(Debug, Clone)]
 pub struct Memory {
     /// The data lists' cells.
     pub cells: Vec<Cell>,
-    /// How often each statement was executed.
+    /// The number of executions of each statement.
     pub hits: Vec<u32>,
-    /// Of each condition, whether it was ever TRUE and ever FALSE; by the step's place.
+    /// For each condition, whether it was ever TRUE and ever FALSE; indexed by the step.
     pub branches: Vec<[bool; 2]>,
 }
 

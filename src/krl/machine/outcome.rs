@@ -1,27 +1,27 @@
-//! How a step or a statement ends.
+//! The results of a step or a statement.
 
-/// How a step ended.
+/// The way in which a step ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pause {
-    /// The statement is over.
+    /// The statement has ended.
     Statement,
-    /// It waits, for the arm or for time.
+    /// The step waits, for the arm or for time.
     Waits,
-    /// The program is at its end.
+    /// The program has reached its end.
     Ended,
     /// It cannot continue: file, line and reason.
     Fault(String),
 }
 
-/// What a step comes to.
+/// The result of a step.
 pub(super) enum Flow {
     Next,
-    /// The same step again, later.
+    /// The same step must be executed again later.
     Wait,
     Ended,
 }
 
-/// How a step can go wrong: a message, behind a pointer so that what goes right stays small.
+/// The error of a step: a message, behind a pointer so that the result of a successful step stays small.
 #[derive(Debug)]
 #[allow(clippy::box_collection, reason = "a result is twice as large with the text itself")]
 pub(super) struct Wrong(Box<String>);
@@ -44,5 +44,5 @@ impl From<Wrong> for String {
     }
 }
 
-/// How a step ended, or what was wrong with it.
+/// The result of a step, or its error.
 pub(super) type Stepped = Result<Flow, Wrong>;

@@ -1,4 +1,4 @@
-//! Steps that touch the controller: motions, waiting, braking, its own routines.
+//! Steps that use the controller: motions, waiting, braking, its own routines.
 
 use super::super::code::{Address, Cell, Op};
 use super::super::program::Program;
@@ -42,7 +42,7 @@ impl Interpreter {
                     let request = MotionRequest { motion, axes, target, approximates };
                     let planned = host.plan(&request, &Caller { program, interpreter: self, memory });
                     if planned.is_err() {
-                        // Started again, the program tries this motion once more.
+                        // After a restart the program tries this motion again.
                         self.stack.extend(target.map(Cell::Real));
                     }
                     let sequence = planned?;
@@ -208,7 +208,7 @@ impl Interpreter {
     }
 }
 
-/// Six REAL; an invalid one is an error.
+/// Returns six REAL numbers; an invalid number is an error.
 pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], Wrong> {
     let mut found = [0.0; 6];
     for (number, cell) in found.iter_mut().zip(cells) {
@@ -224,7 +224,7 @@ type Matrix = nalgebra::Isometry3<f64>;
 
 fn isometry(frame: [f32; 6]) -> Matrix {
     let [x, y, z, a, b, c] = frame.map(f64::from);
-    // KUKA turns about Z, the new Y, the newest X.
+    // KUKA rotates about Z, then about the new Y, then about the newest X.
     let turn = nalgebra::UnitQuaternion::from_euler_angles(c.to_radians(), b.to_radians(), a.to_radians());
     Matrix::from_parts(nalgebra::Translation3::new(x, y, z), turn)
 }

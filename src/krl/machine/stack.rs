@@ -1,4 +1,4 @@
-//! The stack of an interpreter: a cell of the wanted kind taken off, or why there is none.
+//! The stack of an interpreter: removes a cell of the expected kind, or returns the reason why there is none.
 
 use super::super::code::{Address, Cell};
 use super::super::program::Program;
@@ -45,7 +45,7 @@ impl Interpreter {
         }
     }
 
-    /// The newest cells of the stack, taken off.
+    /// Removes the newest cells from the stack and returns them.
     pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], Wrong> {
         let at = self.stack.len().checked_sub(N).ok_or("the stack is empty")?;
         let mut cells = [Cell::Unset; N];
@@ -59,7 +59,7 @@ impl Interpreter {
         program.texts.get(index).map(String::as_str).ok_or_else(|| "a text is missing".into())
     }
 
-    /// The place of a text among the program's texts.
+    /// Removes a text's index among the program's texts from the stack and returns it.
     pub(super) fn pop_text_index(&mut self) -> Result<usize, Wrong> {
         match self.pop()? {
             Cell::Text(index) => Ok(index as usize),

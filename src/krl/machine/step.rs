@@ -1,4 +1,4 @@
-//! One statement: step after step until the next one begins, or until it must wait.
+//! Executes one statement: step after step until the next statement begins, or until a step must wait.
 
 use super::super::code::{Address, Cell, Op, Space};
 use super::super::program::Program;
@@ -163,7 +163,7 @@ impl Interpreter {
         Ok(Flow::Next)
     }
 
-    /// Leaves a routine, its value on the stack.
+    /// Leaves a routine, with its return value on the stack.
     fn leave(&mut self, cells: usize) -> Stepped {
         let Some(frame) = self.frames.pop() else { return Ok(Flow::Ended) };
         let level = self.frames.len();

@@ -11,13 +11,14 @@ use nalgebra::{Matrix2, Vector2};
 
 /// How far across the edge the grey is read, px.
 const REACH_PX: i32 = 8;
-/// Places at each end of a profile that give the grey of a side.
+/// Number of samples at each end of a profile that determine the grey of a side.
 const SIDE_SAMPLES: usize = 5;
-/// Both sides must differ by this much, grey levels.
+/// Smallest difference between both sides of an edge, grey levels.
 const MIN_CONTRAST: f64 = 20.0;
-/// A shorter or more broken edge is no edge: sharp places for each pixel of length.
+/// Smallest number of sharp edge points per pixel of length; with fewer, the edge is too short or too broken.
 const MIN_SHARE: f64 = 0.5;
-/// Places farther from the line than this many median distances are left out, but none within a third of a pixel.
+/// Points farther from the line than this number of median distances are left out, but no point within a third of a
+/// pixel.
 const MEDIANS: f64 = 4.0;
 const FLOOR_PX: f64 = 0.33;
 const LINE_ROUNDS: usize = 6;
@@ -25,7 +26,7 @@ const LINE_ROUNDS: usize = 6;
 /// The stretch in which an edge is searched, starting at the corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Length {
-    /// Left out beside the corner, px.
+    /// Length that is left out beside the corner, px.
     pub skip_px: f64,
     /// Fitted, px.
     pub fit_px: f64,
@@ -34,11 +35,11 @@ pub(super) struct Length {
 /// A straight edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeLine {
-    /// Its end near the corner.
+    /// The end of the edge near the corner.
     pub from: Pixel,
     /// Its other end.
     pub to: Pixel,
-    /// Root mean square distance of the places from the line, px.
+    /// Root mean square distance of the edge points from the line, px.
     pub rms_px: f64,
     /// Places on it.
     pub points: usize,
@@ -82,14 +83,15 @@ pub(super) fn meet(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pix
 struct Line {
     middle: Vector2<f64>,
     along: Vector2<f64>,
-    /// First and last place along the line, from its middle.
+    /// First and last point along the line, measured from the middle of the line.
     span: [f64; 2],
     rms_px: f64,
     points: usize,
 }
 
 impl Line {
-    /// Total least squares with trimming: the direction of most scatter among the places near the line.
+    /// Fits a line by total least squares with trimming: the direction of largest scatter among the points near the
+    /// line.
     fn through(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<Line> {
         let mut kept = places.to_vec();
         let mut line = Line::least_squares(&kept, outwards)?;
@@ -121,7 +123,7 @@ impl Line {
     }
 }
 
-/// The sub-pixel places of the edge, one for each pixel along a line near it.
+/// Finds the sub-pixel edge points, one for each pixel along a line near the edge.
 fn crossings(picture: &GrayPicture, line: &Line) -> Vec<Vector2<f64>> {
     let across = Vector2::new(-line.along.y, line.along.x);
     let steps = (line.span[1] - line.span[0]).floor().max(0.0) as usize;
@@ -156,7 +158,7 @@ fn crossing(profile: &[f64]) -> Option<f64> {
         .min_by(|a, b| (a - centre).abs().total_cmp(&(b - centre).abs()))
 }
 
-/// Grey between pixel centres, bilinear; `None` outside of the picture.
+/// Interpolates the grey between pixel centres, bilinear; `None` outside the picture.
 fn gray_at(picture: &GrayPicture, place: Vector2<f64>) -> Option<f64> {
     let (column, row) = (place.x.floor(), place.y.floor());
     if column < 0.0 || row < 0.0 || column as usize + 1 >= picture.width || row as usize + 1 >= picture.height {
@@ -182,7 +184,8 @@ fn pixel(place: Vector2<f64>) -> Pixel {
 mod tests {
     use super::*;
 
-    /// By hand: between 40 and 140 the middle is 90; from 60 to 120 it is crossed half-way, 8.5 samples in.
+    /// Calculated by hand: between 40 and 140 the middle is 90. From 60 to 120 this value is crossed half-way, 8.5
+    /// samples from the start.
     #[test]
     fn the_middle_grey_is_crossed_between_two_samples() {
         let mut profile = [40.0; 17];

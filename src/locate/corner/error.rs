@@ -1,9 +1,9 @@
-//! Why a picture shows no corner, in words for the person who set the recipe.
+//! Errors for a picture that shows no corner, in words for the person who set the recipe.
 
 use crate::imaging::ImagingError;
 use crate::words::apart;
 
-/// Why a picture shows no corner.
+/// The reason why a picture shows no corner.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CornerError {
     /// No pixel has the panel's brightness.
@@ -14,13 +14,13 @@ pub enum CornerError {
         /// Brightest brightness of the panel.
         max: usize,
     },
-    /// What is as bright as the panel is small.
+    /// The largest object with the panel's brightness is too small.
     #[error(
         "the largest object as bright as the panel covers {} % of the picture, at least {} % are needed; is the \
          panel in view, is panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
-        /// Its share of the picture, percent.
+        /// The object's share of the picture, percent.
         found_percent: f64,
         /// The share needed, percent.
         needed_percent: f64,
@@ -46,7 +46,7 @@ pub enum CornerError {
         /// Places needed.
         needed: usize,
     },
-    /// The two edges run nearly the same way.
+    /// The two edges have nearly the same direction.
     #[error(
         "the two edges meet at {}°, at least {}° are needed; is that a corner of the panel?", apart(*angle_deg, *min_deg, 1)[0],
         apart(*angle_deg, *min_deg, 1)[1]
@@ -54,10 +54,10 @@ pub enum CornerError {
     EdgesParallel {
         /// The angle, degrees.
         angle_deg: f64,
-        /// The angle needed, degrees.
+        /// The smallest angle allowed, degrees.
         min_deg: f64,
     },
-    /// OpenCV refused the picture.
+    /// OpenCV rejected the picture.
     #[error(transparent)]
     Imaging(#[from] ImagingError),
 }

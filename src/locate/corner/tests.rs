@@ -9,8 +9,8 @@ fn settings(corner: &str) -> recipe::Corner {
     Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}")).corner().clone()
 }
 
-/// A dark panel to the right of and below a corner, its edges turned by `turn_deg`, rounded by `rounding_px`, before
-/// a light wall; edges spread over one pixel; a little unevenness instead of noise.
+/// Draws a dark panel to the right of and below a corner, in front of a light wall. Its edges are turned by
+/// `turn_deg`, rounded by `rounding_px` and spread over one pixel; a little unevenness replaces noise.
 fn picture(corner: Pixel, turn_deg: f64, rounding_px: f64) -> GrayPicture {
     let (width, height) = (320usize, 240usize);
     let (sin, cos) = turn_deg.to_radians().sin_cos();
@@ -36,7 +36,8 @@ fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
         let found =
             find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0).expect("a corner");
         assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
-        // The thesis's mark lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner, or beside it in a turned picture.
+        // The thesis's mark lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner. In a turned picture the
+        // mark lies beside that point.
         let mark_px = found.nearest_px.distance_px(corner);
         assert!((8.0..28.0).contains(&mark_px), "{turn_deg}°: {:?}", found.nearest_px);
         assert!(found.edges.iter().all(|edge| edge.rms_px < 0.2 && edge.points > 50), "{:?}", found.edges);

@@ -7,13 +7,15 @@ use super::super::evidence::Fit;
 use crate::verdict::{Check, SetBy, Severity};
 use crate::words::{apart, fixed, percent_apart};
 
-/// A camera that has moved the panel by this much is another camera, mm.
+/// A camera motion that displaces the panel by more than this distance, mm, means that the camera has moved since
+/// teaching.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
 /// A fixture that shows camera motion must detect a motion that displaces the panel by this distance, mm.
 pub const MAX_CAMERA_NOTICED_MM: f64 = 0.55;
 /// Share of the fixture that must lie as it lay: objects come and go, the fixture stays.
 pub const MIN_FIXTURE_SAME: f64 = 0.4;
-/// From how far on a camera that moved is noticed, by a fixture that determines its pose with this uncertainty, 95 %, mm.
+/// Returns the smallest camera motion that is noticed, mm, if the fixture determines the camera's pose with this
+/// uncertainty, 95 %, mm.
 pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
 }
@@ -24,7 +26,7 @@ pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
 }
 
-/// Has the camera not moved since teaching?
+/// Checks that the camera has not moved since teaching.
 pub(super) fn camera(fit: &Fit) -> Vec<Check> {
     let camera = fit.camera.as_ref();
     let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
@@ -59,7 +61,7 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Can this scan show that the camera has not moved?
+/// Checks whether this scan can show that the camera has not moved.
 pub(super) fn watch(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
@@ -81,7 +83,7 @@ pub(super) fn watch(fit: &Fit) -> Vec<Check> {
     })]
 }
 
-/// Does the taught scan show enough of the fixture to notice a camera that moved?
+/// Checks whether the taught scan shows enough of the fixture to notice a camera that moved.
 pub(super) fn at_teaching(fit: &Fit) -> Check {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))

@@ -10,12 +10,12 @@ use crate::record::name;
 use crate::verdict::{Check, SetBy};
 use crate::words::{apart, fixed};
 
-/// Fits from independent starts end together, mm.
+/// Largest distance between the results of fits from independent starts, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
-/// The least ratio of the support of a pose to that of any other.
+/// Smallest ratio of the support of the pose to the support of any other pose.
 pub const MIN_MARGIN: f64 = 2.0;
-/// The stated error of a pose that is fit for use, mm, anywhere on the panel: that of 0.25 mm at one place, times
-/// 2.35 / 1.7 (`geometry/statistics`).
+/// Largest stated error of a usable pose anywhere on the panel, mm: the error of 0.25 mm at one place, times 2.35 /
+/// 1.7 (`geometry/statistics`).
 pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
 /// Checks whether the panel's pose is known well enough.
@@ -55,7 +55,7 @@ pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// What makes a pose uncertain, and what helps.
+/// States what makes a pose uncertain, and what helps.
 fn why_uncertain(fit: &Fit) -> String {
     let mm = |value| fixed(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
@@ -110,8 +110,8 @@ mod tests {
     use super::*;
     use crate::verdict::Judgement;
 
-    /// 0.41 mm are too much. What would be allowed without one of the causes, 0.35 mm at most, was made too much by
-    /// that cause.
+    /// An uncertainty of 0.41 mm is too large. If it would be at most the allowed 0.35 mm without one of the
+    /// causes, this cause is named.
     #[test]
     fn an_uncertain_pose_names_its_cause_and_what_helps_against_that() {
         let words = |uncertainty_at_taught_place_mm, uncertainty_without_scale_mm| {

@@ -5,11 +5,11 @@ use crate::geometry::{Base, Degrees, Panel, Pixel, Rigid};
 /// The result of one corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerReport {
-    /// Its number among the taught ones, from 0.
+    /// Number of the corner among the taught corners, from 0.
     pub corner: usize,
     /// The expected position of the corner.
     pub expected_px: Pixel,
-    /// Found minus expected, px.
+    /// Found minus expected position, px.
     pub error_px: f64,
     /// The shift that this corner alone indicates, along its camera's X and Y, mm.
     pub shift_mm: [f64; 2],
@@ -24,14 +24,14 @@ impl CornerReport {
     }
 }
 
-/// A corrected pose with what it rests on.
+/// A corrected pose and the data on which it is based.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],
-    /// How far the panel was turned, with corners that lie apart.
+    /// Angle by which the panel was turned, if there are two or more corners at different places.
     pub turned: Degrees,
     /// The largest distance between found and expected corner, px.
     pub error_px: f64,

@@ -51,13 +51,14 @@ pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
                     name(corner)
                 )
             });
-        // What is left is left of all of them together.
+        // Only the corner with the largest distance left has a consequence: the distances left result from one
+        // correction of all corners together.
         if index == 0 { check } else { check.without_consequence() }
     });
     asked.chain(left).collect()
 }
 
-/// Judges whether the corners are still where they should be, just before contact.
+/// Judges whether the corners are still at their expected positions, just before contact.
 pub fn judge_stands(seen: &Refined, limits: &recipe::Corner) -> Judgement {
     Judgement::of_checks(&checks_of_stand(seen, limits))
 }
@@ -87,10 +88,10 @@ pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     checks.collect()
 }
 
-/// The number that [`disagreement`] judges.
+/// Name of the number that [`disagreement`] judges.
 pub const FARTHEST: &str = "farthest corner, against what scan, corner and calibrations claim";
 
-/// A corner's own error in the plane of its camera, 95 %: edges to a tenth of a pixel, taught and found, mm.
+/// Error of one corner in the plane of its camera, 95 %, mm: edges to a tenth of a pixel, taught and found.
 const CORNER_CLAIM_MM: f64 = 0.05;
 
 /// Reports a corner that is farther from where the 3D scan puts it than both claim. This is a finding and is not
@@ -98,11 +99,11 @@ const CORNER_CLAIM_MM: f64 = 0.05;
 /// each: the localization's and both calibrations'. None if there is no corner.
 pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
-    // Twice what 95 % stay below: one in ten thousand is beyond it by chance.
+    // Twice the 95 % bound: by chance, one in ten thousand is larger.
     let allowed_mm = 2.0 * claimed_mm;
     let (corner, asked_mm) = by_size(refined, CornerReport::asked_mm).into_iter().next()?;
     let check = Check::new(FARTHEST, "mm", asked_mm);
-    // A place that is not known at all limits nothing.
+    // If the position is not known at all, there is no limit.
     let check = if allowed_mm.is_finite() { check.at_most(allowed_mm, SetBy::Program) } else { check };
     Some(check.broken(exceeds(asked_mm, allowed_mm), Severity::Review, "corner_disagrees", || {
         let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
@@ -116,9 +117,9 @@ pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     }))
 }
 
-/// The corners with something that was measured of each, the most first.
+/// Sorts the corners by the absolute value of a measurement, largest first.
 fn by_size(refined: &Refined, measured: impl Fn(&CornerReport) -> f64) -> Vec<(&CornerReport, f64)> {
-    // Without its sign what is not a number counts as the most.
+    // Without its sign, NaN sorts as the largest value.
     let mut corners: Vec<_> = refined.corners.iter().map(|corner| (corner, measured(corner).abs())).collect();
     corners.sort_by(|a, b| b.1.total_cmp(&a.1));
     corners

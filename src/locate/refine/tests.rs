@@ -24,7 +24,7 @@ const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Looks along the base's X with its Y down: its X is the base's −Y, its Y the base's −Z.
+/// A camera that looks along the base's X with its Y down: its X is the base's −Y, its Y the base's −Z.
 fn looks_along_x(at: Point<Base>) -> Rigid<Base, FlangeCamera> {
     Rigid::from_axes([-Vector3::y(), -Vector3::z(), Vector3::x()].map(Vector::new), at)
 }
@@ -86,7 +86,8 @@ fn two_corners_share_the_difference() {
     assert!(refined.corners.iter().all(|corner| (corner.left_mm - 0.5).abs() < 1e-9), "{:?}", refined.corners);
 }
 
-/// By hand: a camera 100 mm before the surface and 100 mm aside sees sin 45° of a move along the normal.
+/// Calculated by hand: a camera 100 mm in front of the surface and 100 mm aside sees sin 45° of a move along the
+/// normal.
 #[test]
 fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
     let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), looks_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
@@ -94,8 +95,8 @@ fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
     assert!(corner(0.0).normal_seen() < 1e-9);
 }
 
-/// By hand: corners 200 mm apart, both cameras look along X. Turned by 0.01 rad about X the one goes 1 mm up, the other
-/// 1 mm down; both go 0.5 mm to the right.
+/// Calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a turn by 0.01 rad about
+/// X, one corner moves 1 mm up, the other 1 mm down; both move 0.5 mm to the right.
 #[test]
 fn two_corners_apart_turn_the_panel() {
     let nominal = crate::panel::panel_from_base_at_teaching().inverse();
@@ -112,12 +113,14 @@ fn two_corners_apart_turn_the_panel() {
     let first = (refined.base_from_panel * corners[0].point).mm;
     assert!((first.y - 99.5).abs() < 0.01 && (first.z - 361.0).abs() < 0.01, "{first}");
     assert!(refined.corners.iter().all(|corner| corner.left_mm < 0.01), "{refined:?}");
-    // 1 mm and 0.2 mm claimed together are 1.02 mm; √(1² + 0.5²) = 1.118 mm is not twice that, of 0.3 mm it is.
+    // Claimed errors of 1 mm and 0.2 mm give 1.02 mm together. √(1² + 0.5²) = 1.118 mm is less than twice that
+    // value, but more than twice 0.3 mm.
     assert_eq!(disagreement(&refined, &[1.0, 0.2]).expect("a corner").reason(), None);
     assert_eq!(found(disagreement(&refined, &[0.3])).code, "corner_disagrees");
 }
 
-/// By hand: the second taught corner is looked at alone, 12 px off at 10 px a mm. Each gate names it as it was taught.
+/// Calculated by hand: only the second taught corner is viewed, 12 px off at 10 px a mm. Each gate names the corner
+/// by its taught number.
 #[test]
 fn a_corner_has_the_number_that_it_was_taught_with() {
     let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
@@ -172,7 +175,7 @@ fn limits(of_corner: &str) -> recipe::Recipe {
     recipe::Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// By hand: the same two corners, each seen 1 mm towards the other: no rigid panel does that.
+/// Calculated by hand: the same two corners, each seen 1 mm nearer to the other. No rigid panel can explain this.
 #[test]
 fn corners_that_no_rigid_panel_has_are_a_finding() {
     let nominal = crate::panel::panel_from_base_at_teaching().inverse();
@@ -217,8 +220,9 @@ fn a_wrong_flange_pose_is_an_error_and_a_large_correction_a_reject() {
 }
 
 proptest! {
-    /// From any camera pose near the taught one: after the correction the corner projects to where it was found; the
-    /// expected pixel at newCP (Eq. 3.22) is the taught reference pixel; and the shift is Eq. 3.24 as printed.
+    /// One step is enough from any camera pose near the taught one. After the correction the corner projects to the
+    /// position where it was found. The expected pixel at newCP (Eq. 3.22) is the taught reference pixel, and the
+    /// shift is Eq. 3.24 as printed.
     #[test]
     fn one_step_is_enough(
         moved in prop::array::uniform6(-1.0..1.0f64),
@@ -253,7 +257,7 @@ proptest! {
         prop_assert!(seen.expect("in front").distance_px(Pixel::at(u, v)) < 1e-6);
     }
 
-    /// The largest turn found by the corner alone is none.
+    /// A single corner gives no rotation.
     #[test]
     fn nothing_is_turned(u in 700.0..1300.0f64, moved in prop::array::uniform3(-0.2..0.2f64)) {
         let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));

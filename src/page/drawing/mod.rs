@@ -26,10 +26,10 @@ const SCRIPT: &str = include_str!("drawing.js");
 const STYLE: &str = include_str!("drawing.css");
 const BUTTONS: &str = include_str!("buttons.html");
 
-/// Writes the recipe's new text so that it is whole or not written at all.
+/// Writes the recipe's new text completely or not at all.
 pub type Write = dyn Fn(&str) -> Result<(), String> + Send + Sync;
 
-/// What is drawn on.
+/// The data on which a person draws.
 pub struct Sheet {
     /// The recipe's file.
     pub recipe: PathBuf,
@@ -83,7 +83,7 @@ async fn picture(State(inside): State<Arc<Inside>>) -> Response {
     ([(header::CONTENT_TYPE, "image/png")], inside.sheet.picture_png.clone()).into_response()
 }
 
-/// The recipe as its file is now.
+/// Reads the recipe's file as it is now.
 fn read(sheet: &Sheet) -> Result<(String, Recipe), Vec<String>> {
     let name = sheet.recipe.display().to_string();
     let bytes = disk::read(&sheet.recipe).map_err(|error| vec![format!("{name}: {error}")])?;

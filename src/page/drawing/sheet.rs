@@ -1,14 +1,14 @@
-//! The sheet itself, which more than one page shows: the picture with the shapes on it, and the tools beside it.
+//! The drawing sheet, which more than one page shows: the picture with the shapes on it, and the tools beside it.
 
 use crate::recipe::{Drawn, Recipe, drawn_into};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// Its script: a module that draws, and exports `begin` and `now`.
+/// The sheet's script: a module that draws, and exports `begin` and `now`.
 pub const SCRIPT: &str = include_str!("sheet.js");
 /// Its styles.
 pub const STYLE: &str = include_str!("sheet.css");
-/// Its words, a column for each language.
+/// The sheet's words, a column for each language.
 pub const WORDS: &str = include_str!("words.csv");
 const MARKUP: &str = include_str!("sheet.html");
 
@@ -21,12 +21,12 @@ pub fn markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String) -> St
     words.iter().fold(page, |page, (key, word)| page.replace(&format!("{{{key}}}"), &escaped(word)))
 }
 
-/// The keys of the words.
+/// Lists the keys of the words.
 fn keys() -> impl Iterator<Item = &'static str> {
     WORDS.lines().skip(1).filter_map(|line| line.split(',').next())
 }
 
-/// The English word for a key, as the page on this computer alone has it.
+/// Returns the English word for a key, as the page for this computer's browser shows it.
 pub(super) fn english(key: &str) -> Option<String> {
     let mut reader = csv::Reader::from_reader(WORDS.as_bytes());
     let found = reader.records().filter_map(Result::ok).find(|record| record.get(0) == Some(key));
@@ -73,7 +73,7 @@ pub fn drawn_on(
     Ok(edited)
 }
 
-/// A recipe's text as a recipe.
+/// Checks a recipe's text and returns the recipe.
 ///
 /// # Errors
 /// Each problem, in words.

@@ -105,7 +105,7 @@ fn what_is_no_region_changes_nothing() {
     assert_eq!(page.recipe(), RECIPE);
 }
 
-/// Another page in the same browser neither knows the key nor names this host.
+/// Another page in the same browser does not know the key and does not use this host name.
 #[test]
 fn nobody_else_is_served() {
     let page = open();

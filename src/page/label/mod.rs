@@ -36,36 +36,36 @@ const FILES: [(&str, &str, &str); 9] = [
     ("program.js", SCRIPT, include_str!("program.js")),
 ];
 
-/// A grid as the camera sees it.
+/// The outline of a grid as the camera sees it.
 #[derive(Debug, Clone, Serialize)]
 pub struct GridOutline {
     /// Its name.
     pub id: String,
-    /// Its edge, px, closed.
+    /// The edge of the grid, px, closed.
     pub edge_px: Vec<[f64; 2]>,
 }
 
-/// What is kept so far.
+/// The labels stored so far.
 #[derive(Debug, Clone, Serialize)]
 pub struct Now {
     /// The person's statement.
     pub said: Statement,
     /// When labels were last saved, UTC; `None` if they never were.
     pub saved_at: Option<String>,
-    /// Is it not saved yet?
+    /// Whether the statement is a draft that is not saved yet.
     pub is_draft: bool,
     /// A note for the person.
     pub note: Option<String>,
 }
 
-/// What a saving did.
+/// The result of a save.
 #[derive(Debug, Clone, Serialize)]
 pub struct Saved {
     /// The labels' file.
     pub labels: String,
-    /// When it was saved, UTC.
+    /// The time of the save, UTC.
     pub saved_at: String,
-    /// The name under which the former labels are kept.
+    /// The name under which the former labels are stored.
     pub former: Option<String>,
 }
 
@@ -83,10 +83,10 @@ pub trait LabelStorage: Send + Sync {
     /// If the disk refuses, in words.
     fn draft(&self, said: &Statement) -> Result<(), String>;
 
-    /// Keeps it as labels.
+    /// Saves the statement as labels.
     ///
     /// # Errors
-    /// Everything that cannot be so, or that the disk refuses, in words.
+    /// Everything in the statement that is not possible, or the reason why the disk refuses, in words.
     fn save(&self, said: &Statement) -> Result<Saved, Vec<String>>;
 }
 
@@ -165,9 +165,9 @@ async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) 
     }
 }
 
-/// A picture as browsers show it, its pixels as the program reads them: PNG and JPEG as they are, TIFF as PNG. A
-/// browser turns a picture by its EXIF data, and what is drawn on it would lie elsewhere in the pixels: one that
-/// may have any is packed again.
+/// Returns a picture in a format that browsers show, with the pixels as the program reads them. PNG and JPEG are
+/// sent unchanged, TIFF is converted to PNG. A browser turns a picture by its EXIF data, so the drawing would lie
+/// at other pixels: a picture that may have EXIF data is encoded again.
 fn shown(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     let has = |name: &[u8]| bytes.windows(name.len()).any(|part| part == name);
     if bytes.starts_with(b"\x89PNG") && !has(b"eXIf") {

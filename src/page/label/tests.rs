@@ -38,7 +38,7 @@ struct Open {
     _folder: tempfile::TempDir,
 }
 
-/// A clip of a PNG, a JPEG and a TIFF picture, and one that is not there.
+/// Opens a clip with a PNG, a JPEG and a TIFF picture, and one that is missing.
 fn open() -> Open {
     let folder = tempfile::tempdir().expect("a folder");
     let picture = crate::geometry::ColorPicture::filled(4, 2, [9, 8, 7]);
@@ -109,7 +109,7 @@ fn what_is_drawn_is_kept_and_what_is_right_is_saved() {
     }
     let (status, clip) = page.ask("GET", "clip.json", "");
     assert!(status == 200 && clip.contains(r#""phase":"dry""#) && clip.contains("r1c1"), "{clip}");
-    // A draft may be unfinished: two corners, and no name.
+    // A draft may be unfinished: here it has two corners and no name.
     assert_eq!(page.ask("POST", "draft", SAID).0, 200);
     let (_, clip) = page.ask("GET", "clip.json", "");
     assert!(clip.contains("[[0.0,0.0],[3.5,0.0]]") && clip.contains(r#""is_draft":true"#), "{clip}");
@@ -145,7 +145,7 @@ fn turned(orientation: u8) -> Vec<u8> {
     [&b"MM\0*\0\0\0\x08\0\x01"[..], &entry, &[0; 4]].concat()
 }
 
-/// The CRC of a PNG's chunk.
+/// Calculates the CRC of a PNG's chunk.
 fn crc(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0_u32, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 })
@@ -183,7 +183,7 @@ fn a_picture_is_shown_as_its_pixels_stand() {
     }
 }
 
-/// Another page in the same browser neither knows the key nor names this host.
+/// Another page in the same browser does not know the key and does not use this host name.
 #[test]
 fn nobody_else_is_served() {
     let page = open();

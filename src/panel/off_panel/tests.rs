@@ -5,17 +5,17 @@ fn found(flat: Flat) -> Vec<OffPanel> {
     taught(&flat).region_off_panel(12.0, &[])
 }
 
-/// A region inside of the panel, with noise and with some points missing, hangs over nothing.
+/// A region inside the panel, with noise and some missing points, does not extend beyond the panel.
 #[test]
 fn a_region_on_the_panel_is_on_it() {
     assert_eq!(found(Flat::default()), []);
     assert_eq!(found(Flat { dropouts: true, ..Flat::default() }), []);
-    // An edge along which the region runs is no overhang: here both end at column 250.
+    // A panel edge that coincides with the region's edge is no overhang: here both end at column 250.
     assert_eq!(found(Flat { region_right_px: 250.0, ..Flat::default() }), []);
 }
 
-/// By hand: a pixel is 1 mm at 700 mm. A notch of 20 × 12 px comes into the panel from above, columns 140 to 159;
-/// the region begins in row 45, seven rows above the notch's end, row 52. The place that is farthest from the panel
+/// Calculated by hand: a pixel is 1 mm at 700 mm. A notch of 20 × 12 px enters the panel from above, columns 140 to
+/// 159. The region begins in row 45, seven rows above the notch's end, row 52. The place farthest from the panel
 /// lies in the notch's middle on the region's edge.
 #[test]
 fn a_region_over_the_edge_is_measured_and_named() {
@@ -25,7 +25,8 @@ fn a_region_over_the_edge_is_measured_and_named() {
     };
     assert!((mm - 7.0).abs() < 1.0, "{mm} mm");
     assert!((140.0..160.0).contains(&at.u) && at.v == 45.0, "{at:?}");
-    // The region's 180 px in six columns: the notch lies over 80 to 100 of them, in the third and fourth.
+    // The region has 180 px in six columns: the notch lies over px 80 to 100 of the region, in the third and fourth
+    // column.
     assert_eq!(
         (grid.row, grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")),
         (1, "r1c3 r1c4".to_owned())
@@ -39,7 +40,8 @@ fn a_region_over_the_edge_is_measured_and_named() {
     );
 }
 
-/// By hand: the same notch from column 219 on ends one pixel before the region's corner 2, which itself is on the panel.
+/// Calculated by hand: the same notch, from column 219 on, ends one pixel before the region's corner 2. The corner
+/// itself is on the panel.
 #[test]
 fn a_corner_beside_which_the_region_hangs_over_is_named() {
     let off = found(Flat { notch: Some(219), ..Flat::default() });
@@ -74,7 +76,7 @@ fn a_hole_is_measured_and_named() {
     assert_eq!(taught(&Flat { hole_px: 17, ..Flat::default() }).region_off_panel(12.0, &[mask]), []);
 }
 
-/// Inside of an outline that a person drew, missing points are no hole; what is seen through it is one.
+/// Inside a person's outline, missing points are no hole; a place at which the background is seen is a hole.
 #[test]
 fn a_drawn_outline_says_what_is_panel() {
     let drawn = |sees_through: bool| {

@@ -1,11 +1,11 @@
-//! Whether the arm keeps clear of what a scan showed.
+//! Checks whether the arm keeps clear of the obstacles that a scan showed.
 
 use super::infeasible::Infeasibility;
 use super::margins::parts;
 use crate::geometry::{Base, Point};
 use crate::path::kinematics::{Angles, Kinematics};
 
-/// No part of the arm, nor the tool with its tip there, too near to any of the points.
+/// Checks that neither a part of the arm nor the tool with its tip at this point is too near to any obstacle point.
 pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
     let Some(obstacles) = arm.obstacles() else { return Ok(()) };
     for (part, from, to, needed_mm) in parts(arm, tip, at) {
@@ -20,7 +20,7 @@ pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Re
     Ok(())
 }
 
-/// The distance of a point from the line between two others, mm.
+/// Returns the distance of a point from the line between two others, mm.
 fn from_line_mm(point: Point<Base>, from: Point<Base>, to: Point<Base>) -> f64 {
     let (way, arm) = ((to - from).mm, (point - from).mm);
     let share = (arm.dot(&way) / way.norm_squared().max(1e-9)).clamp(0.0, 1.0);
@@ -37,7 +37,8 @@ mod tests {
     use nalgebra::Vector3;
     use std::sync::Arc;
 
-    /// By hand: (30, 40, 0) is 40 mm beside the line from the origin along X, (−30, 40, 0) 50 mm from its beginning.
+    /// Calculated by hand: (30, 40, 0) is 40 mm beside the line from the origin along X, (−30, 40, 0) is 50 mm from
+    /// the line's beginning.
     #[test]
     fn distances_from_a_line() {
         let line =

@@ -9,11 +9,11 @@ use crate::path::kinematics::{Angles, Kinematics, nearest_way};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Longest step between two looks.
+/// Longest step between two checked poses.
 const STEP_MM: f64 = 10.0;
-/// Largest turn between two looks, degrees.
+/// Largest turn between two checked poses, degrees.
 const STEP_DEG: f64 = 3.0;
-/// An axis that turns farther in such a step has left its way, degrees.
+/// Largest turn of an axis in one step, degrees; with a larger turn, the configuration has changed.
 const FLIP_DEG: f64 = 30.0;
 /// Shifts of the panel that are tried, mm, along each axis of the base.
 const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
@@ -23,7 +23,7 @@ const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 pub struct Travel {
     /// The axes at each waypoint.
     pub joints: Vec<Joints>,
-    /// Least room that is left beyond the margins, degrees, over all axes and the wrist's pole.
+    /// Smallest room beyond the margins, degrees, over all axes and the wrist singularity.
     pub room_deg: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What an arm cannot do, in words: which axis or part, how far, what is allowed.
+//! The reasons why an arm cannot follow a path, in words: which axis or part, how far, and the limit.
 
 use crate::words::{apart, plain};
 
@@ -9,27 +9,27 @@ pub const RETRACT_MM: f64 = 50.0;
 /// Which singular place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singular {
-    /// Axes 4 and 6 in line.
+    /// Axes 4 and 6 are in line.
     Wrist,
     /// The arm stretched.
     Elbow,
-    /// The wrist's centre over axis 1.
+    /// The wrist's centre is over axis 1.
     Overhead,
 }
 
-/// What an arm cannot do.
+/// The reason why an arm cannot follow a path.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Infeasibility {
     /// Not a number.
     #[error("the pose is not a number")]
     NotFinite,
-    /// Too far or too near.
+    /// The pose is too far or too near.
     #[error("it is {beyond_mm:.1} mm beyond the arm's reach")]
     OutOfReach {
         /// How far, mm.
         beyond_mm: f64,
     },
-    /// An axis beyond its limits less the margin.
+    /// An axis is beyond its limits less the margin.
     #[error(
         "axis {axis} would be at {}°, the limits are {} to {}°", beyond(*angle_deg, *allowed_deg), plain(allowed_deg[0]),
         plain(allowed_deg[1])
@@ -39,15 +39,15 @@ pub enum Infeasibility {
         axis: usize,
         /// The angle that it would have, degrees.
         angle_deg: f64,
-        /// Lowest and highest, margins taken off, degrees.
+        /// Lowest and highest angle, less the margins, degrees.
         allowed_deg: [f64; 2],
     },
-    /// Near a singular place.
+    /// The arm is near a singularity.
     #[error("{} ({}, needed {})", singular_words(*which), apart(*found, *needed, 1)[0], apart(*found, *needed, 1)[1])]
     Singular {
         /// Which.
         which: Singular,
-        /// Distance from it, degrees or mm.
+        /// Distance from the singularity, degrees or mm.
         found: f64,
         /// Distance needed.
         needed: f64,
@@ -60,7 +60,7 @@ pub enum Infeasibility {
         /// Smallest jump, degrees.
         turn_deg: f64,
     },
-    /// An axis too fast.
+    /// An axis is too fast.
     #[error(
         "axis {axis} would turn at {} °/s, allowed {}; a lower feed_mm_s helps", apart(*needed_deg_s, *allowed_deg_s, 0)[0],
         apart(*needed_deg_s, *allowed_deg_s, 0)[1]
@@ -73,7 +73,7 @@ pub enum Infeasibility {
         /// Speed allowed, degrees a second.
         allowed_deg_s: f64,
     },
-    /// An axis speeding up too fast.
+    /// The acceleration of an axis is too high.
     #[error(
         "axis {axis} would change its speed by {} °/s², allowed {}; a lower feed_mm_s helps",
         apart(*needed_deg_s2, *allowed_deg_s2, 0)[0], apart(*needed_deg_s2, *allowed_deg_s2, 0)[1]
@@ -86,7 +86,7 @@ pub enum Infeasibility {
         /// Acceleration allowed, degrees a second squared.
         allowed_deg_s2: f64,
     },
-    /// A part of the arm in a box.
+    /// A part of the arm is in a keep-out box or too near to an obstacle.
     #[error(
         "the {part} would be {} mm from \"{name}\", at least {} mm are needed", apart(*distance_mm, *needed_mm, 0)[0],
         apart(*distance_mm, *needed_mm, 0)[1]
@@ -101,16 +101,16 @@ pub enum Infeasibility {
         /// Distance needed, mm.
         needed_mm: f64,
     },
-    /// A stop in contact could not lift the tool off.
+    /// After a stop in contact, the arm could not lift the tool off.
     #[error("at a stop the controller lifts the tool off by {} mm, and from here it cannot: {why}", RETRACT_MM)]
     Retract {
-        /// What is in the way of the retract.
+        /// The reason why the retract is not possible.
         why: Box<Infeasibility>,
     },
 }
 
 impl Infeasibility {
-    /// The code of the reason for which such a path is refused.
+    /// Returns the code of the reason for which such a path is refused.
     pub fn code(&self) -> &'static str {
         match self {
             Infeasibility::Retract { .. } => "retract_out_of_reach",
@@ -119,7 +119,7 @@ impl Infeasibility {
     }
 }
 
-/// An angle beyond its limits, beside the one that it is beyond.
+/// Formats an angle beyond its limits, with enough digits to differ from the exceeded limit.
 fn beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
     let [angle, _] = apart(angle_deg, if angle_deg < low_deg { low_deg } else { high_deg }, 1);
     angle
@@ -137,7 +137,7 @@ fn singular_words(which: Singular) -> &'static str {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("waypoint {index}: {cause}")]
 pub struct ReachFault {
-    /// The waypoint at or on the way to which it happens, from 0.
+    /// The waypoint at which, or on the way to which, the problem occurs, from 0.
     pub index: usize,
     /// Why.
     pub cause: Infeasibility,

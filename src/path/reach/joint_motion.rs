@@ -1,8 +1,8 @@
-//! Whether all axes may turn from one place to another together, as `move_j` does.
+//! Checks whether all axes may turn together from one position to another, as `move_j` does.
 //!
-//! No line is followed, so no singular place is in the way; the margins from the axes' limits are for lines, too. What
-//! remains are the limits themselves, the keep-out boxes and the obstacles of the scan, looked at every 2° of
-//! the axis that turns farthest.
+//! No line is followed, so singularities are no obstacle; the margins from the axes' limits also apply only to
+//! lines. The checks that remain are the limits themselves, the keep-out boxes and the obstacles of the scan, at
+//! every 2° of the axis that turns farthest.
 
 use super::clearance::keeps_clear;
 use super::infeasible::Infeasibility;
@@ -10,7 +10,7 @@ use super::margins::keeps_out;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
 use crate::path::kinematics::{Angles, Kinematics};
 
-/// Largest turn of an axis between two looks, degrees.
+/// Largest turn of an axis between two checked poses, degrees.
 const STEP_DEG: f64 = 2.0;
 
 /// Moves all axes from here to there, each at its share of the way, with this tool.
@@ -58,8 +58,8 @@ mod tests {
         Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
     }
 
-    /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° sweeps over it, one
-    /// to the left does not. By hand: the wrist goes round at 25 + 365 = 390 mm from axis 1.
+    /// A post stands beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° passes over
+    /// it, a turn to the left does not. Calculated by hand: the wrist moves at 25 + 365 = 390 mm from axis 1.
     #[test]
     fn a_swing_sweeps_what_stands_between() {
         let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";

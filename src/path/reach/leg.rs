@@ -1,4 +1,4 @@
-//! The lines of a path, and the places on them that are looked at.
+//! The lines of a path, and the poses on them that are checked.
 
 use crate::geometry::{Base, Flange, Frame, Point, Rigid, Tool};
 use crate::path::kinematics::Angles;
@@ -9,31 +9,31 @@ use nalgebra::Isometry3;
 pub struct Leg {
     /// The pose at its end.
     pub base_from_tool: Rigid<Base, Tool>,
-    /// Speed of the tool's point on the way there, mm/s.
+    /// Speed of the tool's point on this line, mm/s.
     pub feed_mm_s: f64,
-    /// Rounding at its end, mm; 0 stops there.
+    /// Rounding at the end of the line, mm; 0 stops there.
     pub blend_mm: f64,
 }
 
-/// One place that is looked at.
+/// One checked pose of a path.
 pub(super) struct Look {
     pub index: usize,
     pub base_from_flange: Rigid<Base, Flange>,
     pub tip: Point<Base>,
-    /// Time since the look before, s.
+    /// Time since the previous checked pose, s.
     pub seconds: f64,
     /// Time in which the speed may change from the checked place before, s; `None` if the arm stops in between.
     pub change_s: Option<f64>,
-    /// Does a waypoint end here?
+    /// Whether a waypoint ends here.
     pub is_end: bool,
     pub ways: Vec<Angles>,
 }
 
-/// The pose a share of the way along a straight line, turned by the same share of the angle.
+/// Returns the pose at a share of the way along a straight line, turned by the same share of the angle.
 pub fn between<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, share: f64) -> Rigid<To, Tool> {
     let (from, to) = (from.isometry(), to.isometry());
     let place = from.translation.vector.lerp(&to.translation.vector, share);
-    // Opposite rotations have no way between them; the jump is seen at the end.
+    // Between opposite rotations there is no unique way; the check at the end finds the jump.
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
     Rigid::claim(Isometry3::from_parts(place.into(), turned))
 }

@@ -1,5 +1,5 @@
-//! What every place of a path must keep: the axes' limits, the singular places, speeds and accelerations, and the boxes
-//! that no part of the arm may enter.
+//! The limits that every pose of a path must satisfy: the axes' limits, the singularities, speeds and
+//! accelerations, and the boxes that no part of the arm may enter.
 
 use super::infeasible::{Infeasibility, Singular};
 use super::leg::Look;
@@ -7,10 +7,10 @@ use crate::geometry::{Base, Point};
 use crate::path::kinematics::{Angles, Kinematics};
 use nalgebra::Vector3;
 
-/// Distance between places on the arm that are compared with the keep-out boxes, mm.
+/// Distance between points on the arm that are compared with the keep-out boxes, mm.
 const SAMPLE_MM: f64 = 15.0;
 
-/// The first axis beyond its limits less the margin.
+/// Returns the first axis beyond its limits less the margin.
 pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
     let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
     (0..6).find_map(|axis| {
@@ -32,7 +32,7 @@ pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Infeasibility {
     all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Infeasibility::NotFinite)
 }
 
-/// Room beyond all margins, degrees.
+/// Calculates the room beyond all margins, degrees.
 pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Infeasibility> {
     if let Some(cause) = beyond(arm, at) {
         return Err(cause);
@@ -53,7 +53,7 @@ pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, In
     Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
 }
 
-/// The axes' speeds on a step, degrees a second.
+/// Checks and returns the axes' speeds on a step, degrees a second.
 pub(super) fn too_fast(
     arm: &Kinematics,
     look: &Look,
@@ -81,7 +81,7 @@ pub(super) fn too_fast(
     Ok(speed)
 }
 
-/// The arm's parts: each with its ends and the distance that it keeps, mm.
+/// Returns the arm's parts: each with its ends and its required distance, mm.
 pub(super) fn parts(
     arm: &Kinematics,
     tip: Point<Base>,
@@ -97,7 +97,8 @@ pub(super) fn parts(
     ]
 }
 
-/// No part of the arm, nor the tool with its tip there, in a keep-out box or too near to one.
+/// Checks that neither a part of the arm nor the tool with its tip at this point is in a keep-out box or too near
+/// to one.
 pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
     if arm.arm().keep_out().is_empty() {
         return Ok(());

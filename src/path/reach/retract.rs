@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 /// The speed of the retract, mm/s: CELL_RETRACT_VEL of config/kuka/cell_config.dat.
 pub const RETRACT_MM_S: f64 = 200.0;
 
-/// The line away from the panel.
+/// Returns the straight line away from the panel.
 pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
     let away = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -RETRACT_MM));
     Leg { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
@@ -44,14 +44,14 @@ mod tests {
     use crate::cell::Cell;
     use crate::geometry::KukaPose;
 
-    /// The number of a constant in the program that ships.
+    /// Reads the value of a constant in the shipped program.
     fn shipped(name: &str) -> f64 {
         let text = include_str!("../../../config/kuka/cell_config.dat");
         let line = text.lines().find_map(|line| line.split_once(&format!("{name}="))).expect("a constant");
         line.1.trim().parse().expect("a number")
     }
 
-    /// As the controller's program does it.
+    /// The retract is the same as in the controller's program.
     #[test]
     fn the_retract_is_the_programs() {
         assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));

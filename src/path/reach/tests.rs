@@ -1,4 +1,4 @@
-//! Paths that are refused, at hand-made places.
+//! Tests of paths that are refused, at poses calculated by hand.
 
 use super::leg::Look;
 use super::margins::{beyond, keeps_out, too_fast};
@@ -23,7 +23,7 @@ impl Gates {
     }
 }
 
-/// What refuses a path, one cause each, at hand-made places.
+/// Each cause that refuses a path, at poses calculated by hand.
 #[test]
 fn every_cause_has_its_name() {
     let gates = Gates::new();
@@ -33,10 +33,12 @@ fn every_cause_has_its_name() {
         blend_mm: 0.0,
     };
     let refused = |legs: &[Leg]| follow(&gates.arm, gates.flange_from_tool, None, legs).expect_err("refused").cause;
-    // By hand: the wrist's centre 210 mm behind the tip, 1000 mm out: 975 from axis 2, of 700.9.
+    // Calculated by hand: the wrist's centre is 210 mm behind the tip, at 1000 mm: 975 from axis 2, while the reach
+    // is 700.9.
     let Infeasibility::OutOfReach { beyond_mm } = refused(&[leg(1_210.0, 0.0, 400.0)]) else { panic!("reached") };
     assert!((beyond_mm - (975.0 - 700.855)).abs() < 0.01, "{beyond_mm}");
-    // By hand: at home the wrist is straight, axis 5 at 0; the tip 480 + 120 mm out at 760.
+    // Calculated by hand: at home the wrist is straight, axis 5 at 0; the tip is at 480 + 120 mm, at a height of
+    // 760.
     let from = |arm: &Kinematics, angles: [f64; 6], to: Leg| {
         follow(arm, gates.flange_from_tool, Some(&Joints::from(angles)), &[to]).expect_err("refused").cause
     };
@@ -50,13 +52,13 @@ fn every_cause_has_its_name() {
     assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Infeasibility::NotFinite));
     let fast = Leg { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };
     assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Infeasibility::AxisSpeed { .. }));
-    // There and back in a corner rounded over 0.5 mm at 400 mm/s changes the speed within 2.5 ms, a step's time at most.
+    // There and back in a corner rounded over 0.5 mm at 900 mm/s changes the speed within the time of one step.
     let quick = |y_mm: f64| Leg { feed_mm_s: 900.0, blend_mm: 0.5, ..leg(560.0, y_mm, 400.0) };
     assert!(matches!(
         refused(&[quick(0.0), quick(10.0), quick(20.0), quick(10.0)]),
         Infeasibility::AxisAcceleration { .. }
     ));
-    // All axes within ±limits, yet A1 beyond them: behind the arm.
+    // Behind the arm, A1 is beyond its limits, although all other angles are within theirs.
     let found = follow(
         &gates.arm,
         gates.flange_from_tool,
@@ -72,8 +74,8 @@ fn look(seconds: f64, change_s: Option<f64>) -> Look {
     Look { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, ways: Vec::new() }
 }
 
-/// By hand: each axis may turn a hundredth of its speed in 10 ms, and its speed may change by a hundredth of its
-/// acceleration; a thousandth more of either is refused, at that axis.
+/// Calculated by hand: in 10 ms, each axis may turn a hundredth of its speed, and its speed may change by a
+/// hundredth of its acceleration. A thousandth more of either is refused, at that axis.
 #[test]
 fn speed_and_acceleration_hold_up_to_their_limits() {
     let arm = Gates::new().arm;
@@ -90,7 +92,7 @@ fn speed_and_acceleration_hold_up_to_their_limits() {
                 matches!(refused, Infeasibility::AxisSpeed { axis: found, .. } if found == axis + 1),
                 "{refused:?}"
             );
-            // From 10 °/s to a speed that differs by the acceleration times 10 ms.
+            // The speed changes from 10 °/s by the acceleration times 10 ms.
             let change = axes.max_acceleration_deg_s2[axis] * 0.01;
             let to = |share: f64| only((10.0 + sign * share * change) * 0.01);
             let held = look(0.01, Some(0.01));
@@ -101,7 +103,7 @@ fn speed_and_acceleration_hold_up_to_their_limits() {
     }
 }
 
-/// By hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each less the margin of 3°.
+/// Calculated by hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each less the margin of 3°.
 #[test]
 fn an_axis_keeps_the_margin_from_its_limits() {
     let arm = Gates::new().arm;
@@ -120,8 +122,8 @@ fn an_axis_keeps_the_margin_from_its_limits() {
     }
 }
 
-/// By hand: at home the forearm and the wrist lie in the plane y = 0 at z = 760, the flange at x = 480, the tip at
-/// x = 600. A box beside the wrist must be 80 mm away, one beside the tip alone 40.
+/// Calculated by hand: at home the forearm and the wrist lie in the plane y = 0 at z = 760, the flange at x = 480,
+/// the tip at x = 600. A box beside the wrist must be 80 mm away, a box beside only the tip 40 mm.
 #[test]
 fn the_arm_and_the_tool_keep_their_distances_from_a_box() {
     let distance = |x_mm: f64, y_mm: f64| {

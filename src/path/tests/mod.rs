@@ -1,4 +1,4 @@
-//! Rasters, poses and plans on surfaces that can be checked by hand, and on fitted ones.
+//! Tests of rasters, poses and plans on surfaces that can be checked by hand, and on fitted surfaces.
 
 mod plans;
 mod poses;

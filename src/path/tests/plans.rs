@@ -1,4 +1,4 @@
-//! Plans by hand, what is refused, and the program for running one by hand.
+//! Tests of plans calculated by hand, of refused plans, and of the program that a person runs.
 
 use super::*;
 use crate::verdict::{Check, Severity};
@@ -61,7 +61,7 @@ fn spoil(plan: &mut Plan, path: usize, waypoint: usize, change: fn(&mut KukaPose
     waypoint.panel_from_tool = pose.to_rigid();
 }
 
-/// One planted defect each; the plan without one is accepted.
+/// One inserted defect each; the plan without a defect is accepted.
 #[test]
 fn every_planted_defect_has_its_reason() {
     let (good, settings) = good_plan();
@@ -142,8 +142,9 @@ fn a_press_in_needs_a_pad_that_takes_up_the_error() {
     assert_eq!(judge_pad(&settings(""), None).verdict, Verdict::Accept, "nothing is pressed");
 }
 
-/// By hand: on a grid of 6 mm one place would do for a disc of 30 mm; it moves over it by half of its radius, 7.5 mm, as
-/// slowly as it may, since the place would be under it for too short a time anyway.
+/// Calculated by hand: on a grid of 6 mm, one place would be enough for a disc of 30 mm. The disc moves over this
+/// place by half of its radius, 7.5 mm. It moves as slowly as allowed, because the place would otherwise be under
+/// the disc for too short a time.
 #[test]
 fn the_krl_program_is_as_written() {
     let surface = rectangle(6.0, 6.0);

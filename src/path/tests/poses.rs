@@ -48,7 +48,7 @@ fn a_reference_along_the_normal_is_refused() {
     );
 }
 
-/// From one grid to another the tool flies at 40 mm, on a cylinder as well.
+/// Between two grids, the tool moves through the air at 40 mm, also above a cylinder.
 #[test]
 fn between_grids_the_tool_stays_above_the_surface() {
     let (fit, region, outline, settings) = fitted(Shape::Cylinder, Spoil::default(), "[path]\nlanding_mm = 0\n");
@@ -61,7 +61,8 @@ fn between_grids_the_tool_stays_above_the_surface() {
     }
 }
 
-/// By hand: the chord of a cylinder of 400 mm radius leaves it by s² / 8R; 0.02 mm allow 8 mm.
+/// Calculated by hand: the chord of a cylinder of 400 mm radius deviates from the cylinder by s² / 8R; 0.02 mm
+/// allow 8 mm.
 #[test]
 fn waypoints_come_closer_where_the_panel_bends() {
     let (fit, region, outline, settings) =
@@ -73,14 +74,15 @@ fn waypoints_come_closer_where_the_panel_bends() {
         contact.windows(2).map(|pair| tool(pair[0]).origin().distance_mm(tool(pair[1]).origin())).collect();
     let longest = steps.iter().copied().fold(0.0, f64::max);
     assert!((7.7..8.05).contains(&longest), "{longest}");
-    // 8 mm in 200 ms are 40 mm/s: slower than the recipe's 60.
+    // 8 mm in 200 ms are 40 mm/s: slower than the recipe's 60 mm/s.
     for (pair, step) in contact.windows(2).zip(&steps) {
         assert!(pair[1].feed_mm_s <= step / 0.2 + 1e-9, "{} after {step} mm", pair[1].feed_mm_s);
         assert!(pair[1].blend_mm <= 0.2 * step + 1e-9);
     }
 }
 
-/// By hand: the disc comes down over 15 mm along the surface from 3 mm above it, goes 1.5 mm in and leaves the same way.
+/// Calculated by hand: the disc comes down over 15 mm along the surface from 3 mm above it, presses in by 1.5 mm
+/// and leaves the same way.
 #[test]
 fn the_disc_lands_and_leaves_while_it_moves() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings("press_in_mm = 1.5\npad_stroke_mm = 5"));
@@ -115,7 +117,7 @@ fn lead_and_tilt_lean_the_tool_about_its_point() {
         panel_from_tool(&surface, at, 0.0, Stance::from_settings(&settings("lead_deg = 5"))).expect("a pose");
     assert!(leaning.origin().distance_mm(upright.origin()) < 1e-12);
     assert!(((upright.inverse() * leaning).turn().0 - 5.0).abs() < 1e-9);
-    // By hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° turns Z towards X.
+    // Calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° turns Z towards X.
     let z = leaning.rotation() * Vector3::z();
     assert!((z - Vector3::new(5.0f64.to_radians().sin(), 0.0, -5.0f64.to_radians().cos())).norm() < 1e-9, "{z}");
 }

@@ -1,9 +1,9 @@
-//! What a disc reaches and leaves: coverage, dwell, the outline, holes, every pattern.
+//! Tests of the area that a disc reaches and leaves out: coverage, dwell, the outline, holes, every pattern.
 
 use super::super::coverage::{coverage, strokes};
 use super::*;
 
-/// By hand: 20 mm of track and a disc of 5 mm radius cover 20·10 + 25π = 278.54 of 2500 mm².
+/// Calculated by hand: 20 mm of track and a disc of 5 mm radius cover 20·10 + 25π = 278.54 of 2500 mm².
 #[test]
 fn a_straight_track_covers_a_stadium() {
     let surface = rectangle(50.0, 50.0);
@@ -12,12 +12,12 @@ fn a_straight_track_covers_a_stadium() {
     let found = coverage(&surface, (id, &WHOLE), &strokes(&track, |_| true), 5.0);
     assert!((found.area_mm2 - 2_500.0).abs() < 1e-6);
     assert!((found.covered_mm2 - 278.54).abs() < 3.0, "{found:?}");
-    // One place alone is no way in contact, neither here nor for the dwell.
+    // A single place is no way in contact, neither here nor for the dwell.
     assert!(strokes(&track, |index| index == 0).is_empty() && strokes(&track[..1], |_| true).is_empty());
 }
 
-/// By hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm over the edge at y = −105; it
-/// moves inwards and still covers the grid.
+/// Calculated by hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm over the edge
+/// at y = −105. The disc moves inwards and still covers the grid.
 #[test]
 fn a_large_disc_keeps_off_the_outline_where_it_can() {
     let (fit, region, outline, settings) = fitted(
@@ -53,7 +53,7 @@ fn what_the_outline_forbids_is_left_and_said() {
     }
 }
 
-/// Every pattern reaches all of every grid, on every shape, and keeps its distance.
+/// Every pattern covers every grid completely, on every shape, and keeps the distance between its lines.
 #[test]
 fn every_pattern_covers_the_region() {
     for (shape, more) in
@@ -78,8 +78,9 @@ fn every_pattern_covers_the_region() {
     }
 }
 
-/// By hand: 20 mm of track at 10 mm/s under a disc of 5 mm radius: a place on the track's line, 10 mm from its ends,
-/// lies under the disc for 1 s, one beside it by 4 mm for 0.6 s; there and back is two passes.
+/// Calculated by hand: 20 mm of track at 10 mm/s under a disc of 5 mm radius. A place on the track's line, 10 mm
+/// from its ends, lies under the disc for 1 s, a place 4 mm beside the line for 0.6 s. A track there and back
+/// counts as two passes.
 #[test]
 fn dwell_by_hand() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
@@ -93,7 +94,7 @@ fn dwell_by_hand() {
     };
     assert!((sample(&once, 25, 25).0 - 1.0).abs() < 0.11 && (sample(&once, 25, 28).0 - 0.7).abs() < 0.11);
     assert_eq!((sample(&once, 25, 25).1, sample(&once, 25, 31)), (1, (0.0, 0)));
-    // The stadium of 20 · 10 + 25π = 278.5 of 2500 mm².
+    // A straight track covers a stadium of 20 · 10 + 25π = 278.5 of 2500 mm².
     assert!((once.share() - 0.1114).abs() < 0.003 && (once.grids[0].left_mm2() - 2_221.5).abs() < 8.0);
     let back = dwell::Executed { contact: false, ..at(60.0) };
     let twice = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0), back, at(35.0), at(15.0)], 5.0);
@@ -126,8 +127,8 @@ fn a_disc_larger_than_the_grid_covers_it_by_every_count() {
     assert!(none.spread().is_none());
 }
 
-/// The time under the disc is even over a single grid, which has nothing but borders: by the plan and by the simulation of
-/// its poses. At the recipe's feed throughout it would not be.
+/// The time under the disc is even over a single grid, which consists only of border areas. Both the plan and the
+/// simulation of its poses show this. At the recipe's feed throughout, the time would not be even.
 #[test]
 fn the_feed_makes_the_time_under_the_disc_even() {
     let (surface, region, settings) = (rectangle(50.0, 50.0), one_grid(), settings(""));
@@ -161,7 +162,7 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
         dwell.share(),
         plan.coverage
     );
-    // Half of the path: what is left is seen.
+    // Half of the path: the simulation shows the part that is not covered.
     let mut half = dwell::planned(&plan);
     half.truncate(half.len() / 2);
     let executed = dwell::simulate(&fit.surface, &region, &grids, &half, 15.0);

@@ -1,10 +1,10 @@
-//! Rows over patches that can be checked by hand, and on every curvature.
+//! Tests of rows over patches that can be checked by hand, and on every curvature.
 
 use super::*;
 use proptest::prelude::*;
 
-/// By hand: disc 30 mm, inset 3 mm; 44 mm are left of 50, at 12 mm in 4 steps of 11 mm; rows from 3 to 47 mm in 5 steps of
-/// 8.8 mm; the second row runs back.
+/// Calculated by hand: disc 30 mm, inset 3 mm; 44 mm of 50 mm remain, at 12 mm in 4 steps of 11 mm. Rows from 3 to
+/// 47 mm are in 5 steps of 8.8 mm; the second row runs back.
 #[test]
 fn a_square_of_50_mm_has_five_rows() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings(""));
@@ -22,7 +22,7 @@ fn a_square_of_50_mm_has_five_rows() {
     assert_eq!(raster.track(&surface, settings.waypoint_spacing_mm()).len(), 5 * 6 + 4);
 }
 
-/// By hand: below 6 mm there is no room for two insets of 3 mm.
+/// Calculated by hand: below 6 mm there is no space for two insets of 3 mm.
 #[test]
 fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
     for (width_mm, height_mm, lengths) in
@@ -38,8 +38,9 @@ fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
     }
 }
 
-/// By hand: a patch 50 mm wide on one side and 60 on the other has 54 mm at most between its outer rows, 5 steps; at
-/// the narrow side they are 8.8 mm, at the wide one 10.8, and the last row stays 3 mm from the slanted border.
+/// Calculated by hand: a patch 50 mm wide on one side and 60 mm on the other has 54 mm at most between its outer
+/// rows, 5 steps. At the narrow side the steps are 8.8 mm, at the wide side 10.8 mm, and the last row stays 3 mm
+/// from the slanted border.
 #[test]
 fn the_last_row_follows_the_far_border() {
     let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 50.0]]);
@@ -55,7 +56,7 @@ fn the_last_row_follows_the_far_border() {
 #[test]
 fn the_step_over_holds_around_a_cylinder() {
     let (fit, _, _, settings) = fitted(Shape::Cylinder, Spoil::default(), "[path]\nstep_over_mm = 12\n");
-    // The region's u runs around the cylinder; swapped, rows run along its axis.
+    // In the region, u runs around the cylinder; after the swap, rows run along the cylinder's axis.
     let surface = transposed(&fit.surface);
     let raster = raster(&surface, &WHOLE, &settings).expect("rows");
     let around_mm = |point: &Point<Panel>| 400.0 * (point.mm.x / (1_100.0 - point.mm.z)).atan();
@@ -66,7 +67,7 @@ fn the_step_over_holds_around_a_cylinder() {
     println!("width {width_mm:.3} mm, {} rows, r' {step_mm:.4} mm", rows.len());
     let (mut least, mut most) = (f64::INFINITY, 0.0f64);
     for pair in rows.windows(2) {
-        // On a developed cylinder: distance of a point to the chord between its neighbours in the next row.
+        // On a developed cylinder: distance of a point from the chord between its neighbours in the next row.
         for point in &pair[0][1..pair[0].len() - 1] {
             let flat = |p: &Point<Panel>| nalgebra::Vector2::new(around_mm(p), p.mm.y);
             let here = flat(point);
@@ -90,7 +91,8 @@ fn transposed(surface: &BSplineSurface) -> BSplineSurface {
     BSplineSurface::new(knots, controls, Point::at(0.0, 0.0, 0.0)).expect("a surface")
 }
 
-/// Distances between neighbouring rows, each beside the r' of its own column, on surfaces with every curvature.
+/// Distances between neighbouring rows, each compared with the r' of its own column, on surfaces with every
+/// curvature.
 #[test]
 fn rows_stand_at_the_equal_distance_of_their_column() {
     for shape in SHAPES {
@@ -101,7 +103,8 @@ fn rows_stand_at_the_equal_distance_of_their_column() {
             let grids: Vec<GridId> = region.ids().collect();
             let plan = plan(&fit.surface, &region, &grids, &[], &settings).expect("a plan");
             let step_over = plan.step_over_mm.expect("rows");
-            // The scene's region is a rectangle in x and y: all columns of a plane are equally wide, others nearly so.
+            // The scene's region is a rectangle in x and y. On a plane, all columns are equally wide, on other
+            // shapes nearly so.
             let spread = (step_over.max_mm - step_over.min_mm) / step_over.max_mm;
             println!("{shape:?} {angle_deg}: {step_over:?}");
             assert!(
@@ -151,7 +154,7 @@ impl Slanted {
     }
 }
 
-/// The smallest grid, disc, step-over and spacing, which failed once.
+/// The smallest grid, disc, step-over and spacing: this case failed once.
 #[test]
 fn the_smallest_rows_hold_what_they_promise() {
     let smallest =

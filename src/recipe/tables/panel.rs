@@ -1,4 +1,4 @@
-//! Which panel it is, and what of its outline a person gives: `[panel]`.
+//! The panel's name, and the parts of its outline that a person states: `[panel]`.
 
 use crate::config::{Section, settings};
 use crate::geometry::{Pixel, polygon};
@@ -8,7 +8,7 @@ settings! {
     /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short
     /// form.
     pub struct Panel {
-        /// The name, under which the store keeps what was taught.
+        /// The panel's name, under which the store keeps the taught data.
         name: String, (), required;
         /// The corners of the panel's outline, in order, px in the taught scan's picture: for a panel with an edge
         /// that the scan does not show, because points are missing there or another object lies beside it. Without
@@ -29,7 +29,7 @@ impl Panel {
 
 /// An outline with more corners is a curve that no person has drawn.
 const MAX_CORNERS: usize = 200;
-/// The smallest area that a drawn polygon encloses, px².
+/// The smallest area of a polygon that a person draws, px².
 const MIN_AREA_PX2: f64 = 16.0;
 
 pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
@@ -60,7 +60,7 @@ pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
     Some(panel)
 }
 
-/// What makes these corners no simple polygon.
+/// Returns the reason why these corners do not form a simple polygon; `None` if they do.
 fn wrong(corners: &[[f64; 2]]) -> Option<String> {
     let pixels: Vec<Pixel> = corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect();
     if let Some([first, second]) = polygon::crossing_sides(&pixels) {

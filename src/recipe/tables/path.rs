@@ -2,12 +2,12 @@
 
 use crate::config::{Choice, Section, settings};
 
-/// How control points are found.
+/// The method of finding the control points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FitMethod {
-    /// The surface that deviates least from the scan.
+    /// The surface with the least deviation from the scan.
     LeastSquares,
-    /// The thesis's own way (4.5): points of the scan are the control points.
+    /// The thesis's method (4.5): points of the scan are the control points.
     Thesis,
 }
 
@@ -19,7 +19,7 @@ impl Choice for FitMethod {
 settings! {
     /// `[surface]`: how the B-spline surface is fitted (thesis 4.5).
     pub struct Surface {
-        /// How control points are found.
+        /// The method of finding the control points.
         method: FitMethod, (), default FitMethod::LeastSquares;
         /// Distance between control points, mm.
         control_spacing_mm: f64, 5.0..=200.0, default 25.0;
@@ -27,25 +27,25 @@ settings! {
         max_rms_mm: f64, 0.001..=5.0, default 0.2;
         /// Largest share of the region's pixels without a point, percent.
         max_missing_percent: f64, 0.0..=50.0, default 10.0;
-        /// Side of the largest square without a point, mm.
+        /// Side of the largest allowed square without a point, mm.
         max_hole_mm: f64, 1.0..=200.0, default 12.0;
-        /// How far today's panel may lie from the taught one, mm; beyond it a person decides.
+        /// Largest distance of today's panel from the taught panel, mm; beyond it a person decides.
         max_deviation_mm: f64, 0.05..=20.0, default 2.0;
     }
 }
 
-/// How the lines lie in a region that is abraded (thesis Fig. 4.26).
+/// The arrangement of the lines in a region that is abraded (thesis Fig. 4.26).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pattern {
-    /// Rows, there and back.
+    /// Parallel rows, in alternating directions.
     Raster,
-    /// Rows, and then rows across them.
+    /// Rows, followed by rows across them.
     CrossHatch,
-    /// Turns that go inwards all the time.
+    /// Turns that lead continuously inwards.
     Spiral,
     /// Closed contours, one inside the other.
     Offset,
-    /// Contours, the end of each leading into the next one.
+    /// Contours, each of which ends at the start of the next one.
     OffsetSpiral,
 }
 
@@ -62,13 +62,14 @@ impl Choice for Pattern {
 settings! {
     /// `[path]`: how the tool moves (thesis 4.6–4.8).
     pub struct Path {
-        /// How the lines lie.
+        /// The arrangement of the lines.
         pattern: Pattern, (), default Pattern::Raster;
-        /// Direction of the rows, degrees from the region's columns' direction towards its rows'.
+        /// Direction of the rows, degrees, measured from the direction of the region's columns towards the
+        /// direction of its rows.
         feed_angle_deg: f64, -90.0..=90.0, default 0.0;
-        /// Are neighbouring grids abraded as one, or each by itself?
+        /// Whether neighbouring grids are abraded together or each separately.
         join_grids: bool, (), default true;
-        /// Diameter of the disc's contact, mm.
+        /// Diameter of the disc's contact area, mm.
         disc_diameter_mm: f64, 2.0..=300.0, default 30.0;
         /// Largest distance between neighbouring rows, on the surface, mm.
         step_over_mm: f64, 0.5..=200.0, default 12.0;
@@ -81,42 +82,44 @@ settings! {
         planning_time_ms: f64, 1.0..=500.0, default 60.0;
         /// Rounding at a waypoint, as a share of the shorter line beside it. The controller accepts at most a half.
         blend_share: f64, 0.0..=0.5, default 0.2;
-        /// How far the disc may reach beyond the panel's outline, mm.
+        /// Largest distance that the disc may reach beyond the panel's outline, mm.
         edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
-        /// Largest ratio of the longest to the shortest time under the disc, 95 % to 5 % of the treated area, of each grid
-        /// and of all together.
+        /// Largest ratio of the longest to the shortest time under the disc (95 % to 5 % of the treated area), for
+        /// each grid and for all grids together.
         max_dwell_ratio: f64, 1.1..=20.0, default 2.0;
         /// Highest feed along the surface, mm/s; it is lower at places that would be under the disc for less time.
         feed_mm_s: f64, 1.0..=500.0, default 60.0;
-        /// Acceleration of the tool's point from and to a stop, mm/s².
+        /// Acceleration of the tool's point when starting and stopping, mm/s².
         acceleration_mm_s2: f64, 50.0..=10_000.0, default 1_000.0;
         /// Height of approach and retract above the surface, mm.
         approach_mm: f64, 5.0..=300.0, default 40.0;
-        /// Way along the surface on which the tool comes down to it and leaves it, moving, mm; 0 goes straight down.
+        /// Length along the surface over which the tool comes down to the surface, and over which it leaves, while
+        /// moving, mm; with 0 it moves straight down.
         landing_mm: f64, 0.0..=100.0, default 15.0;
-        /// Height above the surface at which that way begins, mm.
+        /// Height above the surface at which the landing begins, mm.
         landing_height_mm: f64, 0.5..=50.0, default 3.0;
         /// The tool is lifted over a hole that contains a square of this side, mm; it passes over smaller holes.
         lift_hole_mm: f64, 1.0..=200.0, default 10.0;
-        /// How far the tool's point goes into the panel along the normal: the compression of its pad, mm.
+        /// Depth to which the tool's point goes into the panel along the normal, mm: the compression of its pad.
         press_in_mm: f64, 0.0..=50.0, default 0.0;
-        /// What the pad can be compressed, mm; a press-in needs it stated.
+        /// Largest compression of the pad, mm; required if `press_in_mm` is used.
         pad_stroke_mm: Option<f64>, 0.5..=100.0, default None;
-        /// Force with which a compliant tool presses, N; it needs one, and no other tool has one.
+        /// Force with which a compliant tool presses, N; required for a compliant tool, not allowed for any other
+        /// tool.
         force_n: Option<f64>, 1.0..=500.0, default None;
         /// Force with which it comes down and leaves, N; a third of force_n if not stated.
         landing_force_n: Option<f64>, 0.5..=500.0, default None;
-        /// From one of these forces to the other, s.
+        /// Time of the change between `landing_force_n` and `force_n`, s.
         force_ramp_s: f64, 0.0..=2.0, default 0.2;
-        /// Lean of the tool along its spin axis X, degrees.
+        /// Tilt of the tool along its spin axis X, degrees.
         lead_deg: f64, -20.0..=20.0, default 0.0;
-        /// Lean of the tool across that axis, degrees.
+        /// Tilt of the tool across its spin axis X, degrees.
         tilt_deg: f64, -20.0..=20.0, default 0.0;
         /// Reference of the tool's spin, a direction in the panel's frame; [0, 0, 0] selects each grid's feed axis.
         reference_axis: [f64; 3], -1.0..=1.0, default [0.0, 0.0, 0.0];
-        /// Is the tool round, so that its spin may be turned for the arm's reach?
+        /// Whether the tool is round, so that its spin may be turned for the arm's reach.
         round_tool: bool, (), default true;
-        /// Contact area that one disc lasts for, mm² of panel; unstated, discs are not counted.
+        /// Contact area for which one disc lasts, mm² of panel; if not stated, discs are not counted.
         disc_life_mm2: Option<f64>, 100.0..=10_000_000.0, default None;
     }
 }
@@ -155,7 +158,7 @@ pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
         section.problem("landing_height_mm", message);
         return None;
     }
-    // A direction need not have length 1, but one this short is a slip of the pen. √3 is the longest.
+    // A direction need not have length 1, but such a short one is an input error. √3 is the longest.
     let length = nalgebra::Vector3::from(path.reference_axis()).norm();
     if length > 0.0 && length < 0.1 {
         section.problem(
@@ -174,7 +177,7 @@ impl Path {
     }
 }
 
-/// Whether the keys of a compliant tool's force go together.
+/// Checks that the keys of a compliant tool's force are consistent.
 fn is_force_right(section: &Section<'_, '_>, path: &Path) -> bool {
     let Some(force_n) = path.force_n() else {
         let lonely: Vec<&str> =

@@ -4,10 +4,10 @@ use crate::config::{Choice, Section, Setting, settings};
 use crate::words::list;
 use toml::de::DeValue;
 
-/// How a pose is refined from the search's result.
+/// The method of refining a pose from the search's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Registration {
-    /// Point-to-plane with the outline.
+    /// Point-to-plane registration with the outline.
     PointToPlane,
     /// The thesis's point-to-point ICP, for comparison.
     Thesis,
@@ -21,14 +21,14 @@ impl Choice for Registration {
 settings! {
     /// `[locate]`: where the panel is searched, and the limits for acceptance (thesis 3.8).
     pub struct Locate {
-        /// How the pose is refined. The thesis's method states no error of its own: its distance from the other one
-        /// counts as error.
+        /// The method of refining the pose. The thesis's method does not state its own error: its distance from the
+        /// other method's pose counts as error.
         method: Registration, (), default Registration::PointToPlane;
         /// Lower corner of the search box in the base frame, mm.
         box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
         /// Upper corner of the search box in the base frame, mm.
         box_max_mm: [f64; 3], -5_000.0..=5_000.0, required;
-        /// Largest shift of the panel's centre from its nominal place, mm.
+        /// Largest shift of the panel's centre from its nominal position, mm.
         max_shift_mm: f64, 0.0..=1_000.0, default 60.0;
         /// Largest turn in the panel's plane, degrees.
         turn_limit_deg: f64, 0.0..=180.0, default 15.0;
@@ -36,8 +36,8 @@ settings! {
         max_tilt_deg: f64, 0.0..=45.0, default 15.0;
         /// Largest root mean square of the point-to-plane residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.25;
-        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1; a fifth of
-        /// the panel may be hidden.
+        /// Smallest share of taught points found in the scan, and of the panel's points in the scan found among the
+        /// taught points, 0…1; a fifth of the panel may be hidden.
         min_overlap: f64, 0.0..=1.0, default 0.75;
     }
 }
@@ -53,16 +53,16 @@ pub(in crate::recipe) fn parse_locate(section: &Section<'_, '_>) -> Option<Locat
     Some(locate)
 }
 
-/// Which corner of the panel, as the flange camera sees it at the taught pose.
+/// A corner of the panel, as the flange camera sees it at the taught pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CornerName {
-    /// Up and to the left.
+    /// The upper left corner.
     TopLeft,
-    /// Up and to the right.
+    /// The upper right corner.
     TopRight,
-    /// Down and to the right.
+    /// The lower right corner.
     BottomRight,
-    /// Down and to the left.
+    /// The lower left corner.
     BottomLeft,
 }
 
@@ -75,17 +75,17 @@ impl Choice for CornerName {
     ];
 }
 
-/// Which corner each of the taught pictures shows: one word for all of them, or a list in the order of teaching.
+/// The corner that each taught picture shows: one keyword for all pictures, or a list in the order of teaching.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CornerNames(Vec<CornerName>);
 
 impl CornerNames {
-    /// The corner of a taught picture, counted from 0; pictures beyond the list show the last one named.
+    /// Returns the corner of a taught picture, counted from 0; pictures beyond the list show the last named corner.
     pub fn for_picture(&self, picture: usize) -> CornerName {
         self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
     }
 
-    /// All of them, as a recipe writes them, in the order of teaching.
+    /// Returns all keywords as a recipe writes them, in the order of teaching.
     pub fn words(&self) -> Vec<&'static str> {
         let word =
             |name: &CornerName| CornerName::WORDS.iter().find(|(_, known)| known == name).map(|(word, _)| *word);
@@ -112,19 +112,19 @@ impl Setting for CornerNames {
 }
 
 settings! {
-    /// `[corner]`: how the corner picture is read (thesis 3.9, Fig. 3.17).
+    /// `[corner]`: settings for reading the corner picture (thesis 3.9, Fig. 3.17).
     pub struct Corner {
-        /// Which corner of the panel each taught picture shows.
+        /// The corner of the panel that each taught picture shows.
         which: CornerNames, (), default CornerName::TopLeft.into();
-        /// Neighbourhood of the bilateral filter, px.
+        /// Diameter of the bilateral filter's neighbourhood, px.
         bilateral_diameter_px: usize, 3..=31, default 9;
-        /// How far two brightnesses may differ and still be averaged.
+        /// Largest difference of two brightnesses that are still averaged.
         bilateral_sigma_gray: f64, 1.0..=255.0, default 40.0;
-        /// Darkest brightness that is panel.
+        /// Lowest brightness of the panel.
         panel_gray_min: usize, 0..=255, default 0;
-        /// Brightest brightness that is panel.
+        /// Highest brightness of the panel.
         panel_gray_max: usize, 0..=255, default 110;
-        /// Length of edge beside the corner that is left out, for its rounding, mm.
+        /// Length of edge beside the corner that is left out because of the rounding, mm.
         rounding_mm: f64, 0.0..=100.0, default 8.0;
         /// Length of each edge that is fitted, mm.
         edge_mm: f64, 2.0..=200.0, default 25.0;
@@ -132,7 +132,7 @@ settings! {
         max_correction_mm: f64, 0.1..=50.0, default 8.0;
         /// A picture that indicates a smaller correction than this is the last one, mm.
         settled_mm: f64, 0.05..=5.0, default 0.3;
-        /// Moves after the first picture, at most.
+        /// Largest number of moves after the first picture.
         max_moves: usize, 0..=10, default 3;
         /// Largest distance of the corner from where the localization puts it just before contact, mm.
         verify_mm: f64, 0.05..=5.0, default 0.2;

@@ -1,14 +1,14 @@
-//! What is to be removed: `[removal]`.
+//! The required removal: `[removal]`.
 
 use super::path::Path;
 use crate::config::{Choice, Section, settings};
 
-/// How the feed follows from what is to be removed.
+/// The method of calculating the feed from the required removal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RemovalMethod {
     /// Not at all: the feed makes the times under the disc even, and the resulting removal is reported.
     Constant,
-    /// The feed on each move is found so that the target is removed, evenly.
+    /// The feed on each move is calculated so that the target is removed evenly.
     Scheduled,
 }
 
@@ -18,14 +18,14 @@ impl Choice for RemovalMethod {
 }
 
 settings! {
-    /// `[removal]`: what is to be removed, and what never may be.
+    /// `[removal]`: the required removal and its upper limit.
     pub struct Removal {
-        /// How the feed follows from it.
+        /// The method of calculating the feed from the required removal.
         method: RemovalMethod, (), default RemovalMethod::Constant;
         /// Depth to remove, µm.
         target_um: f64, 0.1..=5_000.0, required;
-        /// Depth that is removed nowhere, µm: of the coating, or of the first ply. Its 95 % bound is held against
-        /// it, over all passes.
+        /// Largest allowed depth at any place, µm: of the coating, or of the first ply. The 95 % bound of the
+        /// removal over all passes is compared with this depth.
         max_um: f64, 0.1..=10_000.0, required;
         /// Largest deviation from the target for 95 % of the treated area, percent of the target.
         even_percent: f64, 1.0..=100.0, default 20.0;
@@ -38,8 +38,8 @@ settings! {
     }
 }
 
-/// The table, if the recipe has one; the outer `None` if it has problems. What it must have beside a `[path]` with
-/// problems, which is no `path` here, is not known.
+/// Reads the table, if the recipe has one; the outer `None` means that the table has problems. If `[path]` has
+/// problems, `path` is `None` here, and the keys that depend on it are not checked.
 pub(in crate::recipe) fn parse_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
     if !section.is_present() {
         return Some(None);

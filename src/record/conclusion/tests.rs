@@ -19,7 +19,7 @@ fn codes(judgement: &Judgement) -> Vec<&str> {
     judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
-/// The normal way to a pass: grease, an abrasion, a film without a break.
+/// The normal sequence that leads to a pass: grease, an abrasion, a film without a break.
 fn passed() -> Vec<Finding> {
     let fail = finding(Kind::Inspect, Verdict::Fail, "broke");
     let good = |kind| finding(kind, Verdict::Accept, "");
@@ -32,7 +32,7 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     let judgement = conclude(Verdict::Pass, &all, &[], &[]);
     assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Pass, vec![]));
     assert_eq!(dispositions(&all, &[])[1], Disposition::Superseded);
-    // Without the abrasion, without the later film, or with them in the other order it counts.
+    // Without the abrasion, without the later film, or with the two in the other order, the first film counts.
     for left_out in [3, 4] {
         let mut less = passed();
         less.remove(left_out);
@@ -44,7 +44,7 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     assert_eq!(conclude(Verdict::Pass, &exchanged, &[], &[]).verdict, Verdict::Fail);
 }
 
-/// A part that was sanded too deep passes no later film.
+/// A part that was sanded too deep does not pass by a later film.
 #[test]
 fn a_rejected_abrasion_outweighs_a_film_that_passes() {
     let mut all = passed();
@@ -54,7 +54,7 @@ fn a_rejected_abrasion_outweighs_a_film_that_passes() {
     assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["removal_too_deep"]));
 }
 
-/// Only a decision that came after the finding, and was taken, counts.
+/// A decision counts only if it came after the finding and was accepted.
 #[test]
 fn a_review_counts_until_a_person_decides() {
     let mut all = passed();
@@ -122,7 +122,7 @@ fn requests() -> impl Strategy<Value = Vec<RequestRecord>> {
     prop::collection::vec(one.prop_map(|(request, answer, findings)| asked(request, answer, findings)), 0..5)
 }
 
-/// The rule once more, by itself: what a pass needs.
+/// A second, independent form of the rule: the conditions for a pass.
 fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
     let is = |finding: &Finding, verdict| finding.judgement.verdict == verdict;
     let none_is_bad = findings.iter().all(|one| !is(one, Verdict::Reject) && !is(one, Verdict::Invalid));
@@ -145,8 +145,8 @@ fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4_000))]
 
-    /// Never better than the worst finding that counts, with the reasons of all that count; and only what a pass
-    /// needs makes a pass.
+    /// The verdict is never better than the worst finding that counts, and has the reasons of all findings that
+    /// count. Only a cycle that satisfies the conditions for a pass can pass.
     #[test]
     fn no_verdict_is_better_than_its_worst_finding(
         findings in findings(),
@@ -183,8 +183,8 @@ proptest! {
     }
 }
 
-/// A pass is shown by a film after the last abrasion. A record without findings, with good ones of other kinds
-/// alone, or with an abrasion after its film shows none; a run in the air needs none.
+/// A pass needs a film that passed after the last abrasion. A record without findings, with only good findings of
+/// other kinds, or with an abrasion after its film shows no pass. A run in the air needs no film.
 #[test]
 fn a_pass_needs_a_film_that_passed() {
     let pass = Judgement { verdict: Verdict::Pass, reasons: vec![] };

@@ -7,7 +7,7 @@ use crate::report::page::{Row, Section};
 use crate::words::utc;
 use std::collections::BTreeMap;
 
-/// How often each grid was abraded, whole or in part, or may have been.
+/// Lists how often each grid was abraded, completely or in part, or may have been abraded.
 pub(super) fn abraded(record: &CycleRecord) -> Section {
     let all = crate::record::abraded(&record.findings, &record.motions);
     let mut passes: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -115,7 +115,7 @@ fn wanted(wanted: &Wanted) -> (String, String) {
     }
 }
 
-/// Every motion and how it ended.
+/// Lists every motion and how it ended.
 pub(super) fn motions(record: &CycleRecord) -> Section {
     let rows = record.motions.iter().map(|motion| {
         let path = match motion.motion.path {

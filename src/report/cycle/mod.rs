@@ -1,4 +1,4 @@
-//! The page of one cycle: what every phase found and was allowed, what was used, and the conditions.
+//! The page of one cycle: what every phase found, the limits, the files used, and the conditions.
 
 mod happened;
 
@@ -11,7 +11,7 @@ use crate::words::utc;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// What a person fills in by hand.
+/// A blank that a person fills in by hand.
 const BLANK: &str = "……………………………………";
 const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
                        tested nor abraded, and this page does not release it. ";
@@ -53,7 +53,7 @@ enum Times {
     Wall,
     /// The simulated cell's.
     Simulated,
-    /// It was not recorded.
+    /// The clock was not recorded.
     Unknown,
 }
 
@@ -69,7 +69,7 @@ impl Times {
     /// Returns the remark on a time, so that a reader does not confuse the two clocks.
     fn beside(self, kind: Kind, check: &Check) -> &'static str {
         match (self, check.unit.as_str()) {
-            // No clock measured it.
+            // The time of a plan is calculated, not measured by a clock.
             (_, "s") if kind == Kind::Plan => ", planned",
             (Times::Simulated, "s") => " of simulated time",
             (Times::Simulated, "ms") => " of wall time",
@@ -162,7 +162,7 @@ fn section(
     }
 }
 
-/// A detail as a person reads it: a pose with its units, a list of names; else as it is kept.
+/// Formats a detail for people: a pose with its units, a list of names; any other value as it is stored.
 fn words(value: &Value) -> String {
     let pose = serde_json::from_value::<KukaPose>(value.clone()).ok();
     let names = serde_json::from_value::<Vec<String>>(value.clone()).ok();

@@ -114,7 +114,7 @@ fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
         &BTreeMap::new(),
     )
     .html();
-    // By hand: √(4 · 0.5²) = 1.
+    // Calculated by hand: √(4 · 0.5²) = 1.
     assert!(html.contains("<td>total</td><td>1 mm</td>") && !html.contains("tool_error_mm"));
     assert!(html.contains("class=\"verdict doubt\"") && html.contains("not over"));
     assert!(html.contains("<td>robot and tool</td>"));

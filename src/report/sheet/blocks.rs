@@ -11,7 +11,7 @@ use crate::verdict::Verdict;
 pub struct Block {
     /// Its heading.
     pub heading: String,
-    /// The heads of its columns, each with its share of the width.
+    /// The headings of the table's columns, each with its share of the width.
     pub columns: Vec<(&'static str, f32)>,
     /// Its rows.
     pub rows: Vec<Vec<String>>,
@@ -19,7 +19,7 @@ pub struct Block {
 
 const TABLE: [(&str, f32); 4] = [("what", 0.42), ("found", 0.2), ("allowed", 0.18), ("allowed by", 0.2)];
 
-/// Every film, invalid ones too.
+/// Lists every film, including invalid films.
 pub(super) fn attempts(record: &CycleRecord) -> Block {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let attempt = |film: &Finding| {
@@ -47,7 +47,7 @@ pub(super) fn attempts(record: &CycleRecord) -> Block {
     }
 }
 
-/// The numbers by which a reader judges the treatment; of a kind the last one.
+/// Lists the numbers by which a reader judges the treatment; if there are several of one kind, the last one.
 pub(super) fn numbers(record: &CycleRecord) -> Block {
     // In the record a check's name may depend on the one before it; here each name is complete.
     let wanted = [
@@ -118,7 +118,7 @@ pub(super) fn equipment(all: &[Equipment]) -> Block {
     }
 }
 
-/// What was for a person to decide, and who decided.
+/// Lists the results on which a person had to decide, and who decided.
 pub(super) fn deviations(record: &CycleRecord) -> Block {
     let all = record.findings.iter().zip(dispositions(&record.findings, &record.asked));
     let reviews = all.filter(|(finding, _)| finding.judgement.verdict == Verdict::Review);
@@ -154,14 +154,15 @@ pub(super) fn signatures(sources: &Sources<'_>) -> Block {
     }
 }
 
-/// The line to sign by hand. Of an air-run there is nothing to release.
+/// Returns the line to sign by hand; `None` for an air-run, which has nothing to release, or if a signature already
+/// decides.
 pub(super) fn line_to_sign(sources: &Sources<'_>) -> Option<Vec<String>> {
     let is_open = !sources.record.is_air_run() && !sources.signatures.iter().any(|one| one.decides);
     let line = "……………………………".to_owned();
     is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
 }
 
-/// Every reason in full: the page has no room for long ones.
+/// Lists every reason in full, because the page has no space for long ones.
 pub(super) fn reasons(record: &CycleRecord) -> Option<Block> {
     let row =
         |what: String, verdict: Verdict, message: &str| vec![what, verdict.word().to_owned(), message.to_owned()];
@@ -187,7 +188,7 @@ pub(super) fn all_checks(finding: &Finding) -> Block {
     }
 }
 
-/// No more than fits; the annex has the rest.
+/// Shortens a text to what fits on the page; the annex has the full text.
 pub(super) fn shortened(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((end, _)) => format!("{}… (see the annex)", &text[..end]),
@@ -195,7 +196,7 @@ pub(super) fn shortened(text: &str, most: usize) -> String {
     }
 }
 
-/// The first digits of a hash: enough to compare by eye, and the signed record has all.
+/// Returns the first digits of a hash: enough to compare by eye; the signed record has all digits.
 pub(super) fn short(hash: &str) -> String {
     hash.get(..16).map_or(hash.to_owned(), |digits| format!("{digits}…"))
 }

@@ -19,11 +19,11 @@ pub struct Sheet {
     pub title: String,
     /// How the cycle ended.
     pub verdict: Verdict,
-    /// The same in a sentence.
+    /// The cycle's end in a sentence.
     pub disposition: String,
-    /// Names and values before the map, two to a line.
+    /// Names and values above the map, two to a line.
     pub facts: Vec<(String, String)>,
-    /// The map of the panel; else why there is none.
+    /// The map of the panel, or the reason why there is none.
     pub map: Result<GridMap, String>,
     /// Tables of the page.
     pub blocks: Vec<Block>,
@@ -31,11 +31,12 @@ pub struct Sheet {
     pub annex: Vec<Block>,
 }
 
-/// Rows that each table surely has on the page; the annex has all.
+/// Number of rows that each table is guaranteed on the page; the annex has all rows.
 const ROWS_EACH: usize = 5;
 const NOT_NAMED: &str = "not named at the start";
 
-/// Numbers, equipment and then failed grids have the rows that other tables leave free: a row of theirs is one line.
+/// Tables that receive the free rows of the other tables, in this order: numbers, equipment and then failed grids.
+/// A row of these tables is one line.
 const FIRST_SERVED: [usize; 3] = [2, 3, 0];
 
 /// Returns how many rows of each table are on the page; it holds as many as if each had [`ROWS_EACH`].
@@ -51,7 +52,7 @@ fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
 }
 
 impl Sheet {
-    /// The page of a cycle.
+    /// Creates the page of a cycle.
     pub fn from_sources(sources: &Sources<'_>) -> Self {
         let record = sources.record;
         let failed = Block {
@@ -195,7 +196,7 @@ fn time(record: &CycleRecord) -> String {
     format!("{began}, {took}{simulated}")
 }
 
-/// What a grid fails by, as the films were held against it.
+/// States the criterion by which a grid fails, as it was applied to the films.
 fn criterion(record: &CycleRecord) -> String {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();

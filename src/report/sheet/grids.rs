@@ -12,7 +12,7 @@ pub enum GridState {
     NotTested,
     /// The film held.
     Passed,
-    /// The film broke, the grid was abraded, and the film held.
+    /// The film broke, the grid was abraded, and the next film did not break.
     PassedAfterAbrasion,
     /// The film broke.
     Failed,
@@ -63,7 +63,7 @@ impl GridState {
     }
 }
 
-/// The region with the state of each grid, `r1c1` at the top left, as it lies in the taught picture.
+/// The region with the state of each grid; `r1c1` is at the top left, as in the taught picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GridMap {
     /// Columns.
@@ -72,7 +72,7 @@ pub struct GridMap {
     pub rows: Vec<Vec<GridState>>,
 }
 
-/// The name of a grid, both counted from 0.
+/// Returns the name of the grid in this row and column, both counted from 0.
 fn name(row: usize, column: usize) -> String {
     format!("r{}c{}", row + 1, column + 1)
 }
@@ -104,14 +104,14 @@ fn state(record: &CycleRecord, grid: &str) -> GridState {
     }
 }
 
-/// The map of a region of this size.
+/// Creates the map of a region with these numbers of rows and columns.
 pub(super) fn map(record: &CycleRecord, rows: usize, columns: usize) -> GridMap {
     let row = |row| (0..columns).map(|column| state(record, &name(row, column))).collect();
     GridMap { columns, rows: (0..rows).map(row).collect() }
 }
 
-/// A row for each grid that failed in any film: its name, the film, time to break, broken area, passes, and the area in
-/// the last film.
+/// Returns a row for each grid that failed in any film: its name, the film, time to break, broken area, passes, and
+/// the area in the last film.
 pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
     let names: BTreeSet<(usize, usize, String)> = films(record)
         .flat_map(|film| film.names("failed"))
@@ -143,7 +143,7 @@ pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
     names.into_iter().map(row).collect()
 }
 
-/// What a film is called.
+/// Returns the name of a film.
 pub(super) fn film_name(pass: u8) -> String {
     if pass == 0 { "first".to_owned() } else { format!("after pass {pass}") }
 }

@@ -1,11 +1,11 @@
-//! The page as HTML, as the first of a cycle's pages; the browser prints it on one sheet of A4.
+//! The sheet as HTML, the first of a cycle's pages; the browser prints the sheet on one page of A4.
 
 use super::blocks::Block;
 use super::content::Sheet;
 use super::grids::{GridMap, GridState};
 use maud::{Markup, PreEscaped, html as markup};
 
-/// Its own style, beside that of the page around it.
+/// The sheet's own style, in addition to the style of the page around it.
 const STYLE: &str = "@page{size:A4;margin:12mm}.sheet{font-size:12px;line-height:1.35}.sheet h1{font-size:20px}.sheet h2{\
 font-size:13px;margin:.7em 0 .1em}.sheet table{width:100%;margin:0}.sheet th,.sheet td{padding:.05rem .5rem .05rem 0;\
 vertical-align:top;overflow-wrap:anywhere;white-space:normal}.sheet .facts{display:grid;grid-template-columns:1fr 1fr;gap:0 1.5rem}\
@@ -45,7 +45,8 @@ fn table(block: &Block) -> Markup {
     }
 }
 
-/// The map: each grid with its letter and hatch, so that it is read without colour and on a bad copy.
+/// Draws the map: each grid with its letter and hatch, so that the map is readable without colour and on a bad
+/// copy.
 fn drawn(map: &GridMap) -> Markup {
     let most = map.columns.max(map.rows.len()).max(1);
     let side = CELL_PX.min(MAP_PX / most).max(4);
@@ -61,7 +62,7 @@ fn drawn(map: &GridMap) -> Markup {
     }
 }
 
-// Inside of an SVG an element ends by its own end: one without would hold all that follow.
+// Inside an SVG, each element needs its own closing tag; otherwise it would contain all elements that follow.
 fn cell([x, y]: [usize; 2], side: usize, state: GridState) -> Markup {
     let [red, green, blue] = state.colour();
     let [down, up] = state.hatch();

@@ -13,23 +13,23 @@ const TEXT_PT: f32 = 7.0;
 const LEADING: f32 = 1.28;
 const HEADING_PT: f32 = 8.2;
 const TITLE_PT: f32 = 13.0;
-/// The map's longer side at most.
+/// Largest length of the map's longer side.
 const MAP_PT: f32 = 150.0;
-/// The largest side of a grid's cell in it.
+/// Largest side of a grid's cell in the map.
 const CELL_PT: f32 = 18.0;
 const GREY: [u8; 3] = [90, 90, 90];
 const BLACK: [u8; 3] = [0, 0, 0];
 
-/// Something on a page.
+/// A drawn element of a page.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Mark {
-    /// A line of text; its place is its left end on the base line.
+    /// A line of text; its position is its left end on the baseline.
     Text { at: [f32; 2], size_pt: f32, bold: bool, colour: [u8; 3], text: String },
     /// A line.
     Line { from: [f32; 2], to: [f32; 2], width_pt: f32 },
     /// A filled rectangle with its outline.
     Cell { at: [f32; 2], side_pt: f32, colour: [u8; 3] },
-    /// The picture of this number, in this box.
+    /// The picture with this number, in this box.
     Picture { at: [f32; 2], size: [f32; 2], number: usize },
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Shown<'p> {
     pub size_px: [u32; 2],
 }
 
-/// The two fonts, for their widths.
+/// The two fonts, for calculating the widths of texts.
 pub(super) struct Faces {
     regular: Face<'static>,
     bold: Face<'static>,
@@ -82,7 +82,7 @@ impl Faces {
         printable
     }
 
-    /// Lines of at most this width; a word that is wider is cut.
+    /// Splits a text into lines of at most this width; a wider word is cut.
     fn wrapped(&self, text: &str, style: (f32, bool), width_pt: f32) -> Vec<String> {
         let mut lines = vec![String::new()];
         for word in self.printable(text).split(' ').filter(|word| !word.is_empty()) {
@@ -119,7 +119,7 @@ struct Laying<'f> {
     y: f32,
 }
 
-/// The marks of each page, and how many pages come before the annex.
+/// Returns the marks of each page, and the number of pages before the annex.
 pub(super) fn pages(sheet: &Sheet, pictures: &[Shown<'_>], faces: &Faces) -> (Vec<Vec<Mark>>, usize) {
     let mut laying = Laying { faces, pages: vec![vec![]], y: MARGIN_PT };
     laying.text(&sheet.title, (TITLE_PT, true), BLACK);
@@ -170,7 +170,7 @@ impl Laying<'_> {
         }
     }
 
-    /// Cells beside each other, each wrapped in its column: x, width, colour, text.
+    /// Adds cells side by side, each wrapped in its column: x, width, colour, text.
     fn row(&mut self, cells: &[(f32, f32, [u8; 3], &str)], style: (f32, bool)) {
         let wrapped: Vec<Vec<String>> =
             cells.iter().map(|(_, width, _, text)| self.faces.wrapped(text, style, width - 4.0)).collect();
@@ -207,7 +207,7 @@ impl Laying<'_> {
     }
 
     fn table(&mut self, block: &Block) {
-        // A heading stays with its first row.
+        // A heading stays on the same page as its first row.
         self.needs(HEADING_PT * LEADING + 4.0 * TEXT_PT * LEADING);
         self.y += 3.0;
         self.text(&block.heading, (HEADING_PT, true), BLACK);
@@ -284,7 +284,7 @@ impl Laying<'_> {
         self.text(shown.caption, (TEXT_PT, false), GREY);
     }
 
-    /// The foot of each page.
+    /// Adds the foot of each page.
     fn numbered(&mut self, title: &str) {
         let all = self.pages.len();
         for (index, page) in self.pages.iter_mut().enumerate() {

@@ -1,10 +1,11 @@
-//! Numbers of the page in one form: as many digits as what was measured supports, beside what was allowed and by whom.
+//! The numbers of the page in one format: with the digits that the measurement supports, beside the limit and its
+//! source.
 
 use crate::record::{Check, Limit, SetBy};
 use crate::words::{apart, fixed};
 
-/// Digits after the point that a unit's measurements support: a picture every fifth of a second, a pixel of a few tenths of
-/// a millimetre, a calibration of hundredths.
+/// Returns the number of digits after the point that the measurements of a unit support: a picture every fifth of a
+/// second, a pixel of a few tenths of a millimetre, a calibration of hundredths.
 fn decimals(value: f64, unit: &str) -> usize {
     match unit {
         "mm" | "px" => 2,
@@ -16,7 +17,7 @@ fn decimals(value: f64, unit: &str) -> usize {
     }
 }
 
-/// A number with its unit.
+/// Formats a number with its unit.
 pub(super) fn rounded(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed(value, decimals(value, unit))).trim_end().to_owned()
 }
@@ -27,8 +28,9 @@ pub(super) fn uncertainty(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed(value, digits))
 }
 
-/// A check as a row of the table of numbers: what, found, allowed, by whom. What was not measured is blank, with nothing
-/// beside it that it could seem to have kept.
+/// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. If the value
+/// was not measured, it is blank and no limit is shown, because the value could otherwise seem to satisfy the
+/// limit.
 pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     let what = format!("{}{of}", check.name);
     let Some(value) = check.value else {
@@ -40,7 +42,7 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
         Limit::AtLeast(limit) => ("≥ ", Some(limit)),
         Limit::Below(limit) => ("< ", Some(limit)),
     };
-    // Both in one form: a share of 1 beside a limit of 0.99 is 1.00.
+    // The value and the limit have the same format: a share of 1 beside a limit of 0.99 is 1.00.
     let decimals = decimals(value, &check.unit).max(bound.map_or(0, |bound| decimals(bound, &check.unit)));
     let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
     let shown = |value: f64| unit(fixed(value, decimals).to_string());

@@ -18,24 +18,24 @@ use krilla::surface::Surface;
 use krilla::text::{Font, TextDirection};
 use krilla::{Document, SerializeSettings};
 
-/// A file inside of the PDF.
+/// A file attached to the PDF.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attached {
     /// Its name.
     pub name: String,
-    /// What it is, in words.
+    /// The content of the file, in words.
     pub description: String,
-    /// Its kind, such as `application/json`.
+    /// The type of the file, such as `application/json`.
     pub mime_type: &'static str,
     /// Its bytes.
     pub bytes: Vec<u8>,
 }
 
-/// Why there is no PDF.
+/// The reason why there is no PDF.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the record cannot be written as PDF/A-3: {problem}")]
 pub struct PdfError {
-    /// What does not fit.
+    /// The problem that was found.
     pub problem: String,
 }
 
@@ -164,7 +164,7 @@ fn draw(surface: &mut Surface<'_>, mark: &Mark, fonts: &(Font, Font), images: &[
     }
 }
 
-/// A time as a PDF has it, from the words that people read.
+/// Converts a time to the format of a PDF, from the text that people read.
 fn date(unix_s: i64) -> Option<DateTime> {
     let words = utc(unix_s);
     let numbers: Vec<u16> =

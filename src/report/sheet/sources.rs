@@ -1,9 +1,9 @@
-//! What the page is made from.
+//! The data from which the page is made.
 
 use crate::recipe::Recipe;
 use crate::record::{CycleRecord, PartNames};
 
-/// What the page is made from.
+/// The data from which the page is made.
 #[derive(Debug, Clone, Copy)]
 pub struct Sources<'s> {
     /// The cycle.
@@ -16,18 +16,18 @@ pub struct Sources<'s> {
     pub equipment: &'s [Equipment],
     /// Earlier cycles that abraded the same part; `None` if no serial number was named.
     pub earlier: Option<&'s [EarlierCycle]>,
-    /// Who signed, in order.
+    /// The people who signed, in order.
     pub signatures: &'s [Signatory],
 }
 
 /// A camera, a tool or a mount with its calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Equipment {
-    /// What it is, such as "scanner, lens".
+    /// The kind of equipment, such as "scanner, lens".
     pub what: String,
     /// Its serial number; `None` if its calibration names none.
     pub serial: Option<String>,
-    /// The day of its calibration.
+    /// The day of the calibration.
     pub calibrated: Option<String>,
     /// SHA-256 of the calibration file.
     pub hash: String,
@@ -40,7 +40,7 @@ pub struct Equipment {
 pub struct LastVerification {
     /// The day.
     pub day: String,
-    /// The error found and what was allowed.
+    /// The error found and the limit.
     pub error: String,
 }
 
@@ -49,7 +49,7 @@ pub struct LastVerification {
 pub struct EarlierCycle {
     /// Its number.
     pub cycle: i64,
-    /// When it began, s since 1970.
+    /// Start of the cycle, s since 1970.
     pub started_unix_s: i64,
     /// Its passes.
     pub passes: usize,
@@ -64,7 +64,7 @@ pub struct Signatory {
     pub time: String,
     /// What it means.
     pub meaning: String,
-    /// Its number on the chain of signed records, and the record's hash.
+    /// The record's number in the chain of signed records, and the record's hash.
     pub bound: String,
     /// A person who decides whether the part is released.
     pub decides: bool,

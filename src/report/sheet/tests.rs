@@ -25,7 +25,7 @@ fn judged(verdict: Verdict, words: &str) -> Judgement {
     Judgement { verdict, reasons }
 }
 
-/// A film of a region of 2 by 3 grids; of each grid its broken area, mm², or that it was not seen.
+/// A film of a region of 2 by 3 grids; for each grid the broken area, mm², or `None` if the grid was not seen.
 fn film(pass: u8, verdict: Verdict, areas_mm2: [Option<f64>; 6]) -> Finding {
     let names = ["r1c1", "r1c2", "r1c3", "r2c1", "r2c2", "r2c3"];
     let mut finding =
@@ -75,7 +75,8 @@ fn record(findings: Vec<Finding>) -> CycleRecord {
     }
 }
 
-/// The first film broke on two grids; one was abraded and held then, one broke again; one was not seen.
+/// The first film broke on two grids. One of them was abraded and did not break again, the other broke again; a
+/// third grid was not seen.
 fn films() -> Vec<Finding> {
     vec![
         film(0, Verdict::Fail, [Some(0.0), Some(203.4), Some(45.0), Some(0.0), Some(1.25), Some(0.0)]),
@@ -138,14 +139,14 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(fact("earlier passes on this part"), Some("2 (cycle 3: 2)"));
     assert_eq!(fact("abrasion"), Some("at most 2 abrasions of a grid, 3 passes of a part"));
     assert_eq!(fact("acceptance"), Some("no grid with 30.0 mm² of broken film or more within 59.8 s"));
-    // Two digits of an uncertainty; what was not measured is no number.
+    // An uncertainty has two digits; a value that was not measured has no number.
     let budget = "total not known (hand-eye 0.30 mm, localization 0.12 mm, fit not measured, robot not measured)";
     assert_eq!(fact("error at the tool, 95 %"), Some(budget));
     assert!(fact("water").is_some_and(|water| water.contains("not measured, not stated")));
     let deviations = rows(&sheet, "Deviations");
     assert_eq!(deviations[0], ["review: abrasion, pass 1", "the robot executed 9 of 10 waypoints"]);
     assert!(deviations[1][1].starts_with("accepted 2023-11-14 22:13:50 UTC, by ada (user 1000)"), "{deviations:?}");
-    // Who accepted something before has not accepted this.
+    // A person who accepted an earlier finding has not accepted this one.
     let mut earlier = record(films());
     earlier.asked[0].findings = Some(0);
     let sheet = self::sheet(&earlier, &[]);
@@ -195,11 +196,11 @@ fn the_map_is_read_without_colour() {
     for letter in [">P<", ">A<", ">F<", ">–<"] {
         assert!(html.contains(letter), "{letter}");
     }
-    // By hand: of the map one A with a line and one F with two, and the same in the legend.
+    // Calculated by hand: in the map one A with one line and one F with two lines, and the same in the legend.
     assert_eq!(html.matches("<line").count(), 6);
 }
 
-/// The fullest page that a cycle can make: long reasons, many failed grids, many reviews and signatures.
+/// The fullest page of a cycle: long reasons, many failed grids, many reviews and signatures.
 #[test]
 fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
     let long = "the outline of the panel lies elsewhere than it was found by the scan ".repeat(9);

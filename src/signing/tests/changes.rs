@@ -4,7 +4,7 @@ use super::*;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Numbers by hand: cycle 1 is 1, cycle n is 2n − 2, its person's signature 2n − 1.
+/// Calculated by hand: cycle 1 has number 1, cycle n has 2n − 2, and the person's signature on cycle n has 2n − 1.
 #[test]
 fn each_kind_of_change_is_named() {
     let changed = |change: &dyn Fn(&mut Export, &mut Signed)| {
@@ -84,7 +84,7 @@ fn each_kind_of_change_is_named() {
         ),
         (
             Box::new(|export, _| {
-                // A page of the same cycle that was made before the person signed.
+                // An earlier version of this cycle's page, made before the person signed.
                 let signed = content_hash(&export.statements["cycle-3.json"]);
                 let (page, signature) =
                     SignedPage::sign(b"%PDF of cycle 3", (CycleId(3), &signed, 4), 7, &key()).expect("JSON");

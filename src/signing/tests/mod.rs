@@ -64,7 +64,7 @@ fn part() -> Option<PartNames> {
     Some(PartNames { serial: Some("SN 17".to_owned()), order: None, operator: Some("Ada".to_owned()) })
 }
 
-/// Six cycles, each but the first released by a person, as a folder with its head.
+/// Returns six cycles as an exported folder with its head. A person released each cycle except the first.
 fn exported() -> (Export, Signed) {
     let (key, mut export) = (key(), Export { files: Some(BTreeMap::new()), ..Export::default() });
     let (mut pdfs, mut pages) = (BTreeMap::new(), BTreeMap::new());
@@ -114,8 +114,8 @@ fn found(export: &Export, head: Option<&Signed>) -> Vec<String> {
     verify_export(export, &[key().public()], head).found
 }
 
-/// RFC 8785, 3.2.3 and its appendix B by hand: names in order of UTF-16, the shortest digits, no spaces; and 2⁵³,
-/// which a double holds, but not apart from its neighbour, as a text.
+/// RFC 8785, 3.2.3 and its appendix B, calculated by hand: names in the order of UTF-16, the shortest digits, no
+/// spaces. 2⁵³ is written as a text: a double can hold 2⁵³ but cannot distinguish it from its neighbour.
 #[test]
 fn the_canonical_form_is_that_of_the_standard() {
     let value = json!({"b": [1.0, 1e21, 333_333_333.333_333_3, -0.0], "a": "é\n", "plan": u64::MAX, "most": (1_u64 << 53) - 1});
@@ -125,8 +125,8 @@ fn the_canonical_form_is_that_of_the_standard() {
     assert_eq!(text, expected);
 }
 
-/// A cell's key signs whatever it is given. A pass over a finding that forbids it is found by the public key and
-/// the record alone.
+/// The key of a cell signs any content. The public key and the record are enough to detect a pass in spite of a
+/// finding that forbids it.
 #[test]
 fn a_pass_that_its_findings_forbid_is_refused() {
     let judged = |verdict, code: &'static str| {
@@ -240,8 +240,8 @@ fn what_is_no_canonical_record_is_refused() {
     assert!(refused.contains("\"panelprep-record-9\", known is \"panelprep-record-1\""), "{refused}");
 }
 
-/// Canonical JSON holds the number of a plan as a text; the record reads back as it was, and a serial number of
-/// digits stays a text.
+/// Canonical JSON stores a plan's number as a text. The record reads back unchanged, and a serial number of digits
+/// stays a text.
 #[test]
 fn a_signed_record_reads_back_with_every_digit() {
     let motion = Motion { epoch: 1, path: Path::Contact, plan: 13_988_697_933_614_533_883, waypoints: 138 };

@@ -1,4 +1,4 @@
-//! The cell as its users see it, in small pictures.
+//! Tests of the cell through its public functions, in small pictures.
 
 use super::*;
 use crate::geometry::{Frame, Point, polygon};
@@ -12,8 +12,8 @@ fn panel_points(cell: &Cell, cloud: &OrganizedCloud<Camera>) -> usize {
     cloud.moved(&cell.calibrated_base_from_camera()).valid().filter(|(_, point)| in_search_box(point)).count()
 }
 
-/// 300,000 points at full size are 18,750 at a quarter. By hand, about 334 × 228 mm less the cut corner, 73,000 mm²,
-/// seen under 33° at 2.28 px/mm.
+/// 300,000 points at full size are 18,750 at a quarter. Calculated by hand: about 334 × 228 mm without the cut
+/// corner, 73,000 mm², seen at 33° with 2.28 px/mm.
 #[test]
 fn a_panel_is_three_hundred_thousand_points() {
     for seed in 0..4 {
@@ -33,7 +33,7 @@ fn scenes_differ_in_what_stands_before_the_fixture() {
     assert_eq!(panel_points(&empty, &empty.scan()), 0);
     assert!(panel_points(&wrong, &wrong.scan()) > 10_000);
     assert_eq!(good.scan().picture(), clean.scan().picture(), "grease does not show on a dry panel");
-    // The taught panel is the same in all scenes; the wrong one is millimetres off.
+    // The taught panel is the same in all scenes; the wrong panel differs by millimetres.
     assert_eq!(good.taught_scan().picture(), wrong.taught_scan().picture());
     let (right, other) = (good.truth(), wrong.truth());
     let off_mm = other.surface_points().iter().map(|&point| right.distance_mm(point).abs()).fold(0.0, f64::max);
@@ -61,8 +61,8 @@ fn white_noise_of_the_scanner() {
     assert!((errors.iter().sum::<f64>() / errors.len() as f64).abs() < 0.01);
 }
 
-/// 0.06 mm at the nodes is 0.06 · 26/35 = 0.0446 mm overall. The error along the ray is the distance over the cosine
-/// of incidence; of its square, the known white part is taken away.
+/// 0.06 mm at the nodes is 0.06 · 26/35 = 0.0446 mm overall. The error along the ray is the distance divided by the
+/// cosine of incidence. The known white part is subtracted from its square.
 #[test]
 fn correlated_noise_of_the_scanner() {
     let cell = Cell::new(1, Scene::Clean, 8);
@@ -93,8 +93,8 @@ fn rms(numbers: &[f64]) -> f64 {
     (numbers.iter().map(|n| n * n).sum::<f64>() / numbers.len() as f64).sqrt()
 }
 
-/// Shares of all pixels within 1 px of the edge with light behind it: 75 % missing, 10 % flying; of all others that are lit
-/// 0.2 % missing; of those that are not, all.
+/// Shares of all pixels within 1 px of the edge with a lit surface behind: 75 % missing, 10 % flying. Of all other
+/// pixels, 0.2 % of the lit ones and all unlit ones are missing.
 #[test]
 fn edges_have_holes_and_flying_points() {
     let cell = Cell::new(2, Scene::Clean, 2);
@@ -160,7 +160,7 @@ fn other_seeds_shots_and_times_have_other_noise() {
     assert_ne!(cell.film().picture(0.2), cell.film().picture(0.4));
 }
 
-/// The panel fills the quadrant away from the corner's name; 110 separates it from what is behind.
+/// The panel fills the quadrant opposite to the corner's name; 110 separates the panel from the background.
 #[test]
 fn corner_pictures_show_a_dark_quadrant() {
     let cell = Cell::new(4, Scene::Good, 4);
@@ -218,7 +218,7 @@ fn breaks_open_grow_and_fill_their_spots() {
     let counts: Vec<usize> = (0..80).map(|second| film.broken(f64::from(second)).count()).collect();
     assert!(counts.windows(2).all(|pair| pair[0] <= pair[1]));
     assert_eq!(counts[79], film.broken(last_s + 0.1).count());
-    // The final mask is the projected outlines, up to pixels on their rims.
+    // The final mask is the projected outlines, except for pixels on their edges.
     let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
     let project = |&point: &Point<Panel>| cell.scanner().project(camera_from_panel * point).expect("in front");
     let outlines: Vec<Vec<Pixel>> =
@@ -233,7 +233,8 @@ fn breaks_open_grow_and_fill_their_spots() {
     assert!(inside.count() as f64 > 0.97 * counts[79] as f64);
 }
 
-/// Broken film looks dry; whole film keeps 0.58 to 0.63 of the dry colour, less in streaks; the fixture stays.
+/// Broken film looks dry. Whole film has 0.58 to 0.63 of the dry colour, less in streaks. The fixture does not
+/// change.
 #[test]
 fn a_whole_film_is_dark_and_a_broken_one_is_not() {
     let cell = Cell::new(6, Scene::Good, 4).with_films(FilmSpec::CALM);
@@ -242,7 +243,7 @@ fn a_whole_film_is_dark_and_a_broken_one_is_not() {
     let mut means = [(0.0, 0.0, 0); 3];
     for index in 0..mask.inside.len() {
         let kind = if mask.inside[index] { 0 } else { 1 + usize::from(dry.gray[index] > 130) };
-        // Panel, neither hall nor edge.
+        // Pixels of the panel, neither of the hall nor of the edge.
         if kind == 1 && !(63..90).contains(&dry.gray[index]) {
             continue;
         }

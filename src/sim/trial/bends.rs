@@ -1,4 +1,4 @@
-//! Panels that are bent since they were taught, by a bow and a wave, and what is known of them.
+//! Panels that are bent since they were taught, by a bow and a wave, and their true values.
 
 use super::Trial;
 use super::space::lattice;
@@ -7,7 +7,7 @@ use crate::sim::scene;
 use crate::sim::shape::Bend;
 
 impl Trial {
-    /// The same scene with its panel bent since it was taught.
+    /// Returns the same scene with its panel bent since it was taught.
     pub fn bent_by(self, bend: Bend) -> Trial {
         Trial { present: self.present.map(|shape| shape.bent_by(bend)), ..self }
     }
@@ -22,20 +22,22 @@ impl Trial {
         })
     }
 
-    /// How far a point lies before the surface of today's panel, along its normal, mm; `None` without a panel.
+    /// Returns the distance of a point in front of the surface of today's panel, along its normal, mm; `None`
+    /// without a panel.
     pub fn before_surface_mm(&self, point: Point<Base>) -> Option<f64> {
         Some(self.present.as_ref()?.nearest(self.place.inverse() * point).1)
     }
 
-    /// The pose that puts the taught panel nearest to today's panel, place by place: the place of a
-    /// panel that is not bent, and what is right of one that is. `None` without a panel.
+    /// Returns the pose that brings the taught panel nearest to today's panel, point by point. For a panel without
+    /// a bend it is the panel's pose, for a bent panel it is the correct result. `None` without a panel.
     pub fn nearest_pose(&self) -> Option<Rigid<Base, Panel>> {
         let present = self.present.as_ref()?;
         let pair = |at: [f64; 2]| (self.taught.point(at), self.place * present.point(at));
         nearest_motion(&lattice(&self.taught).into_iter().map(pair).collect::<Vec<_>>())
     }
 
-    /// How far a found place puts the outline from that of [`Trial::nearest_pose`], at most and in the panel's plane, mm.
+    /// Returns the largest distance of a point of the panel between a found pose and [`Trial::nearest_pose`], in the
+    /// panel's plane, mm.
     pub fn aside_mm(&self, found: &Rigid<Base, Panel>) -> Option<f64> {
         let right = self.nearest_pose()?;
         let aside = |at: [f64; 2]| {

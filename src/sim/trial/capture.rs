@@ -91,7 +91,7 @@ impl Trial {
     }
 }
 
-/// The mean of a pixel and its neighbours along the row.
+/// Returns the mean of a pixel and its neighbours along the row.
 fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     let (from, to) = (column.saturating_sub(smear_px / 2), (column + smear_px / 2).min(line.len() - 1));
     let count = (to - from + 1) as u32;
@@ -100,14 +100,15 @@ fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     })
 }
 
-/// What a pixel sees with slabs before and behind the panel; and the share that the nearest slab before it fills.
+/// Adds slabs in front of and behind the panel to a pixel. Returns the pixel, and the share that the nearest slab
+/// in front of the panel fills.
 fn among(mut sight: PixelHit, met: &[Met]) -> (PixelHit, Option<f64>) {
     let panel_mm = sight.panel.map_or(f64::INFINITY, |panel| panel.depth_mm);
     let paint = |under: [f64; 3], slab: &Met| {
         std::array::from_fn(|channel| under[channel] + slab.share * (slab.color[channel] - under[channel]))
     };
     let mut veil: Option<f64> = None;
-    // Far ones first, so that near ones are painted over them.
+    // Far slabs first, so that near slabs are painted over them.
     let mut sorted: Vec<&Met> = met.iter().collect();
     sorted.sort_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     for slab in sorted {
@@ -118,7 +119,8 @@ fn among(mut sight: PixelHit, met: &[Met]) -> (PixelHit, Option<f64>) {
         }
         if !behind {
             veil = Some(slab.share);
-            // A pixel that is half slab shows one of the two, and the slab's colour over what is behind.
+            // A pixel that a slab half fills shows one of the two surfaces, with the slab's colour mixed over the
+            // background.
             if slab.share < 0.5 {
                 continue;
             }
@@ -142,15 +144,16 @@ mod tests {
     use crate::sim::projector::tests::before_the_plate;
     use nalgebra::{Point3, Vector3};
 
-    /// The share of a column's pixels without a point, among these rows.
+    /// Returns the share of a column's pixels without a point, among these rows.
     fn missing(scan: &OrganizedCloud<Camera>, column: usize, rows: std::ops::Range<usize>) -> f64 {
         let count = rows.len() as f64;
         rows.filter(|&row| scan.point(column, row).is_none()).count() as f64 / count
     }
 
-    /// By hand, as in `projector`: ±40 mm, 600 mm before the lens and 100 mm before the plate, hides the plate from
-    /// x = −46.67 mm on to the right, and its shadow begins at −65.61: 18.95 mm or 48.3 px; 18.5 mm by (1) there. On the
-    /// right there is none. Up and down, at x = 0, the light ends 0.30769 · 698.44 = 214.9 mm from the middle.
+    /// Calculated by hand, as in `projector`: ±40 mm, 600 mm in front of the lens and 100 mm in front of the plate,
+    /// hides the plate to the right of x = −46.67 mm. Its shadow begins at −65.61: 18.95 mm or 48.3 px; 18.5 mm by
+    /// (1) there. On the right there is no shadow. Up and down, at x = 0, the light ends 0.30769 · 698.44 = 214.9
+    /// mm from the middle.
     #[test]
     fn a_thing_before_a_wall_throws_a_shadow_away_from_the_projector() {
         let trial = Trial::good(1, 1);
@@ -166,7 +169,7 @@ mod tests {
         };
         let (left, right) = (pixel(-40.0, 0.0, 600.0).u, pixel(40.0, 0.0, 600.0).u);
         let rows = 560..640;
-        // Between the fixture's posts, which have shadows of their own.
+        // Columns between the fixture's posts, which have their own shadows.
         let dark: Vec<usize> = (790..1_160).filter(|&u| missing(&scan, u, rows.clone()) > 0.9).collect();
         let shadow = (pixel(-65.61, 0.0, 700.0).u, left);
         assert!((shadow.1 - shadow.0 - 48.3).abs() < 0.3, "{shadow:?}");
@@ -174,7 +177,7 @@ mod tests {
         assert!((dark[0] as f64 - shadow.0).abs() <= 1.0 && dark[dark.len() - 1] as f64 <= left, "{dark:?}");
         assert!(missing(&scan, right.ceil() as usize + 2, rows.clone()) < 0.1);
         assert!(missing(&scan, 972, rows) < 0.1, "the thing itself is lit");
-        // The plate's colour is seen in its shadow, and above the light.
+        // The plate's colour is also seen in its shadow, and above the projector's light.
         let colors = scan.picture();
         let gray = |column: usize, row: usize| colors.rgb[row * scan.width() + column][0];
         assert!(gray(dark[20], 600) > 150 && gray(972, 20) > 150);

@@ -18,7 +18,7 @@ impl MissingPatches {
     }
 }
 
-/// What there is besides the panel.
+/// The objects of a scene besides the panel.
 #[derive(Clone, Copy, Default)]
 pub(super) struct SceneContents<'a> {
     pub slabs: &'a [Slab],

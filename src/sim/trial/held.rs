@@ -16,23 +16,24 @@ use crate::sim::scene;
 use crate::sim::shape::Shape;
 use nalgebra::{Point3, Vector2};
 
-/// Size of the holder along and across the panel's edge, half, mm.
+/// Half the holder's size along and across the panel's edge, mm.
 const HOLDER_HALF_MM: [f64; 2] = [32.0, 45.0];
-/// The holder lies this far behind the panel's surface and reaches this far under its edge, mm: no step of depth.
+/// Distance of the holder behind the panel's surface, mm, with no step of depth; `HOLDER_UNDER_MM` is how far it
+/// reaches under the panel's edge.
 const HOLDER_BEHIND_MM: f64 = 0.15;
 const HOLDER_UNDER_MM: f64 = 1.5;
-/// A person marks this much beside the holder and to both sides of the edge, mm.
+/// Width that a person marks beside the holder, mm; `MARKED_ACROSS_MM` is the width on each side of the edge.
 const MARKED_BESIDE_MM: f64 = 6.0;
 const MARKED_ACROSS_MM: f64 = 9.0;
 /// Grey level of the holder.
 const HOLDER_GRAY: f64 = 120.0;
 /// Size of a patch without points, mm.
 const PATCH_MM: f64 = 55.0;
-/// A person draws a corner of the outline this far off, px, one standard deviation.
+/// Error of a corner of the outline that a person draws, px, one standard deviation.
 const DRAWN_PX: f64 = 1.0;
 
-/// A straight side of the panel's outline on its sheet: the middle, the directions along it and outwards, and its
-/// length, mm.
+/// A straight side of the panel's outline on its sheet: its middle, the directions along the side and outwards, and
+/// its length, mm.
 struct Side {
     middle: Vector2<f64>,
     along: Vector2<f64>,
@@ -40,12 +41,12 @@ struct Side {
 }
 
 impl Trial {
-    /// The same panel with a holder at its longest side, which moves with it.
+    /// Returns the same panel with a holder at its longest side, which moves with the panel.
     pub fn held(self) -> Trial {
         Trial { is_held: true, ..self }
     }
 
-    /// The same panel, of which this share gives no points, 0…1, in patches that differ from scan to scan.
+    /// Returns the same panel with this share of points missing, 0…1, in patches that differ from scan to scan.
     pub fn patchy(self, missing: f64) -> Trial {
         Trial { missing, ..self }
     }
@@ -62,7 +63,7 @@ impl Trial {
         Some(MissingPatches { noise, below })
     }
 
-    /// The same panel with marks on it.
+    /// Returns the same panel with marks on it.
     pub fn marked(self) -> Trial {
         let marks = Some(Marks::on(&self.taught, self.seed.stream(Purpose::Trial, 60)));
         Trial { taught_marks: marks.clone(), present_marks: marks, ..self }
@@ -125,7 +126,7 @@ impl Trial {
         vec![[corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]]
     }
 
-    /// The outline as a person draws it on the taught scan's picture.
+    /// Returns the outline as a person draws it on the taught scan's picture.
     pub fn outline_px(&self) -> Vec<Pixel> {
         let mut hand = Normal::new(self.seed.stream(Purpose::Trial, 50));
         let off = |pixel: Pixel, hand: &mut Normal| {
@@ -140,7 +141,7 @@ impl Trial {
     }
 }
 
-/// The sides of a panel, the longest first.
+/// Returns the sides of a panel, the longest first.
 fn sides(shape: &Shape) -> impl Iterator<Item = Side> {
     let corners = shape.outline().corners();
     let mut sides: Vec<[Vector2<f64>; 2]> =

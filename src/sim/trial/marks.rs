@@ -8,10 +8,10 @@ use crate::sim::shape::Shape;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Grey level of a disc, and its radius, mm.
+/// Grey level of a disc; `RADIUS_MM` are the radii of the discs.
 const GRAY: f64 = 185.0;
 const RADIUS_MM: std::ops::Range<f64> = 3.5..8.0;
-/// Discs stay this far from each other and from the panel's edge, mm.
+/// Minimum distance between two discs, mm; `FROM_EDGE_MM` is that from the panel's edge.
 const APART_MM: f64 = 10.0;
 const FROM_EDGE_MM: f64 = 16.0;
 /// The most discs.
@@ -24,7 +24,7 @@ pub(super) struct Marks {
 }
 
 impl Marks {
-    /// Draws them on a panel.
+    /// Draws the discs on a panel.
     pub fn on(shape: &Shape, mut random: Pcg64) -> Marks {
         let places = lattice(shape);
         let from_edge = |at: [f64; 2]| -shape.outline().distance(at.into()).0;
@@ -43,19 +43,19 @@ impl Marks {
         Marks { discs }
     }
 
-    /// As a mirror shows them.
+    /// Returns the discs as seen in a mirror.
     pub fn mirrored(&self) -> Marks {
         Marks { discs: self.discs.iter().map(|([s, t], radius_mm)| ([-s, *t], *radius_mm)).collect() }
     }
 
-    /// How much of a pixel of this size at a place is mark, 0…1.
+    /// Returns the share of a pixel of this size at a point that is covered by a mark, 0…1.
     pub fn share(&self, [s, t]: [f64; 2], pixel_mm: f64) -> f64 {
         let inside_mm = |([x, y], radius_mm): &([f64; 2], f64)| radius_mm - (s - x).hypot(t - y);
         let deepest = self.discs.iter().map(inside_mm).fold(f64::NEG_INFINITY, f64::max);
         (deepest / pixel_mm + 0.5).clamp(0.0, 1.0)
     }
 
-    /// A colour of the panel, of which this share is mark.
+    /// Returns a colour of the panel when a mark covers this share of the pixel.
     pub fn painted(color: Color, share: f64) -> Color {
         color.map(|level| (f64::from(level) + share * (GRAY * f64::from(LEVEL) - f64::from(level))).round() as u16)
     }

@@ -1,9 +1,10 @@
-//! Trials of a localization: a panel of any shape, anywhere in a search box, before a cluttered fixture; and the
-//! defects that such a scene can have. The calibration is the true one: only the localization is measured.
+//! Trials of a localization: a panel of any shape, at any pose in a search box, in front of a cluttered fixture. It
+//! also contains the defects that such a scene can have. The calibration is the true one: only the localization is
+//! measured.
 //!
 //! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to
-//! 30°, with at most 20 % without points: occluded, in shadow, or outside of the camera's or the projector's field
-//! of view. Glints remove points and overexpose the picture.
+//! 30°. At most 20 % of the panel has no points: occluded, in shadow, or outside the field of view of the camera or
+//! the projector. Glints remove points and overexpose the picture.
 
 mod bends;
 mod capture;
@@ -33,7 +34,7 @@ use space::lattice;
 /// Size of the panels relative to those of other trials, if two are in the box.
 const SMALL: f64 = 0.55;
 
-/// A scene with known truth.
+/// A scene with its ground truth.
 #[derive(Debug, Clone)]
 pub struct Trial {
     seed: Seed,
@@ -42,7 +43,7 @@ pub struct Trial {
     size_mm: [f64; 2],
     place: Rigid<Base, Panel>,
     slabs: Vec<Slab>,
-    /// Places of the panel, and how far around them it shines, mm.
+    /// Positions of glints on the panel, and their radii, mm.
     glints: Vec<([f64; 2], f64)>,
     wet: bool,
     smear_px: usize,
@@ -59,21 +60,21 @@ pub struct Trial {
     present_marks: Option<Marks>,
     /// The length over which the scanner's smooth error is similar, mm, if it is not the usual one.
     alike_mm: Option<f64>,
-    /// By this share the scanner's distances are too long, at teaching and now.
+    /// Scale error of the scanner's distances, at teaching and now: positive if they are too long.
     scale: [f64; 2],
     /// A second panel of the same kind.
     twin: Option<Rigid<Base, Panel>>,
-    /// The holder is at another side than it was at teaching.
+    /// The holder is at a side other than at teaching.
     is_holder_moved: bool,
 }
 
 impl Trial {
-    /// A good scene, with camera pictures `reduction` times smaller than the real ones.
+    /// Creates a good scene, with camera pictures `reduction` times smaller than the real ones.
     pub fn good(seed: u64, reduction: usize) -> Trial {
         Trial::new(Seed(seed), None, reduction)
     }
 
-    /// A good scene with a flat plate, which its outline alone holds sideways.
+    /// Creates a good scene with a flat plate; only its outline determines its sideways position.
     pub fn flat(seed: u64, reduction: usize) -> Trial {
         let mut trial = Trial::good(seed, reduction);
         let panel = variety::Panel::any(&mut generator(Seed(seed), 0)).flattened();
@@ -82,7 +83,7 @@ impl Trial {
         trial
     }
 
-    /// A scene with something wrong.
+    /// Creates a scene with a defect.
     pub fn bad(seed: u64, wrong: Wrong, reduction: usize) -> Trial {
         Trial::new(Seed(seed), Some(wrong), reduction)
     }
@@ -94,7 +95,7 @@ impl Trial {
             Some(Wrong::Symmetric) => variety::Panel::symmetric(&mut random),
             Some(Wrong::MirroredMarks) => variety::Panel::symmetric(&mut random).flattened(),
             Some(Wrong::HolderMoved) => variety::Panel::any(&mut random).flattened(),
-            // Two large ones find no room.
+            // There is no room for two large panels.
             Some(Wrong::TwoPanels) => variety::Panel::any(&mut random).scaled(SMALL),
             _ => variety::Panel::any(&mut random),
         };
@@ -139,7 +140,7 @@ impl Trial {
         scene::base_from_camera()
     }
 
-    /// The rectangle that the taught panel was cut from: length and width, mm.
+    /// Length and width of the rectangle from which the taught panel was cut, mm.
     pub fn size_mm(&self) -> [f64; 2] {
         self.size_mm
     }
@@ -154,7 +155,7 @@ impl Trial {
         self.place
     }
 
-    /// A region in the middle of the taught scan's picture: top left, top right, bottom right, bottom left.
+    /// Returns a region in the middle of the taught scan's picture: top left, top right, bottom right, bottom left.
     pub fn region_px(&self) -> [Pixel; 4] {
         self.middle_px(0.4)
     }
@@ -167,7 +168,7 @@ impl Trial {
         PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
     }
 
-    /// The scan that teaches the panel, at its nominal place and without clutter.
+    /// The scan that teaches the panel, at its nominal pose and without clutter.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         let taught = Some((&self.taught, &scene::nominal()));
         let holder: Vec<Slab> = self.holder(&scene::nominal(), false).into_iter().collect();

@@ -1,5 +1,5 @@
-//! Draws the panel's pose of a trial: in the box, before the fixture, among other objects, and visible as far as it
-//! should be.
+//! Draws the panel's pose of a trial: in the box, in front of the fixture, among other objects, and with the
+//! required visible share.
 
 use super::Trial;
 use super::space::{TRIAL_BOX_MM, lattice};
@@ -14,17 +14,17 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::ops::Range;
 
-/// The panel's points stay this far before the fixture, mm.
+/// Largest X of the panel's points, mm: they stay in front of the fixture.
 const MAX_X_MM: f64 = 628.0;
 pub(super) const MAX_HIDDEN: f64 = 0.195;
 
 impl Trial {
-    /// Draws places until one is as it must be: before the fixture, in the box, and seen as far as it should be.
+    /// Draws poses until one is valid: in front of the fixture, in the box, and with the required visible share.
     pub(super) fn put(&mut self, random: &mut Pcg64, wrong: Option<Wrong>) {
         let share = match wrong {
             Some(Wrong::Hidden) => 0.42..0.65,
             Some(Wrong::OutOfView) => 0.36..0.6,
-            // What is cut off must be seen to be missing.
+            // The camera must be able to see that the cut-off strip is missing.
             Some(Wrong::Trimmed) => 0.0..1e-9,
             _ => 0.0..MAX_HIDDEN,
         };
@@ -39,7 +39,7 @@ impl Trial {
                 360.0 + random.random_range(-aside / 1.6..aside / 1.6),
             );
             self.place = placed(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
-            // What is out of view may be out of the box as well.
+            // A panel that is out of view may be out of the box as well.
             let axes = if wrong == Some(Wrong::OutOfView) { 0..1 } else { 0..3 };
             if !self.is_valid_place(&self.place, &lattice, axes) {
                 continue;
@@ -64,7 +64,7 @@ impl Trial {
         }
     }
 
-    /// Does every place of the panel look at the camera?
+    /// Returns whether every point of the panel faces the camera.
     fn faces(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> bool {
         let eye = scene::base_from_camera().origin();
         lattice.iter().all(|&at| {
@@ -74,7 +74,7 @@ impl Trial {
         })
     }
 
-    /// A slab somewhere between the camera and a place of the panel.
+    /// Returns a slab somewhere between the camera and a point of the panel.
     fn before(&self, random: &mut Pcg64, lattice: &[[f64; 2]], large: bool) -> Slab {
         let eye = scene::base_from_camera().origin().mm;
         let at = lattice[random.random_range(0..lattice.len())];
@@ -87,7 +87,8 @@ impl Trial {
         Slab::facing(centre, towards, random.random_range(0.0..3.0), half, [gray, gray, gray * 0.95])
     }
 
-    /// Whether a panel at this place is in the box along these axes and before the fixture, and looks at the camera.
+    /// Returns whether a panel at this pose is in the box along these axes, in front of the fixture, and facing the
+    /// camera.
     pub(super) fn is_valid_place(
         &self,
         place: &Rigid<Base, Panel>,
@@ -126,7 +127,7 @@ fn is_before(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
     met.is_some_and(|met| met.share > 0.5 && met.depth_mm < length_mm - 1.0)
 }
 
-/// A place by the panel's centre, its turn about the normal, and its tilt about a direction in the plane.
+/// Creates a pose from the panel's centre, its turn about the normal, and its tilt about a direction in the plane.
 fn placed(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) -> Rigid<Base, Panel> {
     let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), turn_deg.to_radians());
     let axis = Unit::new_normalize(Vector3::new(0.0, about_rad.cos(), about_rad.sin()));

@@ -12,11 +12,11 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Places that are tried for a second panel.
+/// Number of poses that are tried for a second panel.
 const MAX_DRAWS: usize = 2_000;
 
 impl Trial {
-    /// Makes a good scene wrong in this way; what must be hidden already is.
+    /// Adds this defect to a good scene. For defects that hide a part of the panel, the scene is already prepared.
     pub(super) fn spoil(&mut self, panel: &variety::Panel, wrong: Wrong, random: &mut Pcg64) {
         let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
         self.present = match wrong {
@@ -44,7 +44,7 @@ impl Trial {
             self.twin = self.second(random);
         }
         if wrong == Wrong::Nothing {
-            // Something of the panel's size, and flat.
+            // A flat object of the panel's size.
             let [length, width] = self.size_mm;
             let centre = (self.place * self.taught.point([0.0, 0.0])).mm;
             let normal = (self.place * self.taught.normal([0.0, 0.0])).mm;

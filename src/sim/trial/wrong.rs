@@ -5,7 +5,7 @@ use strum::{IntoStaticStr, VariantArray};
 /// What is wrong with a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum Wrong {
-    /// No panel: things alone.
+    /// No panel, only other objects.
     #[strum(serialize = "no panel")]
     Nothing,
     /// Another panel.
@@ -17,22 +17,22 @@ pub enum Wrong {
     /// Its back.
     #[strum(serialize = "its back")]
     Back,
-    /// One that is 2 to 5 % larger or smaller.
+    /// A panel that is 2 to 5 % larger or smaller.
     #[strum(serialize = "2 to 5 % off in size")]
     Size,
-    /// One that is bent by 2 to 5 mm.
+    /// A panel that is bent by 2 to 5 mm.
     #[strum(serialize = "bent by 2 to 5 mm")]
     Bent,
-    /// One that has a strip of its length cut off.
+    /// A panel from which a strip of its length is cut off.
     #[strum(serialize = "a strip cut off")]
     Trimmed,
-    /// More than 40 % is hidden.
+    /// More than 40 % of the panel is hidden.
     #[strum(serialize = "over 40 % hidden")]
     Hidden,
-    /// More than 35 % is outside of the picture.
+    /// More than 35 % of the panel is outside the picture.
     #[strum(serialize = "over 35 % out of view")]
     OutOfView,
-    /// One that looks the same turned by half a turn.
+    /// A panel that looks the same after half a turn.
     #[strum(serialize = "symmetric")]
     Symmetric,
     /// The camera has moved since teaching, by 1 to 10 mm.
@@ -50,10 +50,10 @@ pub enum Wrong {
     /// A flat panel, equal to its mirror image, that has the marks of its mirror image.
     #[strum(serialize = "mirrored marks")]
     MirroredMarks,
-    /// A flat panel that is held at another side than at teaching.
+    /// A flat panel that is held at a side other than at teaching.
     #[strum(serialize = "holder moved")]
     HolderMoved,
-    /// Its warp has grown by 1 to 2 mm.
+    /// The panel's warp has grown by 1 to 2 mm.
     #[strum(serialize = "warp grown by 1 to 2 mm")]
     Warped,
 }

@@ -1,10 +1,10 @@
-//! Commands: what is taken, what is refused, and what a flood comes to.
+//! Commands: which are accepted, which are refused, and the effect of a flood of commands.
 
 use super::super::*;
 use super::{at, born, published, shown};
 use prost::Message as _;
 
-/// A message that writes this to a metric.
+/// Returns a message that writes this value to a metric.
 fn written(name: Option<&str>, alias: Option<u64>, value: Option<Wire>) -> Vec<u8> {
     let metric = Metric { name: name.map(str::to_owned), alias, value, ..Metric::default() };
     Payload { timestamp: Some(5), metrics: vec![metric], seq: None }.encode_to_vec()
@@ -23,7 +23,7 @@ fn refusal(acts: &[Act]) -> String {
     why.clone()
 }
 
-/// Each command under its name, its alias and both; a start is none of them.
+/// Each command is accepted under its name, its alias and both; there is no start command.
 #[test]
 fn allowed_commands_are_asked_for() {
     for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
@@ -145,7 +145,7 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
     assert!(send_command(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
 }
 
-/// A command that waits for its time ends with its connection, and is not passed on in a later one.
+/// A waiting command ends with its connection, and is not passed on in a later connection.
 #[test]
 fn what_waits_ends_with_the_connection() {
     for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {

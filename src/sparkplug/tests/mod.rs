@@ -9,7 +9,7 @@ use crate::cycle::{At, Hold, Phase, Robot, State, Why};
 use prost::Message as _;
 use std::collections::BTreeSet;
 
-/// A node of the group G, with a primary host or without.
+/// Creates a node of the group G, with a primary host or without.
 fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> EdgeNode {
     let ids = Ids {
         group_id: "G".to_owned(),
@@ -19,12 +19,12 @@ fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> Ed
     EdgeNode::new(NodeSetup { ids, commands_allowed, aliases })
 }
 
-/// One clock for people and machines.
+/// The same time for the wall clock and the monotonic clock.
 fn at(ms: u64) -> Now {
     Now { unix_ms: 1_700_000_000_000 + ms, steady_ms: ms }
 }
 
-/// What the cell shows in this state.
+/// Returns the cell's values in this state.
 fn shown(state: &str) -> Vec<Value> {
     let hold = Hold { why: Why::Asked, resume: Phase::Locate };
     let at = [At::Stopped, At::Idle, At::Starting, At::Held(hold)]
@@ -35,7 +35,7 @@ fn shown(state: &str) -> Vec<Value> {
     values(&CellView { now, ..CellView::default() })
 }
 
-/// The messages among some acts, each with the kind in its topic.
+/// Returns the messages among some acts, each with the kind in its topic.
 fn published(acts: &[Act]) -> Vec<(String, Payload)> {
     let message = |act: &Act| match act {
         Act::Publish(message) => {
@@ -48,7 +48,7 @@ fn published(acts: &[Act]) -> Vec<(String, Payload)> {
     acts.iter().filter_map(message).collect()
 }
 
-/// A node that is connected and born.
+/// Creates a node that is connected and has published its birth.
 fn born(commands_allowed: bool) -> EdgeNode {
     let mut node = node(None, commands_allowed, true);
     node.step(Event::Connecting, at(0));
@@ -61,8 +61,8 @@ fn metric<'p>(payload: &'p Payload, name: &str) -> &'p Metric {
     payload.metrics.iter().find(|metric| metric.name.as_deref() == Some(name)).expect("it is there")
 }
 
-/// By hand, from the specification's protobuf: the time (08) 1 700 000 000 000 is 80 D0 95 FF BC 31 as a varint; a
-/// metric (12) has name (0A), time (18), type 4 (20 04) and long value 0 (58 00).
+/// Calculated by hand, from the specification's protobuf: the time (08) 1 700 000 000 000 is 80 D0 95 FF BC 31 as a
+/// varint; a metric (12) has name (0A), time (18), type 4 (20 04) and long value 0 (58 00).
 #[test]
 fn a_death_is_these_bytes() {
     let mut node = node(None, false, true);
@@ -74,7 +74,7 @@ fn a_death_is_these_bytes() {
     assert_eq!((will.topic.as_str(), will.qos, will.payload), ("spBv1.0/G/NDEATH/cell", 1, bytes));
 }
 
-/// Every metric with name, type, time, and a value or the word that there is none; aliases are all different, and a
+/// Every metric has name, type, time, and a value or the flag for no value. All aliases are different, and a
 /// rebirth has none.
 #[test]
 fn a_birth_has_everything() {
@@ -140,7 +140,8 @@ fn without_aliases_data_are_named() {
     assert!(payload.metrics.iter().all(|one| one.alias.is_none()));
 }
 
-/// The number of a connection counts to 255 and on from 0, and so does that of a message; each birth begins at 0.
+/// The number of a connection counts to 255 and continues at 0, as does the sequence number of a message. Each
+/// birth begins at 0.
 #[test]
 fn numbers_count_on() {
     let mut node = node(None, false, true);
@@ -165,7 +166,7 @@ fn numbers_count_on() {
     }
 }
 
-/// The node leaves with its death, under the number of its births.
+/// The node ends its session with its death, under the same connection number as its births.
 #[test]
 fn it_leaves_with_its_death() {
     let mut node = born(false);

@@ -1,4 +1,4 @@
-//! Random walks: whatever happens in whatever order, what the broker hears is a session of Sparkplug.
+//! Random walks: for any sequence of events, the broker receives a valid Sparkplug session.
 
 use super::super::*;
 use super::{at, metric, node, published, shown};
@@ -18,7 +18,7 @@ enum Step {
     Leave,
 }
 
-/// Mostly what a healthy broker does next, so that the walk comes to births and data.
+/// Mostly the next step of a healthy broker, so that the walk reaches births and data.
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         3 => Just(Step::Connect),
@@ -32,10 +32,10 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// What a host application makes of the messages of one connection.
+/// The model that a host application builds from the messages of one connection.
 #[derive(Default)]
 struct Host {
-    /// The number of the will.
+    /// The connection number in the will.
     bd_seq: u64,
     born: bool,
     seq: u64,
@@ -139,7 +139,7 @@ proptest! {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
                 let told = host.values[word].clone();
                 let lags = told != seen.map(|state| Wire::Text(state.to_owned()));
-                // Only a rebirth that waits for its time keeps data back.
+                // Data are retained only by a rebirth that waits for its time.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }
             if ends || acts.contains(&Act::Disconnect) {

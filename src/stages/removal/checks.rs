@@ -1,4 +1,4 @@
-//! What a path removes, held against what the recipe allows.
+//! Checks of the removal by a path against the limits of the recipe.
 
 use super::super::survey::ToolState;
 use super::feeds::AtBounds;
@@ -10,7 +10,7 @@ use crate::verdict::{Check, Limit, SetBy, Severity};
 use crate::words::{apart, fixed};
 use serde::{Deserialize, Serialize};
 
-/// What earlier cycles removed of the same part.
+/// Removal by earlier cycles on the same part.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct RemovedBefore {
     /// The upper 95 % bound of the removal anywhere, µm; it counts everywhere, since the maps of earlier cycles are
@@ -51,7 +51,7 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     Some(check.broken(true, Severity::Reject, "removal_unknown", || UNKNOWN.to_owned()))
 }
 
-/// What a path removes, judged.
+/// Returns the checks of the removal by a path.
 pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Removal, AtBounds)) -> Vec<Check> {
     let of = |number: fn(&Figures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
@@ -100,7 +100,7 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
     ]
 }
 
-/// Do the coupons hold for this force?
+/// Checks whether the removal model's coupons cover this force.
 pub(super) fn force(force_n: f64, model: &Model) -> Check {
     let holds = model.holds_for_n();
     let is_beyond = holds.is_none_or(|[least_n, most_n]| !(least_n..=most_n).contains(&force_n));
@@ -127,7 +127,7 @@ pub(super) fn force(force_n: f64, model: &Model) -> Check {
     })
 }
 
-/// What would make it more even.
+/// Returns advice for a more even removal.
 fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
     let percent = |share: f64| fixed(100.0 * share, 0);
     match asked.method() {
@@ -144,7 +144,7 @@ fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
     }
 }
 
-/// From this share of the way on, its feed is what hinders an even removal.
+/// Share of the path from which a feed limit counts as the cause of uneven removal.
 const LIMITED_FEED_SHARE: f64 = 0.1;
 
 /// A mean that is short of the target by this share needs no second pass.

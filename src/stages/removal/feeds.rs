@@ -1,10 +1,11 @@
-//! The feeds that recipe and controller allow on each move of a path, and how much of a scheduled path is at their bounds.
+//! The feeds that recipe and controller allow on each move of a path, and the share of a scheduled path at these
+//! limits.
 
 use crate::path::Waypoint;
 use crate::recipe;
 use crate::removal::schedule::Move;
 
-/// The moves in contact, with the feeds that recipe and controller allow on each.
+/// Returns the moves in contact, with the feeds that recipe and controller allow on each.
 pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
     let planning_s = settings.planning_time_ms() / 1_000.0;
     let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
@@ -27,7 +28,8 @@ pub(super) struct AtBounds {
 }
 
 impl AtBounds {
-    /// Of a plan's waypoints. A move that is short for the controller is not counted: its highest feed is not the recipe's.
+    /// Computes the shares from a plan's waypoints. A move that is too short for the controller is not counted: its
+    /// highest feed is not set by the recipe.
     pub(super) fn compute(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
         let moves = moves(all, asked, settings);
         let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
@@ -56,7 +58,8 @@ mod tests {
         Waypoint { panel_from_tool: pose.to_rigid(), contact: true, feed_mm_s: 60.0, blend_mm: 2.0 }
     }
 
-    /// By hand: of four moves of 10 mm the first is at 5 mm/s, the lowest, the last two at 60, the highest.
+    /// Calculated by hand: of four moves of 10 mm the first is at 5 mm/s, the lowest feed; the last two are at 60,
+    /// the highest.
     #[test]
     fn the_shares_of_the_way_at_its_bounds() {
         let recipe = recipe(

@@ -1,4 +1,4 @@
-//! What a taught panel's plan removes, through the same functions as command and loop.
+//! Removal by the plan of a taught panel, calculated with the same functions as in command and loop.
 
 use super::*;
 use crate::record::name;
@@ -12,7 +12,7 @@ fn tool(removal: Option<Model>) -> ToolState {
     ToolState { error_mm: None, worn_mm2: 0.0, removal, stroke_mm: None, in_air: false }
 }
 
-/// The verdict's codes and the number of a check, of a plan over the middle grid of a ball's inside.
+/// Returns the verdict's codes and the number of a check, for a plan over the middle grid inside a ball.
 fn planned(removal: &str, known: Option<Model>, before: RemovedBefore) -> (Verdict, Vec<String>, Vec<Check>) {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{removal}"));
     let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
@@ -60,7 +60,8 @@ fn the_feed_that_hinders_is_named() {
     assert!(slow.contains("the lowest feed: a lower min_feed_mm_s or a higher force_n"), "{slow}");
 }
 
-/// By hand: e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 of what is expected, the force being known to 10 %.
+/// Calculated by hand: e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 times the expected removal; the force is
+/// known to 10 %.
 #[test]
 fn what_may_be_too_deep_is_rejected_and_never_cut() {
     let (verdict, codes, checks) = planned(
@@ -73,7 +74,7 @@ fn what_may_be_too_deep_is_rejected_and_never_cut() {
     assert!((ratio - 1.149_4).abs() < 0.000_5, "{ratio}");
 }
 
-/// What earlier cycles removed counts everywhere.
+/// The removal by earlier cycles counts in every calculation.
 #[test]
 fn earlier_cycles_count() {
     let scheduled = format!("{TABLE}method = \"scheduled\"\n");
@@ -86,7 +87,7 @@ fn earlier_cycles_count() {
     assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
 }
 
-/// By hand: at 120 mm/s and rows of 12 mm about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
+/// Calculated by hand: at 120 mm/s and rows of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
 #[test]
 fn today_s_feed_stays_and_its_removal_is_told() {
     let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), RemovedBefore::default());

@@ -5,7 +5,7 @@ use super::journal::progress;
 use super::*;
 use crate::cycle::{At, Event, Report};
 
-/// A start reads the journal from the last checkpoint on, and comes to the same.
+/// A start reads the journal from the last checkpoint, and reaches the same state.
 #[test]
 fn a_checkpoint_folds_as_the_whole_journal() {
     let (folder, mut store) = new_store();
@@ -33,7 +33,7 @@ fn started(lines: u32) -> [std::time::Duration; 3] {
     let (folder, mut store) = new_store();
     super::super::journal::fill(&mut store, lines).expect("filled");
     drop(store);
-    // The first start finds no checkpoint, folds all and leaves one.
+    // The first start finds no checkpoint, folds the whole journal and writes a checkpoint.
     std::array::from_fn(|_| {
         let since = std::time::Instant::now();
         let mut store = Store::create(&store_in(&folder)).expect("opens");
@@ -52,7 +52,7 @@ fn a_start_at_a_million_lines_reads_the_last_of_them() {
     assert!(took[2].as_secs_f64() < 2.0, "{took:?}");
 }
 
-/// A start reads as many lines as came since the last checkpoint, however many there are.
+/// A start reads only the lines since the last checkpoint, for a journal of any length.
 #[test]
 fn a_start_does_not_read_the_whole_journal() {
     let (folder, mut store) = new_store();
@@ -60,14 +60,14 @@ fn a_start_does_not_read_the_whole_journal() {
     store.recover().expect("recovers");
     store.append(&progress(1), None).expect("written");
     drop(store);
-    // What only a reader of everything would see.
+    // A change that only a reader of the whole journal would detect.
     behind_its_back(&folder, "UPDATE journal SET event = '{}' WHERE sequence = 7");
     let mut store = Store::create(&store_in(&folder)).expect("opens");
     assert_eq!(store.recover().expect("the tail alone").at, At::Stopped);
     assert!(store.journal().is_err());
     drop(store);
     assert!(verify(&folder).found.iter().any(|words| words.contains("journal line 7 ")));
-    // What came lately is seen at once.
+    // A recent change is detected at once.
     behind_its_back(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
     let store = Store::create(&store_in(&folder)).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("checkpoint 30000")), "{:?}", store.changed());

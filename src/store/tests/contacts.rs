@@ -1,4 +1,4 @@
-//! What a contact path was permitted bounds what it may have touched, whatever ended it.
+//! The permitted waypoints of a contact path limit the grids that it may have touched, however it ended.
 
 use super::journal::progress;
 use super::*;
@@ -21,7 +21,7 @@ fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {
     EarlierPass { cycle, pass: 1, grid: Some(grid.to_owned()), is_sure }
 }
 
-/// Another act's progress, and that of an earlier motion, are not this one's.
+/// The progress of another act, or of an earlier motion, does not count for this one.
 #[test]
 fn an_open_contact_is_bounded_by_what_was_told_and_permitted() {
     let (folder, mut store) = new_store();
@@ -43,7 +43,8 @@ fn an_open_contact_is_bounded_by_what_was_told_and_permitted() {
     assert!(store.permit(30).is_err(), "no motion is open");
 }
 
-/// A crashed cycle, one that was stopped with its finding, then one that passes: after that the next part lies there.
+/// A cycle that crashed, a cycle that was stopped with its finding, then a cycle that passes: after that the next
+/// part is present.
 #[test]
 fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     let (_folder, mut store) = new_store();
@@ -86,19 +87,19 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     assert_eq!(store.abraded_before(seven).expect("read"), [], "the part had a result, and is taken out");
 }
 
-/// A finished air-run: a pass without a film.
+/// Adds a finished air-run: a pass without a film.
 fn air_run(store: &mut Store, id: CycleId) {
     store.conclude(id, Verdict::Pass, &[]).expect("concluded");
 }
 
-/// A cycle that ends by its film.
+/// Adds a cycle that ends by its film.
 fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
     let found = Finding::new(Kind::Inspect, 0, Judgement { verdict, reasons: vec![] });
     store.note(id, &found).expect("kept");
     store.conclude(id, verdict, &[]).expect("concluded");
 }
 
-/// A cycle of this part that was cut short in contact.
+/// Adds a cycle of this part that was interrupted in contact.
 fn cut_short(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
     let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
     let motion = Motion { epoch, ..MOTION };
@@ -156,7 +157,7 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     assert_eq!(after("SN 18"), [nobody].into());
 }
 
-/// The program ended between the event that began contact and the row of its motion: nothing was permitted.
+/// The program ended between the event that began contact and the row of its motion: no waypoint was permitted.
 #[test]
 fn a_contact_that_was_never_permitted_touched_nothing() {
     let (_folder, mut store) = new_store();

@@ -1,4 +1,5 @@
-//! Copies: beside a writer, of a store that was changed, and before an earlier program's tables are brought up to date.
+//! Copies: during writing, of a store that was changed, and before the tables of an earlier version of this program
+//! are updated.
 
 use super::journal::progress;
 use super::opening::become_the_first_schema;
@@ -33,7 +34,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
         });
         for done in 0.. {
             store.append(&progress(done), None).expect("written");
-            // A writer without any pause never lets the copier at the head.
+            // A writer without any pause would never let the copier read the head.
             std::thread::sleep(std::time::Duration::from_millis(5));
             if is_over.load(Ordering::Relaxed) || copier.is_finished() {
                 break;
@@ -42,7 +43,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
         copier.join().expect("each copy is whole")
     });
     assert!(lines > 0, "it wrote meanwhile");
-    // With its files it is a store as any other.
+    // With its files, the copy is a complete store.
     let to = folder.path().join("copy19");
     fs::rename(path.join("blobs"), to.join("blobs")).expect("moved");
     assert_eq!(Store::verify(&to, true).expect("verified").found, [] as [String; 0]);
@@ -51,7 +52,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
     assert_eq!(store.taught("wing", None).expect("there").version, version);
 }
 
-/// A copy gets a head of its own: what the store's head contradicts would be made good by it.
+/// A copy gets a new head, which would hide contradictions to the store's head.
 #[test]
 fn a_store_that_was_changed_is_told_and_not_copied() {
     let (folder, mut store) = new_store();
@@ -78,7 +79,8 @@ fn a_store_that_was_changed_is_told_and_not_copied() {
     assert!(copied.found.iter().any(|words| words.contains("changed: journal line 3")), "{copied:?}");
 }
 
-/// What an earlier program left is kept beside the store before it is changed, once, and opens as it was.
+/// The database of an earlier version of this program is copied beside the store before it is changed. The copy is
+/// made once and opens unchanged.
 #[test]
 fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     let (folder, mut store) = new_store();
@@ -110,7 +112,8 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     drop(Store::create(&path).expect("once is enough"));
     assert_eq!(kept().len(), 1);
 
-    // Put back, and brought up to date again: the same copy is not kept twice, another one is kept beside it.
+    // The old database is restored and updated again: an equal copy is not stored twice, a different copy is stored
+    // beside it.
     let put_back = |bytes: &[u8]| {
         fs::write(path.join(DATABASE), bytes).expect("put back");
         fs::remove_file(path.join("panelprep.head")).expect("with its head");
@@ -126,7 +129,7 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     assert_eq!(kept(), ["panelprep.schema-1-2.sqlite", "panelprep.schema-1.sqlite"]);
 }
 
-/// Without room for the copy nothing is changed.
+/// Without space for the copy nothing is changed.
 #[test]
 fn without_room_for_the_copy_the_tables_stay_as_they_are() {
     let Some(disk) = super::full::SmallDisk::mount(40) else { return };
@@ -134,7 +137,7 @@ fn without_room_for_the_copy_the_tables_stay_as_they_are() {
     store.teach(&teaching("wing")).expect("taught");
     drop(store);
     become_the_first_schema(&folder.path().join("store"));
-    // Larger than what is left beside it.
+    // The database is larger than the free space beside it.
     let database = folder.path().join("store").join(DATABASE);
     let connection = Connection::open(&database).expect("opens");
     connection

@@ -1,4 +1,4 @@
-//! How many cycles there were.
+//! Numbers of cycles.
 
 use super::super::CycleCounts;
 use super::cycles::start;

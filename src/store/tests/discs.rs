@@ -1,8 +1,8 @@
-//! What a disc has worn.
+//! Wear of a disc.
 
 use super::*;
 
-/// By hand: 100 + 250.5, then a new disc and 40.
+/// Calculated by hand: 100 + 250.5, then a new disc and 40.
 #[test]
 fn wear_adds_up_until_a_new_disc_is_mounted() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! What is changed behind the program's back is found, and named.
+//! Changes made outside this program are detected and named.
 
 use super::super::chain::{self, PARTS};
 use super::super::head;
@@ -8,7 +8,7 @@ use crate::cycle::{At, Motion, Outcome, Path as MotionPath};
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Verdict};
 
-/// A store in which every table has rows, closed.
+/// Creates a closed store in which every table has rows.
 pub fn whole() -> TempDir {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
@@ -152,7 +152,7 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
     let found = verify(&folder);
     let told = rows_alone(&found);
     assert!(matches!(told[..], [words] if words.contains("rolled back")), "{forged:?} {told:?}");
-    // The same number of links, another verdict.
+    // A chain with the same number of links, but another verdict.
     let folder = whole();
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");
     let sql = "UPDATE cycles SET verdict = 'pass' WHERE id = 4";
@@ -172,7 +172,8 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
     assert!(matches!(rows_alone(&found)[..], [words] if words.contains("written anew")), "{found:?}");
 }
 
-/// One bit in every page, at many places: the file's own hash gives each away; rows, links and SQLite name most.
+/// One bit is changed in every page, at many positions. The file's hash detects every change; rows, links and
+/// SQLite name most of them.
 #[test]
 fn a_flipped_bit_in_any_page_is_found() {
     let folder = whole();
@@ -213,7 +214,7 @@ fn a_flipped_bit_in_the_head_is_found() {
     }
 }
 
-/// One transaction less than a settled head is not what a crash leaves.
+/// A settled head with one transaction missing is not the result of a crash.
 #[test]
 fn the_last_line_alone_cannot_be_cut_off() {
     let folder = whole();
@@ -225,7 +226,7 @@ fn the_last_line_alone_cannot_be_cut_off() {
     assert!(found.found.iter().any(|words| words.contains("rolled back: 1 writings")), "{found:?}");
 }
 
-/// What a store of an earlier program holds is taken into a chain, once.
+/// The content of a store from an earlier version of this program is added to a chain, once.
 #[test]
 fn a_store_without_a_chain_is_taken_into_one() {
     let folder = whole();
@@ -239,7 +240,7 @@ fn a_store_without_a_chain_is_taken_into_one() {
     let store = Store::create(&path).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
     drop(store);
-    // Without a head it was left by one.
+    // A store without a head was left by an earlier version of this program.
     let folder = whole();
     let path = store_in(&folder);
     behind_its_back(&folder, drop_all);

@@ -77,7 +77,7 @@ fn the_journal_goes_on_where_the_disk_is_full() {
     assert!(!store.has_room());
     drop(store);
 
-    // A start in what the reserve left.
+    // Starts in the space that the reserve has freed.
     let mut store = Store::create(&path).expect("opens on a full disk");
     assert_eq!(store.changed(), [] as [String; 0]);
     let recovered = store.recover().expect("recovers");

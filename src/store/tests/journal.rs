@@ -1,4 +1,4 @@
-//! The journal and the motions: what a process leaves is what the next one folds.
+//! The journal and the motions: the next process folds the journal that a process has left.
 
 use super::*;
 use crate::cycle::{
@@ -11,7 +11,7 @@ pub fn progress(done: u32) -> Event {
     Event::Told(Report::Progress { id: Id(u64::MAX - 1), done })
 }
 
-/// What a healthy cell answers; one film in two is broken.
+/// Returns the answers of a healthy cell; every second film is broken.
 pub fn answer(act: Act, film: u32) -> Answer {
     match act {
         Act::Stand | Act::EndEpoch { .. } => Answer::Stands { done: 0 },
@@ -24,7 +24,7 @@ pub fn answer(act: Act, film: u32) -> Answer {
     }
 }
 
-/// A healthy cell and its operator, and surprises between.
+/// A healthy cell and its operator, with unexpected events in between.
 struct Walk {
     state: State,
     armed: Vec<Event>,
@@ -62,7 +62,7 @@ impl Walk {
         }
     }
 
-    /// The table's step, with the effects that wait for time kept.
+    /// Executes the table's step and stores the effects that wait for time.
     fn step(&mut self, event: Event) -> Vec<Effect> {
         let (state, effects) = step(self.state, event);
         self.state = state;
@@ -78,7 +78,7 @@ impl Walk {
     }
 }
 
-/// The store's part of the loop: which cycle runs, and the effects that are commits.
+/// The store's part of the loop: the running cycle, and the effects that are commits.
 struct Loop {
     store: Store,
     running: Option<CycleId>,
@@ -126,7 +126,7 @@ proptest! {
             let event = walk.surprise(kind);
             memory.push(event);
             prop_assert_eq!(cell.append(&event, walk.state.at), memory.len() as u64);
-            // The process ends after the last event, having done some of its effects.
+            // The process ends after the last event, with only some of its effects executed.
             let count = if index == last { performed } else { usize::MAX };
             walk.step(event).iter().take(count).for_each(|effect| cell.perform(effect));
         }
@@ -142,7 +142,7 @@ proptest! {
     }
 }
 
-/// A walk of a healthy cell until the motion to the corner began.
+/// Runs a healthy cell until the motion to the corner has begun.
 fn until_moving(cell: &mut Loop) -> (Walk, cycle::Motion) {
     let mut walk = Walk::new();
     for _ in 0..60 {

@@ -1,4 +1,4 @@
-//! kill -9: the journal of a killed process is all that it acknowledged, and at most one line more.
+//! kill -9: the journal of a killed process contains all acknowledged lines, and at most one more.
 
 use super::journal::progress;
 use super::*;
@@ -21,7 +21,8 @@ fn appends_until_killed() {
     }
 }
 
-/// This test program once more as a process of its own, which does what one of its tests does in this folder.
+/// Starts this test program as a separate process, which executes the work of one test in this folder until it is
+/// killed.
 pub(super) fn until_killed(test: &str, (variable, folder): (&str, &Path)) -> Child {
     Command::new(std::env::current_exe().expect("this program"))
         .args(["--exact", test, "--ignored", "--nocapture"])

@@ -42,7 +42,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     let motion = Motion { epoch: 9, path: MotionPath::Contact, plan: 1, waypoints: 100 };
     store.append(&progress(1), None).expect("written");
     store.open_intent(&motion, None).expect("opened");
-    // As a killed process leaves it; the log is lost on the way.
+    // The state that a killed process leaves; the log is lost afterwards.
     std::mem::forget(store);
     let copy = tempfile::tempdir().expect("a folder");
     let lost = copy.path().join("store");
@@ -97,7 +97,7 @@ fn a_head_that_is_gone_and_a_database_that_is_gone_are_told() {
     assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
 }
 
-/// The files as a kill leaves them at each of 200 moments around commits, every one in a folder of its own.
+/// The files as a kill leaves them at each of 200 moments around commits, each in its own folder.
 #[test]
 fn no_kill_between_commit_and_head_is_a_false_alarm() {
     let (folder, mut store) = new_store();

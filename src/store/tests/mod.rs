@@ -161,7 +161,7 @@ fn nothing_half_written_stays() {
     assert!(!names.is_empty() && names.iter().all(|name| name.len() == 64), "{names:?}");
 }
 
-/// The keeper of a clip and the cycle's own record may hold the same picture.
+/// The thread that stores a clip and the cycle's own record may store the same picture.
 #[test]
 fn two_threads_may_keep_the_same_content_at_once() {
     let (_folder, store) = new_store();

@@ -1,9 +1,9 @@
-//! Opening: for reading, for writing, an earlier program's, a damaged one.
+//! Opening: for reading, for writing, with a store of an earlier version of this program, and with a damaged store.
 
 use super::*;
 use crate::cycle::{Event, Report};
 
-/// The tables as the first schema had them; frozen.
+/// The tables of the first schema; frozen.
 const SCHEMA_1: &str = "
     CREATE TABLE taught_panels (
         id INTEGER PRIMARY KEY, name TEXT NOT NULL, version TEXT NOT NULL, taught_at_unix_s INTEGER NOT NULL,
@@ -18,7 +18,7 @@ const SCHEMA_1: &str = "
     PRAGMA user_version = 1;
 ";
 
-/// Makes the store in this folder what the first program would have left.
+/// Converts the store in this folder to the state of the first version of this program.
 pub fn become_the_first_schema(path: &std::path::Path) {
     let old = path.join("old.sqlite");
     let connection = Connection::open(&old).expect("made");
@@ -39,14 +39,14 @@ fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
     let path = folder.path().join("store");
     become_the_first_schema(&path);
 
-    // Reading changes nothing, writing brings the tables up to date.
+    // Reading changes nothing; opening for writing updates the tables.
     let reader = Store::open(&path).expect("the earlier store");
     assert_eq!(reader.taught("wing", None).expect("there").teaching, teaching("wing"));
     assert!(reader.journal().is_err(), "no journal yet");
     drop(reader);
     let store = Store::create(&path).expect("the same store");
     assert_eq!(store.taught("wing", Some(&version)).expect("there").teaching, teaching("wing"));
-    // What was there before the chain is not what was written by it.
+    // Rows from before the chain were not written by it.
     assert_eq!(store.journal().expect("a journal"), [Event::Told(Report::StoreChanged)]);
     let found: i64 =
         store.connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");
@@ -78,7 +78,7 @@ fn a_mistyped_folder_is_named_and_stays_absent() {
     assert!(!path.exists());
 }
 
-/// One byte of each page is changed: the store is refused, or all that is read is what was written.
+/// One byte of each page is changed: the store is refused, or all data that are read are the written data.
 #[test]
 fn a_flipped_byte_is_found_or_harms_nothing() {
     let (folder, mut store) = new_store();

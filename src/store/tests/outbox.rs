@@ -56,11 +56,11 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
         files.iter().map(|file| (file.name.as_str(), &file.gone)).collect::<Vec<_>>(),
         [("recipe", &None), ("cell", &None)]
     );
-    // From here on, and not again.
+    // The rest after this position is sent, and is not sent again.
     assert_eq!(store.outbox_after(&second.position, 10).expect("the rest").as_slice(), std::slice::from_ref(third));
     assert_eq!(store.outbox_waits_since(&third.position).expect("read"), None);
     assert_eq!(store.outbox_waits_since(&second.position).expect("read"), Some(third.unix_ms));
-    // Each row is in the chain, and nothing but what this program writes is in the tables.
+    // Each row is in the chain, and the tables contain only rows that this program writes.
     drop(store);
     assert_eq!(Store::verify(&path, true).expect("verified").found, Vec::<String>::new());
 }
@@ -98,8 +98,8 @@ fn a_restored_store_begins_a_new_epoch_once() {
     assert_eq!(store.outbox_epochs().expect("epochs").iter().map(|last| last.number).collect::<Vec<_>>(), [1, 0]);
 }
 
-/// Of cycle 1 there is a backup; the store that it replaces had come to cycle 12. The cell rests in Aborted until a
-/// person has looked, at every start, and no number is used twice, by this restore nor by one more.
+/// There is a backup of cycle 1; the store that it replaces had reached cycle 12. At every start the cell rests in
+/// Aborted until a person has checked it. No number is used twice, by this restore or by another one.
 #[test]
 fn a_restored_store_asks_a_person_and_goes_on_above_the_last_number() {
     use crate::cycle::{At, Cause};
@@ -125,7 +125,7 @@ fn a_restored_store_asks_a_person_and_goes_on_above_the_last_number() {
     assert_eq!(store.begin_cycle(&super::cycles::start()).expect("begun"), CycleId(15));
 }
 
-/// A store of the program before, with its chain.
+/// A store of the previous version of this program, with its chain.
 #[test]
 fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     let (folder, mut store) = new_store();
@@ -149,7 +149,7 @@ fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     let kinds: Vec<Kind> = found.into_iter().map(|(_, kind)| kind).collect();
     assert_eq!(kinds, [Kind::Cycle, Kind::Cycle, Kind::Signature, Kind::Signature]);
     drop(store);
-    // What the cell signed names links of a chain that this test has changed.
+    // The cell's signatures name links of a chain that this test has changed.
     let found = Store::verify(&path, true).expect("verified").found;
     assert!(found.iter().all(|words| words.contains("is not the one that signature")), "{found:?}");
 }

@@ -1,4 +1,4 @@
-//! What is removed when it is old, and what never is.
+//! Which old files are removed, and which are never removed.
 
 use super::*;
 use crate::cell::{KeepFor, Retention};
@@ -6,7 +6,7 @@ use crate::record::{CycleId, Finding, KeptFile, Kind, Picture};
 use crate::verdict::{Judgement, Verdict};
 use std::time::{Duration, SystemTime};
 
-/// A cycle with a scan, a clip of three pictures and a picture on its page; what cameras gave comes back.
+/// Creates a cycle with a scan, a clip of three pictures and a picture on its page; returns the cameras' shots.
 fn cycle(store: &mut Store, number: u32, verdict: Option<Verdict>) -> (CycleId, Vec<String>) {
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     let put = |what: String| store.put_blob(what.as_bytes()).expect("kept");
@@ -45,7 +45,7 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     assert_eq!(Store::prune(&path, &Retention::default()).expect("nothing"), Pruned::default());
     let there = |number: usize| kept(&folder, &cycles[number].1);
 
-    // Beside the writer, which holds the store.
+    // Removal works while a writer has the store open.
     let pruned = Store::prune(&path, &newest(1, 1)).expect("removed");
     assert_eq!((pruned.files, pruned.bytes), (12, 3 * (6 + 3 * 9)));
     assert_eq!(
@@ -87,7 +87,7 @@ fn nothing_is_removed_while_a_cycle_runs() {
     assert_eq!(Store::prune(&path, &newest(1, 1)).expect("removed").files, 8);
 }
 
-/// What two cycles name stays while one of them is kept.
+/// A file that two cycles name stays while one of the cycles is kept.
 #[test]
 fn what_is_named_twice_stays() {
     let (folder, mut store) = new_store();
@@ -99,7 +99,7 @@ fn what_is_named_twice_stays() {
     assert_eq!(kept(&folder, &first), 4);
 }
 
-/// Days are counted to the newest cycle; a clock that jumps to the next century removes nothing.
+/// Days are counted back from the newest cycle; a clock that jumps to the next century removes nothing.
 #[test]
 fn days_are_counted_to_the_newest_cycle() {
     const DAY: Duration = Duration::from_secs(86_400);
@@ -119,8 +119,8 @@ fn days_are_counted_to_the_newest_cycle() {
     assert_eq!((kept(&folder, &old), kept(&folder, &failed)), (0, 4));
 }
 
-/// A process that ends between the rows and the files has removed them in the chain; the next one removes them from
-/// the disk.
+/// A process that ends between the rows and the files has removed the files only in the chain; the next process
+/// removes them from the disk.
 #[test]
 fn what_a_killed_process_left_is_removed_by_the_next() {
     let (folder, mut store) = new_store();

@@ -23,8 +23,8 @@ fn words(asked: &[RequestRecord]) -> Vec<(Wanted, Option<Answer>)> {
     asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect()
 }
 
-/// Between two cycles a disc is mounted and a clear is refused; in the second one a request is refused and another is
-/// cut short by the end of the program before its answer is kept.
+/// Between two cycles a disc is mounted and a clear is refused. In the second cycle a request is refused. Another
+/// request is interrupted by the end of the program before its answer is stored.
 #[test]
 fn requests_stand_where_they_were_asked_with_their_answers() {
     let (folder, mut store) = new_store();

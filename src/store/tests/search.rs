@@ -1,4 +1,5 @@
-//! A search finds the cycles that it describes, and no others; the parts of earlier programs' stores are found too.
+//! A search finds exactly the cycles that it describes, also the parts in stores of earlier versions of this
+//! program.
 
 use super::*;
 use crate::cycle::{Motion, Path as MotionPath, Request};
@@ -17,7 +18,7 @@ fn begin(store: &mut Store, panel: &str, part: &PartNames) -> CycleId {
     store.begin_cycle(&start).expect("begun")
 }
 
-/// Four cycles: 1 and 2 of SN-1, 3 of SN-10 that runs, 4 without a part.
+/// Creates four cycles: 1 and 2 of SN-1, 3 of SN-10, which runs, and 4 without a part.
 fn four() -> (TempDir, Store) {
     let (folder, mut store) = new_store();
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000);
@@ -62,7 +63,8 @@ fn each_condition_finds_what_it_says() {
         (Query { end: Some(End::With(Verdict::Pass)), ..all() }, vec![4, 2]),
         (Query { words: words("OVERLAP seen"), ..all() }, vec![1]),
         (Query { words: words("overlap note"), ..all() }, vec![]),
-        // Its sign is none of a pattern, and the names of the keys are no words of a reason.
+        // The pattern characters % and _ are ordinary characters in a search, and the names of the keys are not
+        // words of a reason.
         (Query { words: words("100_%"), ..all() }, vec![1]),
         (Query { words: words("100%"), ..all() }, vec![]),
         (Query { words: words("10__%"), ..all() }, vec![]),
@@ -86,7 +88,7 @@ fn a_cycle_is_found_with_its_part_verdict_and_reasons() {
     assert_eq!(store.part_of(CycleId(4)).expect("read"), None);
 }
 
-/// Pages of one: a cycle that begins in between is on none of the pages that follow.
+/// Pages of one cycle: a cycle that begins in between is on none of the later pages.
 #[test]
 fn pages_follow_each_other_while_cycles_begin() {
     let (_folder, mut store) = four();
@@ -135,7 +137,7 @@ fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_rais
     assert_eq!(Store::verify(&path, true).expect("verified").found, [] as [String; 0]);
 }
 
-/// The table is an index: what is changed in it is named by the text that counts.
+/// The table is an index: a change in it is detected by comparison with the text that counts.
 #[test]
 fn a_part_that_was_changed_is_named() {
     for (sql, words) in [
@@ -200,7 +202,8 @@ fn acknowledgements_are_kept_for_good_with_the_time_at_which_they_came() {
     assert!(found.iter().any(|words| words.contains("deleted: acknowledgement 1 is missing")), "{found:?}");
 }
 
-/// The times come from the store: of the finding, and of the reset after the end. A running cycle after it begins later.
+/// The times come from the store: the time of the finding, and the time of the reset after the end. A running cycle
+/// after this cycle begins later.
 #[test]
 fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     let (_folder, mut store) = new_store();
@@ -238,7 +241,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     assert_eq!(gone(&store), Some(1_020_500), "the first of both");
 }
 
-/// By hand: 100 + 50 mm² on one disc, then a new one with 30 mm².
+/// Calculated by hand: 100 + 50 mm² on one disc, then a new disc with 30 mm².
 #[test]
 fn the_wear_of_the_disc_is_told_as_it_was_at_the_end_of_each_cycle() {
     let (_folder, mut store) = new_store();

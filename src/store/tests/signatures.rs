@@ -1,4 +1,4 @@
-//! Signatures are whole or not there, and contradict what was changed afterwards.
+//! Signatures are complete or absent, and contradict later changes.
 
 use super::super::{chain, head};
 use super::killed::until_killed;
@@ -27,7 +27,7 @@ fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
     id
 }
 
-/// A closed store with three signed cycles, the second of which a person released.
+/// Creates a closed store with three signed cycles; a person released the second.
 fn signed() -> (TempDir, PathBuf) {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
@@ -185,7 +185,7 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     assert_eq!(told, [words, no_film]);
 }
 
-/// The store itself keeps no verdict that is better than the cycle's findings, and names all their reasons.
+/// The store accepts no verdict that is better than the cycle's findings, and names all their reasons.
 #[test]
 fn a_cycle_is_concluded_by_its_worst_finding() {
     let (_folder, mut store) = new_store();
@@ -200,7 +200,7 @@ fn a_cycle_is_concluded_by_its_worst_finding() {
     assert_eq!(store.cycle(id).expect("read").judgement, Some(judgement));
 }
 
-/// A store of schema 7 has no such table.
+/// A store of schema 7 has no table of signatures.
 #[test]
 fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date() {
     let (folder, mut store) = new_store();
@@ -246,7 +246,8 @@ fn the_key_is_made_once_for_its_owner_alone() {
     assert!(cell_key(store, &provided).expect_err("no key").to_string().contains("not a private ed25519 key"));
 }
 
-/// By hand: passes 1 and 2 in the first cycle, pass 1 in the third; the second was another part.
+/// Calculated by hand: passes 1 and 2 in the first cycle, pass 1 in the third; the second cycle was of another
+/// part.
 #[test]
 fn passes_of_a_serial_are_counted_over_its_cycles() {
     let (_folder, mut store) = new_store();
@@ -303,7 +304,7 @@ fn no_kill_leaves_half_a_record(kills: u64) {
         for line in told.lines().map_while(Result::ok) {
             let number = line.strip_prefix("signed ").and_then(|number| number.parse::<u64>().ok());
             if number.is_some_and(|number| number == before + 1 + kill % 3) {
-                // The kill hits wherever the child is by then.
+                // The child is killed at an arbitrary point of its work.
                 std::thread::sleep(std::time::Duration::from_micros(37 * (kill * 131 % 400)));
                 child.kill().expect("killed");
             }

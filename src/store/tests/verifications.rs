@@ -1,4 +1,4 @@
-//! Verifications come back in order, each with its subject.
+//! Verifications are returned in order, each with its subject.
 
 use super::*;
 use crate::calib::health::{Strike, Verification};

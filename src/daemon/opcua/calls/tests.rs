@@ -62,7 +62,7 @@ impl SetupSource for Source {
     }
 }
 
-/// Calls, and what reached the loop.
+/// The calls, and the requests that reached the loop.
 struct Cell {
     calls: Calls,
     asked: Arc<Mutex<Vec<String>>>,
@@ -198,7 +198,7 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Hold", vec![text("now")]),
         ("Unhold", vec![]),
         ("Unhold", vec![text("true"), Variant::from(7_u32)]),
-        // What a person decides names the step, as an unsigned number.
+        // A person's decision must name the step, as an unsigned number.
         ("Unhold", vec![Variant::from(true)]),
         ("Accept", vec![]),
         ("Clear", vec![]),
@@ -207,7 +207,7 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text(""), no()]),
         ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text(""), no()]),
         ("Start", vec![text("../cell.toml"), text(&hash), text(""), text(""), no()]),
-        // Another recipe than the one that was decided upon, and none.
+        // The hash of another recipe than the one that the person chose, and no hash.
         ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text(""), no()]),
         ("Start", vec![text("door.toml"), text(""), text(""), text(""), no()]),
         ("AcknowledgeAlarm", vec![text("1/none/2")]),

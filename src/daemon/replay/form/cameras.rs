@@ -9,15 +9,15 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// What a camera answers, as it is written down: of a picture its size, and when it was taken.
+/// The recorded form of a camera's answer: of a picture, only its size and the time of the shot.
 #[derive(Debug, Serialize, Deserialize)]
 struct ShotForm {
     size_px: [usize; 2],
-    /// By the camera's own clock; none of a shot that is not timed.
+    /// Time by the camera's own clock; `None` for a shot that is not timed.
     time_s: Option<f64>,
 }
 
-/// A camera's fault, as it is written down.
+/// The recorded form of a camera's fault.
 #[derive(Debug, Serialize, Deserialize)]
 struct FaultForm {
     camera: String,
@@ -37,7 +37,7 @@ impl From<FaultForm> for CameraFault {
     }
 }
 
-/// Whether these words begin a film, and whether they watch it or end it.
+/// Returns whether this command begins a film, and whether it watches or ends one.
 pub fn of_film(said: &Value) -> (bool, bool) {
     (said.get("begin_film").is_some(), said == "next_of_film" || said == "end_film")
 }
@@ -100,7 +100,7 @@ impl Recordable for CameraCommand {
 }
 
 impl CameraCommand {
-    /// The shot that the recording has for this.
+    /// Returns the recorded shot for this command.
     fn taken(&self, seen: Option<ShotForm>, shot: Option<Shot>) -> Result<CameraAnswer, CameraFault> {
         let time_s = seen.as_ref().and_then(|seen| seen.time_s);
         Ok(match (self, shot) {

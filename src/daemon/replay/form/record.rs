@@ -10,7 +10,7 @@ use crate::tape::Topic;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-/// The question what of the panel was abraded in earlier cycles.
+/// The question which grids of the panel were abraded in earlier cycles.
 const ABRADED_BEFORE: &str = "abraded_before";
 
 impl Recordable for RecordCommand {
@@ -19,7 +19,7 @@ impl Recordable for RecordCommand {
             RecordCommand::Note(Note::Finding(finding)) => return Some((Topic::Finding, to_json(finding))),
             RecordCommand::Event(event) => return Some((Topic::Event, to_json(event))),
             RecordCommand::Note(note) => note_form(note),
-            // How many waypoints are permitted follows from what the robot reports.
+            // The number of permitted waypoints follows from the reports of the robot.
             RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => {
                 json!({ "open_intent": motion })
             }
@@ -98,8 +98,8 @@ impl Recordable for RecordCommand {
     }
 }
 
-/// What a phase leaves, as it is written down. A picture that is in the store already has the form of one that is put there
-/// now.
+/// Returns the recorded form of a phase's result. A picture that is in the store already has the same form as one
+/// that is put there now.
 fn note_form(note: &Note) -> Value {
     let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.word() } });
     let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });

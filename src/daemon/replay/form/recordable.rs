@@ -1,4 +1,4 @@
-//! What a recording can hold of a port.
+//! The part of a port's traffic that a recording can contain.
 
 use crate::daemon::ports::Command;
 use crate::daemon::replay::queue::Recorder;
@@ -9,14 +9,14 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// What came back from a port.
+/// An answer of a port.
 #[derive(Debug, Default)]
 pub struct RecordedAnswer {
     pub value: Value,
     pub shot: Option<Shot>,
 }
 
-/// A command that a recording can hold.
+/// A command that a recording can contain.
 pub trait Recordable: Command {
     /// Returns the command's topic, and its form in the recording; null if the loop only listens. `None` if the
     /// command is not recorded, since it follows from the data that the loop receives.
@@ -25,7 +25,7 @@ pub trait Recordable: Command {
     /// Returns the answer in the recording; `None` if an answer such as this one is not recorded.
     fn recorded_answer(answer: &Self::Answer, recorder: &Recorder) -> Option<RecordedAnswer>;
 
-    /// The answer that the recording has.
+    /// Returns the recorded answer to the command.
     fn answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
 
     /// Returns the answer if the recording has none: the command is not recorded, nothing came, or the replay has
@@ -37,15 +37,15 @@ pub trait Recordable: Command {
         true
     }
 
-    /// Whether a recording may leave it out.
+    /// Returns whether a recording may leave the command out.
     fn is_optional(&self) -> bool {
         false
     }
 
-    /// What the switch has to know before the command is performed.
+    /// Informs the switch before the command is performed.
     fn before(&self, _switch: &RecordingSwitch) {}
 
-    /// What the switch has to know of the answer.
+    /// Informs the switch about the answer.
     fn after(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
 }
 

@@ -69,7 +69,7 @@ impl Recordable for RequestCommand {
 
     fn otherwise(&self, _: Time, has_parted: bool) -> RequestAnswer {
         match self {
-            // The player's record refuses it, and so ends the loop.
+            // The player's record refuses this request, and so ends the loop.
             RequestCommand::Next(_) if has_parted => next(What::Table(cycle::Request::Abort)),
             RequestCommand::Next(_) => RequestAnswer::Next(Ok(None)),
             RequestCommand::LetsIn(_) => RequestAnswer::LetsIn(None),

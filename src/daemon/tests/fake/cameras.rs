@@ -1,4 +1,4 @@
-//! Cameras that render what is true of the cell.
+//! Cameras that render the true state of the cell.
 
 use super::super::super::*;
 use super::Shared;
@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 pub struct FakeCameras {
     world: Shared,
-    /// When the film began, and how many of its pictures were taken.
+    /// The time at which the film began, and how many of its pictures were taken.
     film: Option<(u64, f64, u32)>,
 }
 

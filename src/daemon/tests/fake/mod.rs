@@ -44,15 +44,15 @@ pub struct Cell {
     box_to_mm: f64,
     fails_at: usize,
     is_full: bool,
-    /// As in the record.
+    /// See `fills_at` in the record.
     pub fills_at: Option<usize>,
-    /// Tables at the end of the recipe.
+    /// Additional tables at the end of the recipe.
     pub more_recipe: &'static str,
-    /// Names at the end of the cell's outputs and of its feedbacks.
+    /// Additional names at the end of the cell's outputs and of its feedbacks.
     pub more_io: [&'static str; 2],
-    /// Tables at the end of the cell's file.
+    /// Additional tables at the end of the cell's file.
     pub more_cell: &'static str,
-    /// What the disc has worn before, mm².
+    /// Wear of the disc before the cycle, mm².
     pub worn_mm2: f64,
     /// Its removal, if it is calibrated.
     pub removal: Option<Model>,
@@ -60,7 +60,7 @@ pub struct Cell {
     pub earlier: Vec<EarlierPass>,
     /// The folder in which the service's orders are to be recorded.
     pub record: Option<PathBuf>,
-    /// Time passes by itself, and not only while the robot is listened to.
+    /// Time passes by itself, and not only while the loop waits for the robot.
     pub by_the_wall: bool,
 }
 
@@ -88,7 +88,7 @@ impl Cell {
         Cell { box_to_mm: x_mm, ..self }
     }
 
-    /// Ten commands in 100 ms.
+    /// Returns the cell with a robot that executes ten commands in 100 ms.
     pub fn slow(self) -> Self {
         self.world.borrow_mut().pace = 10;
         self
@@ -135,19 +135,20 @@ impl Cell {
         self
     }
 
-    /// The robot executes a waypoint of a contact path in this time, ms.
+    /// Returns the cell with a robot that needs this time for a waypoint of a contact path, ms.
     pub fn whose_contact_takes(self, ms: u64) -> Self {
         self.world.borrow_mut().contact_round_ms = ms;
         self.step_by_step()
     }
 
-    /// The robot reports a tip so far off on a contact path, mm, from one of its waypoints to another.
+    /// Returns the cell with a robot that reports a wrong tip on a contact path: by this distance, mm, from the
+    /// first to the second of these waypoints.
     pub fn that_is_off_plan(self, mm: f64, waypoints: [u32; 2]) -> Self {
         self.world.borrow_mut().off_plan = Some((mm, waypoints));
         self
     }
 
-    /// The feedback with this bit of `In` reads off from this waypoint in contact on.
+    /// Returns the cell with a dead feedback: this bit of `In` reads off from this waypoint in contact on.
     pub fn whose_feedback_is_dead(self, bit: u32, from: u32) -> Self {
         self.world.borrow_mut().dead_feedback = Some((bit, from));
         self
@@ -181,7 +182,7 @@ impl Cell {
         }
     }
 
-    /// The cell's file, recipe, what was taught, and the calibrations.
+    /// Returns the cell's file, the recipe, the taught data, and the calibrations.
     pub fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let [outputs, feedbacks] = self.more_io;
@@ -195,12 +196,12 @@ impl Cell {
         (cell, recipe, taught, calibrations)
     }
 
-    /// The scan that its 3D camera gives.
+    /// Returns the scan of the cell's 3D camera.
     pub fn scan(&self) -> crate::geometry::OrganizedCloud<crate::geometry::Camera> {
         self.world.borrow().sim.scan()
     }
 
-    /// What a cycle of this cell works with.
+    /// Returns the setup of a cycle of this cell.
     pub fn setup(&self) -> CycleSetup {
         let (cell, recipe, taught, calibrations) = self.files();
         setup(&cell, &recipe, &taught, calibrations)
@@ -243,12 +244,12 @@ impl Cell {
         record
     }
 
-    /// What computes for this cell by the wall clock.
+    /// Returns the computing of this cell by the wall clock.
     pub fn computing(&self) -> Computing<'static> {
         computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
     }
 
-    /// Turns the selector switch.
+    /// Returns a function that turns the selector switch.
     pub fn turns_to_local(&self, is_local: bool) -> impl Fn() -> bool + use<> {
         let world = self.world.clone();
         move || {
@@ -257,8 +258,8 @@ impl Cell {
         }
     }
 
-    /// The next command finds no epoch, as after a stop that is on the wire before the loop has taken it; true once
-    /// it came.
+    /// Returns a function that ends the epoch before the next command, like a stop that is on the wire before the
+    /// loop has taken it. The function returns true once the command has come.
     pub fn stops_before_a_command(&self) -> impl FnMut() -> bool + use<> {
         let world = self.world.clone();
         let mut has_stopped = false;
@@ -279,7 +280,7 @@ impl Cell {
         self.world.borrow_mut().time_ms += ms;
     }
 
-    /// Runs what was recorded again.
+    /// Runs the recording in this file again.
     pub fn replay(&self, file: &std::path::Path) -> (LoopOutcome, Played) {
         let bytes = std::fs::read(file).expect("a recording");
         let start = check(&bytes[..]).expect("whole").start;
@@ -299,7 +300,7 @@ impl Cell {
         (ended.unwrap_or_else(|error| panic!("{error}: {played:?}")), played)
     }
 
-    /// A cycle to begin.
+    /// Returns a prepared cycle.
     pub fn prepared(&self) -> PreparedCycle {
         let calibrations = calibrations(&self.world.borrow().sim, self.removal);
         let start = CycleStart {

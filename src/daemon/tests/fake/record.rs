@@ -19,7 +19,7 @@ pub struct Memory {
     pub fills_at: Option<usize>,
     pub(super) lacks_room: bool,
     pub worn_mm2: f64,
-    /// Each entry of the disc's wear, and whether a motion was open then.
+    /// Each entry of the disc's wear, and whether a motion was open at that time.
     pub wears: Vec<(f64, bool)>,
     pub findings: Vec<Finding>,
     pub figures: Vec<String>,
@@ -112,7 +112,7 @@ impl Port<RecordCommand> for Memory {
             }
             RecordCommand::Begin(_) => {
                 self.cycles += 1;
-                // Another panel, dry and as greasy as the last one.
+                // The next panel: dry, and as greasy as the last one.
                 let mut world = self.world.borrow_mut();
                 (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
                 drop(world);

@@ -102,7 +102,7 @@ impl World {
         }
     }
 
-    /// The bits of `In` that read off, whatever is behind them.
+    /// Returns the bits of `In` that read off, whatever their true state is.
     fn dead_feedbacks(&self) -> u32 {
         self.dead_feedback.filter(|(_, from)| self.in_contact >= *from).map_or(0, |(bit, _)| 1 << bit)
     }
@@ -179,7 +179,7 @@ impl World {
         }
         let done = CommandId(self.end_epoch());
         self.brakes_until_ms = self.time_ms + self.brakes_ms;
-        // The end of an epoch shuts the water.
+        // The end of an epoch switches the water off.
         if self.outputs.insert(2, false) == Some(true) {
             self.water_off_ms = self.time_ms;
         }

@@ -1,4 +1,4 @@
-//! What came of a cycle of the scripted cell.
+//! The result of a cycle of the scripted cell.
 
 use super::super::super::*;
 use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
@@ -16,7 +16,7 @@ pub struct Story {
     pub figures: Vec<String>,
     pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
     pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
-    /// When each film began.
+    /// The times at which the films began, s.
     pub films_began_s: Vec<f64>,
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
@@ -24,29 +24,29 @@ pub struct Story {
     pub refusals: Vec<(cycle::Request, Refusal)>,
     pub contact_points: usize,
     pub lines: usize,
-    /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
+    /// For each line with its own feed: the feed, m/s, and the rounding, mm.
     pub feeds: Vec<(f64, f64)>,
     pub worn_mm2: f64,
     pub wears: Vec<(f64, bool)>,
     pub contacts: Vec<(ContactPath, Vec<u32>)>,
-    /// Waypoints that were executed before the record permitted them.
+    /// Number of waypoints that were executed before the record permitted them.
     pub beyond: u32,
     pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
     /// How far each point of contact lies in front of the true panel, mm.
     pub contact_off_mm: Vec<f64>,
-    /// When output 6 was set and to what, ms, and when the arm first moved.
+    /// The times at which output 6 was set, with its values, ms, and the time at which the arm first moved.
     pub warning_ms: (Vec<(u64, bool)>, Option<u64>),
 }
 
 impl Story {
-    /// The stages that found something.
+    /// Returns the stages that recorded a finding.
     pub fn stages(&self) -> Vec<Kind> {
         self.findings.iter().map(|finding| finding.kind).collect()
     }
 
-    /// The closed motions along this path.
+    /// Returns the closed motions along this path.
     pub fn motions(&self, path: Path) -> Vec<(Motion, Outcome, u32)> {
         let closed = self.intents.iter().filter(|(motion, _)| motion.path == path);
         closed.filter_map(|(motion, end)| end.map(|(outcome, done)| (*motion, outcome, done))).collect()

@@ -1,4 +1,4 @@
-//! What the scripted cell is calibrated as, and what was taught in it.
+//! The calibrations of the scripted cell, and its taught data.
 
 use super::super::super::*;
 use crate::cell::{self, LensExtent};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
-/// What a cycle of this cell works with.
+/// Returns the setup of a cycle of this cell.
 pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
     let cell = Arc::new(CellSetup::new(cell).expect("complete"));
     CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")

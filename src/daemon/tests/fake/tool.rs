@@ -39,9 +39,9 @@ impl Surroundings for FakePanel {
         if world.in_contact < from {
             return None;
         }
-        // The mock has it for all of the time since it was last looked at.
+        // The mock applies this state to the whole time since the last call.
         let since_ms = world.time_ms - 100;
-        // Once the disc has left the panel, a later touch counts from then on.
+        // Once the disc has left the panel, the time of a later touch starts anew.
         let rubs = world.rubs && world.outputs.get(&5) == Some(&true);
         if world.tool_off_ms.is_none() {
             world.rubs_since_ms = rubs.then(|| world.rubs_since_ms.unwrap_or(since_ms));
@@ -56,7 +56,7 @@ impl Cell {
         linked(&self.files().0, &self.world)
     }
 
-    /// One waypoint in 100 ms.
+    /// Returns the cell with a robot that executes one waypoint in 100 ms.
     pub fn step_by_step(self) -> Self {
         self.world.borrow_mut().pace = 1;
         self
@@ -92,12 +92,12 @@ pub struct Ended {
     /// From the fault, or the first touch after it, to the tool's end, ms; `None` if the disc did not touch any
     /// more.
     pub took_ms: Option<u64>,
-    /// Waypoints executed, as the motion was closed with.
+    /// Number of executed waypoints with which the motion was closed.
     pub done: Option<u32>,
 }
 
 impl AtContact {
-    /// Runs a cycle up to there.
+    /// Runs a cycle up to the start of the contact path.
     pub fn new(cell: Cell) -> Self {
         let setup = Arc::new(cell.setup());
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&cell.world) };
@@ -121,19 +121,19 @@ impl AtContact {
         AtContact { cell: cell.files().0, setup, world, state, perception, abrasion, pending, armed, robot_state }
     }
 
-    /// Waypoints of the path.
+    /// Returns the number of waypoints of the path.
     pub fn waypoints(&self) -> u32 {
         self.state.job.waypoints
     }
 
-    /// Runs the path with a tool that breaks so once that many of its lines are executed.
+    /// Runs the path with a tool that gets this fault once `from` lines of the path are executed.
     pub fn run(&self, from: u32, fault: Option<ToolFault>) -> Ended {
         let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
         world.time_ms += 100;
         let world = Shared::new(world);
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
-        // It has been connected for long.
+        // The tool has been connected for a long time.
         let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
         for _ in 0..3 {
             tool.news();

@@ -1,4 +1,4 @@
-//! What is true of the scripted cell, for all that plays a part in it.
+//! The true state of the scripted cell, which its simulated parts share.
 
 use crate::cycle::Motion;
 use crate::devices::acf::ToolFault;
@@ -13,16 +13,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
 
-/// What is true of the cell.
+/// The true state of the cell.
 #[derive(Clone)]
 pub(super) struct World {
     /// The fault that the tool has once this many lines of the contact path are executed.
     pub(super) tool_fault: Option<(u32, ToolFault)>,
-    /// Since when the disc rubs without a break under that fault, ms.
+    /// The time since when the disc has been rubbing without a break under the tool's fault, ms.
     pub(super) rubs_since_ms: Option<u64>,
-    /// When the tool was switched off by the end of an epoch, ms.
+    /// The time at which the end of an epoch switched the tool off, ms.
     pub(super) tool_off_ms: Option<u64>,
-    /// The line executed last ends on the panel.
+    /// The last executed line ends on the panel.
     pub(super) rubs: bool,
 
     pub(super) sim: sim::Cell,
@@ -34,24 +34,26 @@ pub(super) struct World {
     pub(super) queue: VecDeque<(u32, Command)>,
     /// The last command that may be executed.
     pub(super) let_go: Option<u32>,
-    /// Waypoints of the contact path that the record permits, those executed, and those that it had not permitted.
+    /// Waypoints of the contact path that the record permits. `in_contact` counts those that were executed, and
+    /// `beyond` those that were not permitted.
     pub(super) permitted: u32,
     pub(super) in_contact: u32,
-    /// The link is lost once the arm is well in contact.
+    /// The link is lost once the arm is clearly in contact.
     pub(super) loses_link: bool,
-    /// The bit of a feedback that reads off, and from which waypoint in contact on.
+    /// The bit of a feedback that reads off, and the waypoint in contact from which on it does.
     pub(super) dead_feedback: Option<(u32, u32)>,
     /// No controller answers until the next state is received.
     pub(super) is_lost: bool,
     pub(super) beyond: u32,
-    /// Commands executed in 100 ms.
+    /// Number of commands executed in 100 ms.
     pub(super) pace: usize,
     /// Time between two states of the robot on a contact path, ms; elsewhere it is 100.
     pub(super) contact_round_ms: u64,
-    /// The arm still moves for so long after an abort, ms, and until when.
+    /// How long the arm still moves after an abort, ms; `brakes_until_ms` is the time at which it stands.
     pub(super) brakes_ms: u64,
     pub(super) brakes_until_ms: u64,
-    /// By how much the reported tip is off on a contact path, mm, and from which to which of its waypoints.
+    /// The deviation of the reported tip on a contact path, mm, and the first and last of the waypoints at which it
+    /// occurs.
     pub(super) off_plan: Option<(f64, [u32; 2])>,
     pub(super) base: Option<KukaPose>,
     pub(super) tool: Option<SetTcp>,
@@ -71,16 +73,17 @@ pub(super) struct World {
     pub(super) blends_mm: Vec<f64>,
     pub(super) intent: Option<Motion>,
     pub(super) moved_without_intent: usize,
-    /// When output 6 was set and to what, ms, and when the arm first moved.
+    /// The times at which output 6 was set, with its values, ms. The next field has the time at which the arm first
+    /// moved.
     pub(super) warning_ms: Vec<(u64, bool)>,
     pub(super) first_move_ms: Option<u64>,
     /// How far each point of contact lies in front of the true panel, mm.
     pub(super) contact_off_mm: Vec<f64>,
-    /// Input 6, the selector switch.
+    /// The state of input 6, the selector switch.
     pub(super) is_local: bool,
-    /// A stop on the wire has ended the epoch before the next command.
+    /// A stop on the wire has ended the epoch before the next command arrived.
     pub(super) is_overtaken: bool,
-    /// Commands that came when no epoch was open.
+    /// Number of commands that came when no epoch was open.
     pub(super) unsent: u32,
     pub(super) films_began_s: Vec<f64>,
 }
@@ -140,7 +143,7 @@ impl World {
     }
 }
 
-/// The world, for the loop's thread and the one that computes.
+/// The simulated world, shared by the thread of the loop and the thread that computes.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<Mutex<World>>);
 

@@ -1,4 +1,4 @@
-//! What OWASP lists for such a page, each as a test.
+//! The attacks that OWASP lists for such a page, each as a test.
 
 use super::{Browser, PASSWORD, PageFixture};
 use crate::daemon::web::routes::{MAX_BODY_BYTES, ROUTES};
@@ -141,7 +141,7 @@ async fn every_response_says_what_a_browser_may_do_with_it() {
     }
 }
 
-/// What a browser loads first: the page of the cell with all its files.
+/// The files that a browser loads first: the page of the cell with all its files.
 #[tokio::test]
 async fn the_first_load_is_small() {
     let site = PageFixture::new();

@@ -1,4 +1,4 @@
-//! Drawing a recipe's region on the page, and what else is looked at in Set-up.
+//! Drawing a recipe's region on the page, and the other views in Set-up.
 
 use super::{DOOR, PASSWORD, PageFixture};
 use crate::files::content_hash;
@@ -12,7 +12,8 @@ fn drawn() -> Value {
     })
 }
 
-/// What is drawn becomes lines of the recipe, which is written by the same form as every change, with its reason.
+/// The drawing becomes lines of the recipe. The recipe is written with the same form as every change, with its
+/// reason.
 #[tokio::test]
 async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let site = PageFixture::new();

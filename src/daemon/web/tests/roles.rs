@@ -40,7 +40,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
                 (None, Method::Post) => told.status == StatusCode::UNAUTHORIZED,
                 (Some(_), _) => told.status == StatusCode::FORBIDDEN,
             };
-            // Choosing a language leads back to the page.
+            // Choosing a language leads back to the page, for every visitor.
             let leads_back = route.path.starts_with("/language/");
             assert!(leads_back || is_refused != may, "{role:?} at {}: {} {}", route.path, told.status, told.body);
             assert!(told.status != StatusCode::INTERNAL_SERVER_ERROR, "{}: {}", route.path, told.body);
@@ -48,7 +48,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
     }
 }
 
-/// The router is made of the table alone.
+/// The router is made only from the table.
 #[test]
 fn no_route_is_beside_the_table() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/daemon/web");
@@ -67,7 +67,8 @@ fn no_route_is_beside_the_table() {
     assert!(files > 20, "{files}");
 }
 
-/// Each permission is needed somewhere; what moves the cell needs one, but what stops it needs none.
+/// Each permission is needed somewhere. A request that moves the cell needs a permission; a request that stops it
+/// needs none.
 #[test]
 fn what_stops_is_open_and_what_moves_is_not() {
     let access = |path: &str| ROUTES.iter().find(|route| route.path == path).map(|route| route.access);

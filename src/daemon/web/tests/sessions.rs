@@ -57,7 +57,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true,\"step\":3}").await.status, StatusCode::OK);
     let told = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
     assert_eq!(told.status, StatusCode::OK);
-    // A page that is older than the session stops all the same.
+    // A page that is older than the session can still stop the cell.
     let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
     assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
     assert_eq!(site.post(&stale, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
@@ -139,7 +139,7 @@ async fn one_changes_ones_own_password_by_the_old_one() {
     site.log_in("operator", "another horse").await.expect("the new one");
 }
 
-/// Changes an account in the store beside the page, as another process does.
+/// Changes an account in the store without the page, as another process does.
 fn change_beside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
     let mut store = Store::for_people(&site.folder.path().join("store")).expect("open");
     let mut account = store.accounts().expect("read").remove(name).expect("an account");
@@ -182,7 +182,7 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
     change_beside(&site, "engineer", |account| account.is_enabled = false);
     ends(&site, &engineer).await;
     assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::SEE_OTHER);
-    // A stop needs no account, as ever.
+    // A stop never needs an account.
     assert_eq!(site.post(&engineer, "/request/stop", "{}").await.status, StatusCode::OK);
 
     // A person who logs in after the change can continue at once.

@@ -16,7 +16,8 @@ fn opened() -> GigeCamera {
     camera
 }
 
-/// 37 packets a picture and 3 % of them lost: about a third of the pictures is whole. Those that are handed on are.
+/// A picture has 37 packets and 3 % of them are lost, so about a third of the pictures is complete. Only complete
+/// pictures are passed on.
 #[test]
 fn torn_pictures_are_tried_again_and_never_handed_on() {
     let _alone = alone();
@@ -46,7 +47,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
         counted.refused > 0 && counted.retries > 0 && counted.missing_packets > 0,
         "{refused} failed; {counted}"
     );
-    // Each that failed let the camera go, to be set anew.
+    // Each failed picture released the camera, so that all its settings are written again.
     assert_eq!(
         (counted.losses, counted.connections),
         (refused, refused + u64::from(camera.standing() == LinkStatus::Connected))
@@ -88,7 +89,7 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
     assert_eq!((counted.accepted, counted.losses, counted.connections), (2, 1, 2), "{counted}");
 }
 
-/// A camera that answers and gives no picture is opened anew, and thereby set anew.
+/// A camera that answers but gives no picture is opened again, and thereby configured again.
 #[test]
 fn a_camera_that_gives_no_picture_is_set_anew() {
     let _alone = alone();
@@ -153,13 +154,13 @@ fn a_wrong_camera_is_refused_in_words() {
     // 12 s is longer than one picture at the lowest frame rate that the camera accepts, 0.1 pictures per second.
     let exposure = says(Settings { exposure_us: Some(12e6), ..settings(SIZE, FORMAT) });
     assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
-    // Another program has it: here the same one, twice.
+    // Another program controls the camera: here this program, with a second connection.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("the camera", || first.standing() == LinkStatus::Connected);
     let second = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("a refusal", || matches!(second.standing(), LinkStatus::Away(_)));
     assert!(matches!(second.standing(), LinkStatus::Away(GigeError::Controlled { .. })), "{:?}", second.standing());
-    // The first keeps it.
+    // The first connection keeps the camera.
     exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }
 

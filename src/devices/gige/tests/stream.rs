@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Aravis's fake camera numbers its frames from 65401 on: after 134 of them the numbers begin again at 1.
+/// Aravis's fake camera numbers its frames from 65401 on: after 134 frames the numbers begin again at 1.
 #[test]
 fn numbers_begin_again_and_no_frame_is_lost() {
     let _alone = alone();
@@ -26,8 +26,8 @@ fn numbers_begin_again_and_no_frame_is_lost() {
     assert_eq!(camera.statistics().refused, 0, "{}", camera.statistics());
 }
 
-/// Eight seconds of full-size pictures of the simulated cell: each that is taken is an exposure byte by byte, and what is
-/// missing between them is counted.
+/// Eight seconds of full-size pictures of the simulated cell: each accepted picture equals an exposure byte by
+/// byte, and the missing pictures between them are counted.
 #[test]
 fn full_pictures_keep_their_integrity() {
     let _alone = alone();
@@ -42,7 +42,7 @@ fn full_pictures_keep_their_integrity() {
     let mut camera = GigeCamera::open(Settings { exposing, ..settings(size_px, format) }).expect("a thread");
     let mut next = || loop {
         match camera.picture() {
-            // A busy machine may be late, or tear pictures; those are counted.
+            // A busy machine may be late, or deliver incomplete pictures; those are counted.
             Err(GigeError::Timeout { .. }) => {}
             taken => break (taken.unwrap_or_else(|error| panic!("{error}")), camera.statistics()),
         }
@@ -61,7 +61,7 @@ fn full_pictures_keep_their_integrity() {
     assert!(loopback.exposures() > last);
 }
 
-/// The simulated cell's pictures, beside and below each other until they fill the size.
+/// Returns the simulated cell's pictures, repeated beside and below each other until they fill the size.
 fn tiled([width, height]: [usize; 2], format: PixelFormat) -> Vec<Vec<u8>> {
     let tile = |picture: &ColorPicture| {
         let at = |index: usize| {

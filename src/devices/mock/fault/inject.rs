@@ -8,7 +8,7 @@ use super::plan::{Fault, Side, When};
 const REBOOT_MS: u64 = 3_000;
 
 impl Controller {
-    /// Makes this happen now.
+    /// Makes this fault happen now.
     pub fn inject(&mut self, fault: Fault) {
         let for_ms = self.set(fault, true);
         let for_ms = if let Fault::Reboot { for_ms: None } = fault { Some(REBOOT_MS) } else { for_ms };
@@ -17,7 +17,7 @@ impl Controller {
         }
     }
 
-    /// At the start of a tick: what begins, and what ends.
+    /// Begins and ends faults at the start of a tick.
     pub(in super::super) fn pass_faults(&mut self) {
         let now_ms = self.now_ms;
         let arrived = self.troubles.commands_arrived;
@@ -37,7 +37,7 @@ impl Controller {
         }
     }
 
-    /// Commands that have arrived, for faults that wait for one.
+    /// Counts commands that have arrived, for faults that wait for a command.
     pub(in super::super) fn count_arrived(&mut self, commands: u64) {
         self.troubles.commands_arrived += commands;
         if !self.troubles.planned.is_empty() {
@@ -45,7 +45,7 @@ impl Controller {
         }
     }
 
-    /// Begins or ends a fault; how long it lasts comes back.
+    /// Begins or ends a fault; returns how long the fault lasts.
     fn set(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         let troubles = &mut self.troubles;
         match fault {
@@ -114,7 +114,7 @@ impl Controller {
         }
     }
 
-    /// What people, the safety controller and the mains do.
+    /// Performs an action of people, of the safety controller or of the mains.
     fn press(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         let for_ms = self.press_one(fault, begins);
         if !begins {
@@ -165,7 +165,7 @@ impl Controller {
         }
     }
 
-    /// The cable is in again: what waited arrives, hang-ups last.
+    /// Plugs the cable in again: the waiting bytes arrive, and closed connections last.
     fn plug_in(&mut self) {
         for (index, channel) in [Channel::Command, Channel::State].into_iter().enumerate() {
             let bytes = std::mem::take(&mut self.troubles.behind_cable[index]);

@@ -1,7 +1,8 @@
-//! What can go wrong at a controller or on the way to it, and when: so that users test their own cell against it.
+//! The faults of a controller or of the link to it, and their times, so that users can test their own cell against
+//! them.
 //!
 //! A [`FaultSpec`] is written as text (`mock-robot --fault`), see [`FaultSpec::HELP`]; [`Controller::inject`] makes
-//! one fault happen now. Times are the controller's own: in lock step they pass with the client's heartbeats only.
+//! one fault happen now. Times are the controller's own: in lock step they pass only with the client's heartbeats.
 //!
 //! [`Controller::inject`]: super::Controller::inject
 

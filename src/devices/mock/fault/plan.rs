@@ -13,7 +13,7 @@ pub enum Side {
     Both,
 }
 
-/// One thing that goes wrong. `for_ms` is how long it lasts; `None` for ever.
+/// One fault. `for_ms` is its duration; `None` if it lasts for ever.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// `cut`: the controller closes connections.
@@ -38,7 +38,7 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `garbage`: bytes that are no document.
+    /// `garbage`: the controller sends bytes that are no document.
     Garbage(Side),
     /// `skip-state`: the next state's number is left out.
     SkipState,
@@ -72,17 +72,17 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `e-stop`: pressed, and released after a while; the drives then come on again.
+    /// `e-stop`: the emergency stop is pressed, and released after a while; the drives then come on again.
     EStop {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `guard`: opened, and closed after a while.
+    /// `guard`: the guard is opened, and closed after a while.
     Guard {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `drives`: switched off, and on after a while.
+    /// `drives`: the drives are switched off, and on after a while.
     Drives {
         /// How long, ms.
         for_ms: Option<u64>,
@@ -124,15 +124,15 @@ pub struct Planned {
     pub fault: Fault,
 }
 
-/// Everything that is to go wrong with one mock controller.
+/// All faults that are planned for one mock controller.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FaultSpec {
-    /// Of delays, pieces and random faults; the same seed gives the same.
+    /// The seed of delays, pieces and random faults; the same seed gives the same faults.
     pub seed: u64,
     /// Bytes arrive late by this minimum and maximum in ms, in both directions.
     pub delay_ms: Option<(u64, u64)>,
-    /// What is sent comes in pieces that know nothing of documents.
+    /// The output is sent in pieces that do not follow the documents' boundaries.
     pub fragment: bool,
-    /// Faults of their time.
+    /// The faults, each with its time.
     pub planned: Vec<Planned>,
 }

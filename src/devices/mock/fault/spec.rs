@@ -9,10 +9,10 @@ use std::str::FromStr;
 /// Why a text is not a fault specification. Each error names the item and the allowed text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FaultSpecError {
-    /// Nothing between two commas.
+    /// There is no text between two commas.
     #[error("an item is empty; items are separated by single commas")]
     Empty,
-    /// No such fault or setting.
+    /// The name is no fault or setting.
     #[error("\"{item}\": there is no {name}{}; known are {}", nearest(name), known())]
     Unknown {
         /// The whole item.
@@ -20,7 +20,7 @@ pub enum FaultSpecError {
         /// Its name.
         name: String,
     },
-    /// A value that is missing or means nothing.
+    /// A value is missing or is not valid.
     #[error("\"{item}\": the value is {found}; valid: {allowed}")]
     Value {
         /// The whole item.
@@ -37,7 +37,7 @@ pub enum FaultSpecError {
         item: String,
         /// Its name.
         name: String,
-        /// Value, duration or time.
+        /// Which part it is: value, duration or time.
         what: &'static str,
     },
     /// A fault without a time.
@@ -46,7 +46,7 @@ pub enum FaultSpecError {
         /// The whole item.
         item: String,
     },
-    /// A time that is none.
+    /// A text is not a valid time.
     #[error("\"{item}\": {found} is no time; write 3s, 1.5s or 250ms, at most 1 day{}", command(*at))]
     Time {
         /// The whole item.
@@ -99,7 +99,7 @@ fn nearest(name: &str) -> String {
 }
 
 impl FaultSpec {
-    /// How a specification is written.
+    /// The syntax of a specification.
     pub const HELP: &'static str = "\
 Items separated by commas. A fault is NAME[=VALUE][/DURATION]@WHEN; WHEN is a time since the start (3s, 250ms) or #N,
 the arrival of the Nth command; without a duration it lasts.
@@ -144,7 +144,7 @@ impl FromStr for FaultSpec {
     }
 }
 
-/// One item, taken apart.
+/// One item, split into its parts.
 struct Item<'a> {
     whole: &'a str,
     name: &'a str,
@@ -175,7 +175,7 @@ impl<'a> Item<'a> {
         FaultSpecError::Needless { item: self.whole.to_owned(), name: self.name.to_owned(), what }
     }
 
-    /// A setting, which has neither duration nor time.
+    /// Checks that the item is a setting, which has neither duration nor time.
     fn plain(self) -> Result<Self, FaultSpecError> {
         match (self.duration, self.when) {
             (Some(_), _) => Err(self.needless("duration")),
@@ -315,7 +315,7 @@ fn milliseconds(text: &str) -> Option<u64> {
     (ms <= MAX_TIME_MS).then_some(ms.round() as u64)
 }
 
-/// A fault that passes, at some time within these ms.
+/// Returns a random fault that ends by itself, at a time within these ms.
 pub(super) fn any_fault(draw: &mut Pcg64, within_ms: u64) -> Planned {
     let for_ms = Some(draw.random_range(100..3_000));
     let side = [Side::Command, Side::State, Side::Both][draw.random_range(0..3)];

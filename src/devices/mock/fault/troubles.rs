@@ -1,17 +1,17 @@
-//! The faults of a controller: what is still to come, and what lasts.
+//! The faults of a controller: those that are still to come, and those that last.
 
 use super::super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
 use super::plan::{Fault, Planned};
 
-/// How far off a wrong base is, mm.
+/// The error of a wrong base, mm.
 const WRONG_MM: f64 = 1.0;
 
-/// The faults of a controller: what is still to come, and what lasts.
+/// The faults of a controller: those that are still to come, and those that last.
 #[derive(Debug, Default)]
 pub(in super::super) struct Troubles {
     pub(super) planned: Vec<Planned>,
     pub(super) commands_arrived: u64,
-    /// What ends by itself, and when.
+    /// The faults that end by themselves, and the times of their ends.
     pub(super) ends: Vec<(u64, Fault)>,
     pub(super) unplugged: bool,
     pub(super) mute: bool,
@@ -20,12 +20,12 @@ pub(in super::super) struct Troubles {
     pub(super) slow_share: Option<f64>,
     pub(super) override_percent: Option<u8>,
     pub(super) measured_off_mm: Option<u8>,
-    /// Of the next `set_base` or `set_tcp`.
+    /// The fault of the next `set_base` or `set_tcp`.
     pub(super) lost: Option<i32>,
     pub(super) wrong_base: bool,
     pub(super) refusal: Option<Refusal>,
     pub(super) skips_state: bool,
-    /// Bytes and hang-ups that wait for the cable, by channel.
+    /// Bytes and closed connections that wait for the cable, by channel.
     pub(in super::super) behind_cable: [Vec<u8>; 2],
     pub(in super::super) hung_up: [bool; 2],
 }
@@ -35,12 +35,12 @@ impl Troubles {
         Troubles { planned, ..Troubles::default() }
     }
 
-    /// The cable is out.
+    /// Returns whether the cable is out.
     pub(in super::super) fn unplugged(&self) -> bool {
         self.unplugged
     }
 
-    /// Nothing is sent on this channel.
+    /// Returns whether nothing is sent on this channel.
     pub(in super::super) fn silences(&self, channel: Channel) -> bool {
         self.mute || (self.no_acks && channel == Channel::Command)
     }
@@ -55,17 +55,17 @@ impl Troubles {
         self.override_percent.unwrap_or(100)
     }
 
-    /// How far the measured pose is off along Z, mm.
+    /// Returns the deviation of the measured pose along Z, mm.
     pub(in super::super) fn measured_off_mm(&self) -> f64 {
         self.measured_off_mm.map_or(0.0, f64::from)
     }
 
-    /// The share of its commanded speed at which the arm moves.
+    /// Returns the share of its commanded speed at which the arm moves.
     pub(in super::super) fn speed_share(&self) -> f64 {
         self.slow_share.unwrap_or(1.0) * f64::from(self.override_percent()) / 100.0
     }
 
-    /// A reason to refuse the next command.
+    /// Takes the reason to refuse the next command, if there is one.
     pub(in super::super) fn take_refusal(&mut self) -> Option<Refusal> {
         self.refusal.take()
     }

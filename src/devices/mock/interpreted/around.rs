@@ -1,4 +1,4 @@
-//! What a program touches while it runs: the controller around an interpreter.
+//! The parts of the controller that a running program uses: the environment of an interpreter.
 
 use super::super::log::words;
 use super::super::model::Controller;
@@ -47,7 +47,7 @@ impl Host for Around<'_> {
 
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String> {
         let command = Command::from_caller(caller);
-        // A motion of a command: the retract is none.
+        // A motion that belongs to a command; the retract belongs to none.
         if command.is_some() && std::mem::take(&mut self.values.refuses) {
             return self.give_up("the controller was commanded to give up this motion".to_owned());
         }
@@ -108,7 +108,7 @@ impl Host for Around<'_> {
     }
 }
 
-/// The command that the program executes: what its local variable CMD holds.
+/// The command that the program executes: the content of its local variable CMD.
 struct Command {
     key: Key,
     operation: i32,

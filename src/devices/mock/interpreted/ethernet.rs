@@ -1,6 +1,6 @@
-//! The functions of EthernetKRL, over the channels' memories.
+//! The functions of EthernetKRL, applied to the channels' memories.
 //!
-//! A channel that is lost is not opened again by itself: EKI_Clear, EKI_Init and EKI_Open do that.
+//! A lost channel is not opened again by itself: EKI_Clear, EKI_Init and EKI_Open do that.
 
 use super::super::channel_file::Element;
 use super::super::codec::{Template, Value};
@@ -18,7 +18,7 @@ const FAILED: i32 = 6;
 const EXISTS: i32 = 12;
 const NO_ELEMENT: i32 = 16;
 const DISCONNECTED: i32 = 10;
-/// Within this time after EKI_Clear an EKI_Open may fail.
+/// Time after EKI_Clear during which an EKI_Open may fail, ms.
 const REOPEN_MS: u64 = 24;
 
 pub(super) fn call(
@@ -130,7 +130,7 @@ fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str)
 fn set(controller: &Controller, values: &mut Values, channel: Channel, tag: &str, value: Cell) -> i32 {
     let sent = controller.sent(channel);
     let state = &mut values.channels[channel as usize];
-    // Programs set them in the file's order: the next one is looked for behind the last.
+    // Programs set the values in the file's order, so the search for the next one starts after the last.
     let (before, behind) = sent.split_at(state.set_next.min(sent.len()));
     let Some(place) = behind.iter().chain(before).position(|element| element.tag == tag) else { return NO_ELEMENT };
     let place = (place + before.len()) % sent.len();
@@ -187,7 +187,8 @@ impl Controller {
         true
     }
 
-    /// The client is gone, or EthernetKRL has closed the channel: it stays closed until the program opens it.
+    /// Handles a client that is gone, or a channel that EthernetKRL has closed: the channel stays closed until the
+    /// program opens it.
     pub(in super::super) fn lose_interpreted(&mut self, channel: Channel, fault: EkiFault) {
         let link = self.link(channel);
         if !link.connected {
@@ -203,7 +204,7 @@ impl Controller {
         self.note_change();
     }
 
-    /// The program closes the channel.
+    /// Closes the channel, as the program requested.
     pub(super) fn eki_closes(&mut self, channel: Channel) {
         self.troubles.behind_cable[channel as usize].clear();
         self.troubles.hung_up[channel as usize] = false;
@@ -220,7 +221,7 @@ impl Controller {
         }
     }
 
-    /// An interrupt's condition may have changed.
+    /// Notes that an interrupt's condition may have changed.
     pub(in super::super) fn note_change(&mut self) {
         if let Some(running) = &mut self.running {
             running.values.changed = true;

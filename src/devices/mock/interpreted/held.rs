@@ -1,4 +1,4 @@
-//! What has arrived in lock step and is not yet handed over.
+//! The documents that have arrived in lock step and are not yet handed over.
 
 use super::super::codec::{Value, decode};
 use super::super::error::EkiFault;
@@ -55,7 +55,7 @@ impl HeldDocuments {
         last <= 0 || !self.awaits_commands || of < epoch || self.arrived >= (of, last)
     }
 
-    /// The commands up to the one that a heartbeat names.
+    /// Takes the commands up to the one that a heartbeat names.
     pub(super) fn up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
         let named = heartbeat.epoch.zip(heartbeat.number);
         let is_later = |command: &Document| match (command.epoch.zip(command.id), named) {

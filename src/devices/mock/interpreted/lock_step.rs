@@ -13,13 +13,13 @@ use super::held::Document;
 
 /// Time that a heartbeat grants.
 const GRANT_MS: u64 = 100;
-/// From the controller's start until its programs run.
+/// Time from the controller's start until its programs run, ms.
 const BOOT_MS: u64 = 600;
-/// So long an answer, or a channel that is to be opened, is waited for.
+/// Time limit for an answer, or for a channel that must be opened, ms.
 const RESPONSE_TIMEOUT_MS: u64 = 10_000;
 
 impl Controller {
-    /// What arrives is held back.
+    /// Returns whether arriving bytes are held back.
     pub(in super::super) fn holds(&self) -> bool {
         self.setup.clock == Clock::LockStep && self.running.as_ref().is_some_and(|running| !running.held.serves)
     }
@@ -32,7 +32,7 @@ impl Controller {
         }
     }
 
-    /// Bytes that have arrived are kept until their time.
+    /// Holds back bytes that have arrived until they are due.
     pub(in super::super) fn hold(&mut self, channel: Channel, bytes: &[u8]) {
         let file = match channel {
             Channel::Command => &self.setup.commands,
@@ -64,7 +64,7 @@ impl Controller {
         }
     }
 
-    /// Nothing is left of a client that is gone.
+    /// Forgets all documents of a client that is gone.
     pub(super) fn forget_held(&mut self, channel: Channel) {
         let limit_bytes = match channel {
             Channel::Command => self.setup.commands.limit_bytes,
@@ -76,7 +76,7 @@ impl Controller {
         running.held.awaits_commands &= channel != Channel::Command;
     }
 
-    /// A client wants to connect: the programs get the time to open their channel.
+    /// Gives the programs the time to open their channel, because a client wants to connect.
     pub(super) fn open_in_lock_step(&mut self, channel: Channel) {
         if !self.holds() || self.is_connected(channel) {
             return;
@@ -93,7 +93,7 @@ impl Controller {
         }
     }
 
-    /// Ticks until this holds, one at least.
+    /// Lets ticks pass until this condition is satisfied, at least one tick.
     fn let_pass(&mut self, holds: impl Fn(&Controller) -> bool) {
         for _ in 0..RESPONSE_TIMEOUT_MS / TICK_MS {
             self.advance_ms(TICK_MS);
@@ -110,7 +110,7 @@ impl Controller {
             let Some(next) = held.requests.front() else { return };
             let is_delivered = held.is_delivered(next, epoch);
             let is_heartbeat = next.operation == Some(wire::HEARTBEAT);
-            // What has come behind it, an abort, is not held up by it.
+            // A document that came after the heartbeat, such as an abort, does not wait for the heartbeat.
             if held.serves || (is_heartbeat && !is_delivered && held.requests.len() == 1) {
                 return;
             }

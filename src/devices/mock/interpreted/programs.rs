@@ -6,19 +6,19 @@ use crate::controller::base_name;
 use crate::krl::{Kss, Meaning, Program, analyse, parse};
 use std::sync::Arc;
 
-/// Programs that a mock controller executes, and how.
+/// The programs that a mock controller executes, and the options of their execution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Programs {
     pub(super) program: Arc<Program>,
-    /// What public documents leave open.
+    /// The behaviour that public documents do not define.
     pub meaning: Meaning,
     /// Of the scheduler.
     pub seed: u64,
-    /// The scheduler chooses turns of any length; else each interpreter runs until it waits.
+    /// The scheduler chooses turns of any length; otherwise each interpreter runs until it waits.
     pub adverse: bool,
-    /// A start of the controller begins with the values of the data lists; else with those of its end.
+    /// A start of the controller uses the values of the data lists; otherwise it uses the values at the last end.
     pub cold_start: bool,
-    /// What `$ROB_TIMER` counts at the start, ms.
+    /// The value of `$ROB_TIMER` at the start, ms.
     pub uptime_ms: u64,
     /// The submit interpreter begins its next cycle at once if one ends without waiting; otherwise with the next
     /// tick.
@@ -26,11 +26,11 @@ pub struct Programs {
     /// Inputs and outputs are those of `cell_config.dat`; otherwise those of the mock controller's setup replace
     /// them.
     pub keeps_config: bool,
-    /// What a person should know before these programs are executed: file, line and what is not executed or not known.
+    /// Remarks for a person before these programs are executed: file, line, and what is not executed or not known.
     pub remarks: Vec<String>,
 }
 
-/// Programs and data lists as they ship.
+/// The shipped programs and data lists.
 const SHIPPED: [(&str, &str); 8] = [
     ("cell_config.dat", include_str!("../../../../config/kuka/cell_config.dat")),
     ("cell_data.dat", include_str!("../../../../config/kuka/cell_data.dat")),
@@ -50,7 +50,8 @@ impl Programs {
     /// If a file is not correct, with file and line.
     pub fn load(files: &[(&str, &str)]) -> Result<Self, MockError> {
         let read: Vec<_> = files.iter().map(|(name, text)| parse(name, text)).collect();
-        // The versions of KSS differ in what they lack; `panelprep check` reports what a version does not have.
+        // The versions of KSS differ in the functions that they lack; `panelprep check` reports what a version does
+        // not have.
         let analysis = analyse(&read, Some(Kss { major: 8, minor: 7 }));
         let place =
             |name: &str, Problem { line, key, message }: &Problem| format!("{name}:{line}: {key}: {message}");
@@ -97,10 +98,10 @@ impl Programs {
         Ok(Programs { keeps_config, ..Programs::load(&files)? })
     }
 
-    /// The programs that ship, as a mock controller executes them.
+    /// Returns the shipped programs, as a mock controller executes them.
     ///
     /// # Errors
-    /// Never for the files that this program was built with; they are read as every other.
+    /// Never for the files with which this program was built; they are read like all others.
     pub fn shipped() -> Result<Self, MockError> {
         Programs::load(&SHIPPED)
     }

@@ -5,12 +5,12 @@
 pub enum RobotState {
     /// No program is selected.
     Free,
-    /// Selected, at its first line.
+    /// The program is selected and at its first line.
     Reset,
     /// It runs.
     Active,
     /// The program was stopped; Start continues it.
     Stopped,
-    /// It has come to its end.
+    /// The program has reached its end.
     Ended,
 }

@@ -19,32 +19,32 @@ pub(in super::super) struct Running {
     pub(super) values: Values,
     pub(super) cells: Cells,
     pub(super) draw: Pcg64,
-    /// What the scheduler does to the interpreters at present, and until when.
+    /// How the scheduler treats the interpreters at present, and until when.
     pub(super) mood: SchedulerBias,
     pub(super) mood_until_ms: u64,
-    /// The submit interpreter has not begun yet.
+    /// The time at which the submit interpreter begins.
     pub(super) boots_at_ms: u64,
     pub(super) initialised: bool,
-    /// The motions that the mover has, oldest first, by number.
+    /// The numbers of the motions that the mover has, oldest first.
     pub(super) sequences: VecDeque<u64>,
     pub(super) next_sequence: u64,
-    /// Triggers that are due: number of the motion, and from when.
+    /// Triggers that are due: the number of the motion, and the time from which the trigger is due.
     pub(super) fired: VecDeque<(u64, u64)>,
     /// Errors that stopped an interpreter although no stop was intended.
     pub(super) faults: Vec<String>,
     pub(super) was_open: bool,
-    /// Why the safety controller or a person stopped the arm last.
+    /// The last reason for which the safety controller or a person stopped the arm.
     pub(super) pressed: Option<(u64, StopCause)>,
     pub(super) reset_since_ms: Option<u64>,
-    /// When a program that the safety controller stops is reported as stopped.
+    /// The time at which a program that the safety controller stops is reported as stopped.
     pub(super) stops_at_ms: Option<u64>,
-    /// When the foreign program that a person selects begins.
+    /// The time at which the foreign program that a person selects begins.
     pub(super) foreign_at_ms: Option<u64>,
-    /// In lock step, what has arrived and is not yet handed over.
+    /// In lock step, the documents that have arrived and are not yet handed over.
     pub(super) held: HeldDocuments,
 }
 
-/// Shared variables that are looked at from outside.
+/// Shared variables that are read from outside the programs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cells {
     pub(super) epoch: Option<u32>,
@@ -56,8 +56,8 @@ pub(super) struct Cells {
     pub(super) dead_epoch: Option<u32>,
     pub(super) behind: Option<u32>,
     pub(super) retract: Option<u32>,
-    /// Of the motions that the robot program has planned: the next to be executed, the next to be planned, and whether
-    /// each ends in contact.
+    /// Variables for the motions that the robot program has planned: the next motion to be executed. The next
+    /// fields are the next motion to be planned, and whether each motion ends in contact.
     pub(super) queue_read: Option<u32>,
     pub(super) queue_write: Option<u32>,
     pub(super) queue_touch: Option<u32>,
@@ -116,8 +116,8 @@ impl Running {
         }
     }
 
-    /// The controller starts again: interpreters, flags and channels are as new; data lists keep their values over a
-    /// warm start.
+    /// Starts the controller again: interpreters, flags and channels are new; the data lists keep their values over
+    /// a warm start.
     pub(super) fn reboot(&mut self, at_ms: u64, setup: &Setup) {
         if self.programs.cold_start {
             let (hits, branches) = (self.memory.hits.clone(), self.memory.branches.clone());
@@ -133,7 +133,7 @@ impl Running {
     }
 }
 
-/// Limits of another cell than the shipped file is for: any cell's.
+/// Limits that fit any cell; the shipped file has the limits of one cell.
 const WIDE: [(&str, usize, f32); 4] = [
     ("CELL_BOX_MIN", 3, -10_000.0),
     ("CELL_BOX_MAX", 3, 10_000.0),
@@ -191,7 +191,7 @@ fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     }
 }
 
-/// What the scheduler does to the interpreters.
+/// How the scheduler treats the interpreters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SchedulerBias {
     Fair,

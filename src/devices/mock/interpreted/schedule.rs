@@ -1,4 +1,5 @@
-//! One tick of both interpreters: who runs, for how many statements, and when interrupts and triggers break in.
+//! One tick of both interpreters: which one runs, for how many statements, and when interrupts and triggers
+//! interrupt it.
 
 use super::super::log::Executed;
 use super::super::model::{Controller, TICK_MS};
@@ -16,7 +17,7 @@ const SUBMIT_STATEMENTS: u32 = 2_000;
 const BUSY_SUBMIT_STATEMENTS: u32 = 600;
 const ROBOT_STATEMENTS: u32 = 60;
 
-/// One of the two in a tick.
+/// The turn of one of the two interpreters in a tick.
 #[derive(Debug, Clone, Copy)]
 struct Turn {
     left: u32,
@@ -30,7 +31,7 @@ fn submit_turn(runs: bool, statements: u32) -> Turn {
 }
 
 impl Controller {
-    /// One tick of the programs and of the arm.
+    /// Performs one tick of the programs and of the arm.
     pub(in super::super) fn tick_interpreted(&mut self) {
         self.with_running(|controller, running| running.tick(controller));
         if self.running.as_ref().is_some_and(|running| running.plc_starts(self.now_ms)) {
@@ -151,7 +152,7 @@ impl Running {
             Pause::Fault(message) => {
                 self.faults.push(format!("submit interpreter: {message}"));
                 self.submit.clear();
-                // Stopped until the controller starts again.
+                // The submit interpreter is stopped until the controller starts again.
                 self.boots_at_ms = u64::MAX;
                 true
             }
@@ -182,7 +183,7 @@ impl Running {
         }
     }
 
-    /// The controller stops the program with a message.
+    /// Stops the program with a message of the controller.
     fn stop_program(&mut self, controller: &mut Controller) {
         self.values.state = RobotState::Stopped;
         self.values.stop_message = true;
@@ -198,7 +199,7 @@ impl Running {
         }
     }
 
-    /// One interpolation step of the arm.
+    /// Performs one interpolation step of the arm.
     fn step_arm(&mut self, controller: &mut Controller) {
         if controller.mover.is_idle() {
             self.values.released = false;

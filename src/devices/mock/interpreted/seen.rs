@@ -1,4 +1,4 @@
-//! What can be seen of the programs from outside.
+//! The parts of the programs that can be read from outside.
 
 use super::super::model::Controller;
 use super::running::Running;
@@ -10,7 +10,7 @@ impl Controller {
         self.running.as_ref().map_or(&[], |running| &running.faults)
     }
 
-    /// The first cell of a variable of the data lists, for tests.
+    /// Returns the first cell of a variable of the data lists, for tests.
     pub fn shared(&self, name: &str) -> Option<Cell> {
         let running = self.running.as_ref()?;
         let cell = running.programs.program.cell(name)?;
@@ -26,7 +26,7 @@ impl Controller {
         }
     }
 
-    /// Until then EthernetKRL reads no configuration and opens no channel; those that are open stay open.
+    /// Until this time, EthernetKRL reads no configuration and opens no channel; open channels stay open.
     pub fn fail_channels(&mut self, until_ms: u64) {
         if let Some(running) = &mut self.running {
             running.values.channels_fail_until_ms = until_ms;
@@ -40,12 +40,12 @@ impl Controller {
             .map(|running| [&running.robot, &running.submit].map(|it| it.place(&running.programs.program)))
     }
 
-    /// How often each statement of the programs was executed; empty for the hand-written model.
+    /// Returns how often each statement of the programs was executed; empty for the hand-written model.
     pub fn statement_hits(&self) -> &[u32] {
         self.running.as_ref().map_or(&[], |running| &running.memory.hits)
     }
 
-    /// Of each step of the programs that is a condition, whether it was ever FALSE and ever TRUE.
+    /// Returns, for each step of the programs that is a condition, whether it was ever FALSE and ever TRUE.
     pub fn branches(&self) -> &[[bool; 2]] {
         self.running.as_ref().map_or(&[], |running| &running.memory.branches)
     }
@@ -60,7 +60,7 @@ impl Running {
         self.memory.bool(self.cells.stopped) || self.robot_has_ended()
     }
 
-    /// The robot program has ended the present epoch.
+    /// Returns whether the robot program has ended the present epoch.
     pub(super) fn robot_has_ended(&self) -> bool {
         let epoch = self.epoch();
         self.memory.int(self.cells.dead_epoch) == epoch && self.memory.int(self.cells.run_epoch) == epoch
@@ -78,9 +78,9 @@ impl Running {
         self.memory.bool(self.cells.behind) || (read..write).any(touches)
     }
 
-    /// The last command received, and the last executed.
+    /// Returns the numbers of the last command received and of the last command executed.
     pub(in super::super) fn counts(&self) -> (i32, i32) {
-        // What was received before a start of the controller is forgotten with it.
+        // The commands received before a start of the controller are forgotten at that start.
         if !self.initialised {
             return (0, 0);
         }
@@ -93,12 +93,12 @@ impl Running {
         self.memory.int(self.cells.under_air) + self.memory.int(self.cells.under_touch)
     }
 
-    /// The next motion is given up by the controller.
+    /// Makes the controller give up the next motion.
     pub(in super::super) fn refuse_motion(&mut self) {
         self.values.refuses = true;
     }
 
-    /// The next state's number is left out.
+    /// Leaves out the number of the next state message.
     pub(in super::super) fn skip_state(&mut self) {
         let cell = self.cells.sequence.and_then(|cell| self.memory.cells.get_mut(cell as usize));
         if let Some(Cell::Int(number)) = cell {

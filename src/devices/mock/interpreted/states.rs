@@ -9,12 +9,12 @@ use super::robot_state::RobotState;
 use super::running::Running;
 use rand::RngExt;
 
-/// So long after a reset the cell's PLC starts the program again.
+/// Time between a reset and the start of the program by the cell's PLC.
 const RESTART_MS: u64 = 300;
 /// Time until the PLC starts the program again after a stop that is not reset.
 const GO_ON_MS: u64 = 1_500;
 
-/// Within this time after a stop its retract is decided on.
+/// Within this time after a stop, the controller decides whether and how the arm retracts.
 const RETRACT_BEGINS_MS: u64 = 500;
 /// A stop within this time after a person pressed something is caused by that person.
 const PRESSED_MS: u64 = 1_000;
@@ -22,7 +22,7 @@ const PRESSED_MS: u64 = 1_000;
 const SELECT_MS: u64 = 1_000;
 
 impl Controller {
-    /// The cell's program is deselected, and soon another one is selected and at work.
+    /// Deselects the cell's program; shortly afterwards another program is selected and runs.
     pub fn select_foreign_program(&mut self) {
         self.with_running(|controller, running| {
             running.robot.clear();
@@ -36,7 +36,7 @@ impl Controller {
         });
     }
 
-    /// Whether drives, guard, mode and key would let a program run.
+    /// Returns whether drives, guard, mode and key allow a program to run.
     pub fn can_start(&self) -> bool {
         self.safety.may_start()
     }
@@ -46,7 +46,7 @@ impl Controller {
         self.safety.foreign_resets
     }
 
-    /// What the robot program does; `None` for the hand-written model.
+    /// Returns the state of the robot program; `None` for the hand-written model.
     pub fn robot_state(&self) -> Option<RobotState> {
         self.running.as_ref().map(|running| running.values.state)
     }
@@ -96,7 +96,7 @@ impl Controller {
         });
     }
 
-    /// Something outside of the programs stops the arm, or the program's being selected.
+    /// Stops the arm, or deselects the program, for a cause outside the programs.
     pub(in super::super) fn stop_interpreted(&mut self, cause: StopCause) {
         let now_ms = self.now_ms;
         self.with_running(|controller, running| {
@@ -154,7 +154,7 @@ impl Controller {
 }
 
 impl Running {
-    /// How long after its cause a program is reported as stopped, ms.
+    /// Draws the delay between the cause of a stop and the report that the program is stopped, ms.
     fn draw_stop_ms(&mut self) -> u64 {
         if self.programs.meaning.stops_late { self.draw.random_range(0..5) * TICK_MS } else { 0 }
     }
@@ -169,7 +169,8 @@ impl Running {
         }
     }
 
-    /// At the start of a tick: what drives, guard, mode and keys do to a program that runs, and what the PLC does.
+    /// Applies, at the start of a tick, the effect of drives, guard, mode and keys on a running program, and the
+    /// actions of the PLC.
     pub(super) fn pass_states(&mut self, controller: &mut Controller) {
         let safety = &controller.safety;
         let may_run = safety.may_start();
@@ -204,7 +205,7 @@ impl Running {
         self.values.changed = true;
     }
 
-    /// Whether the PLC starts the program now.
+    /// Returns whether the PLC starts the program now.
     pub(super) fn plc_starts(&self, now_ms: u64) -> bool {
         let wait_ms = if self.values.state == RobotState::Stopped { GO_ON_MS } else { RESTART_MS };
         self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + wait_ms)
@@ -252,7 +253,7 @@ impl Running {
         self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true)
     }
 
-    /// What was pressed within the last second.
+    /// Returns what a person pressed within the last second.
     fn pressed_lately(&self, controller: &Controller) -> Option<StopCause> {
         self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + PRESSED_MS).map(|(_, cause)| cause)
     }

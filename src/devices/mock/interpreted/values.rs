@@ -1,4 +1,4 @@
-//! What the system variables hold.
+//! The values of the system variables.
 
 use super::super::setup::Setup;
 use super::robot_state::RobotState;
@@ -26,7 +26,7 @@ pub(super) struct WrittenFrame {
     pub(super) parts: [f32; 6],
 }
 
-/// What $POS_ACT depends on.
+/// The values on which $POS_ACT depends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PoseOf {
     pub(super) joints: Joints,
@@ -41,11 +41,11 @@ pub(super) struct ChannelState {
     pub(super) listens: bool,
     pub(super) cleared_ms: u64,
     pub(super) set: Vec<super::super::codec::Value>,
-    /// Behind the element that was set last.
+    /// Index after the element that was set last.
     pub(super) set_next: usize,
 }
 
-/// What the controller holds beside the data lists.
+/// The controller's values in addition to the data lists.
 #[derive(Debug, Clone)]
 pub(in super::super) struct Values {
     pub(super) state: RobotState,
@@ -61,21 +61,21 @@ pub(in super::super) struct Values {
     pub(super) axis_acceleration: [i32; 6],
     pub(super) timers: [Timer; 65],
     pub(super) words: [u16; 2],
-    /// What a program writes and nothing here acts on.
+    /// Values that a program writes and that have no effect in this model.
     pub(super) others: std::collections::BTreeMap<(u16, u32), Cell>,
     pub(super) channels: [ChannelState; 2],
-    /// Until then EKI_Init and EKI_Open fail.
+    /// EKI_Init and EKI_Open fail until this time.
     pub(super) channels_fail_until_ms: u64,
     /// An interrupt's condition may have changed.
     pub(super) changed: bool,
-    /// An approximated motion from standstill need not wait for a next one.
+    /// An approximated motion from standstill does not wait for a next motion.
     pub(super) released: bool,
-    /// The arm gave up a motion; the reason.
+    /// The reason why the arm gave up a motion.
     pub(super) gave_up: Option<String>,
-    /// The next motion is given up.
+    /// The next motion will be given up.
     pub(super) refuses: bool,
     pub(super) reset_asked: bool,
-    /// What `$ROB_TIMER` counted at the start.
+    /// The value of `$ROB_TIMER` at the start.
     pub(super) uptime_ms: u64,
     /// The last requested $POS_ACT.
     pub(super) pose: Option<(PoseOf, [f64; 6])>,
@@ -118,14 +118,14 @@ impl Values {
         (self.axis_velocity, self.axis_acceleration) = ([100; 6], [100; 6]);
     }
 
-    /// The TCP can be reported: a program has set base and tool.
+    /// Returns whether the TCP can be reported, which needs a program that has set base and tool.
     pub(super) fn knows_tcp(&self) -> bool {
         let has_program = matches!(self.state, RobotState::Active | RobotState::Stopped | RobotState::Ended);
         has_program && self.base.now.is_some() && self.tool.now.is_some()
     }
 }
 
-/// The six numbers of a frame.
+/// Creates a pose from the six numbers of a frame.
 pub(super) fn frame(numbers: [f32; 6]) -> KukaPose {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers.map(f64::from);
     KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }

@@ -47,11 +47,11 @@ enum Known {
     Interpolation,
     Orientation,
     Override,
-    /// Holds what a program writes.
+    /// Another system variable: it stores the value that a program writes.
     Other,
 }
 
-/// Beside each entry of [`SYSTEM_VARIABLES`]: names are not compared while a program runs.
+/// The variable for each entry of [`SYSTEM_VARIABLES`], so that names are not compared while a program runs.
 static KNOWN: LazyLock<Vec<Known>> =
     LazyLock::new(|| SYSTEM_VARIABLES.iter().map(|variable| known(variable.name)).collect());
 
@@ -106,7 +106,7 @@ fn real(value: f64) -> Result<Cell, String> {
     Ok(Cell::Real(value as f32))
 }
 
-/// $POS_ACT. Programs read its components one by one while neither arm nor frames change.
+/// Returns $POS_ACT. Programs read its components one by one while neither arm nor frames change.
 fn pose(controller: &Controller, values: &mut Values) -> [f64; 6] {
     let of = PoseOf { joints: controller.mover.joints(), base: values.base.now, tool: values.tool.now };
     match values.pose {
@@ -151,7 +151,7 @@ pub(super) fn read(
         Known::CouldStart => bool(safety.may_start()),
         Known::Moves => bool(controller.mover.is_in_motion()),
         Known::StopMessage => bool(values.stop_message),
-        // Turns over as an INT of 32 bits does.
+        // The value overflows as an INT of 32 bits does.
         Known::Uptime => Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32)),
         Known::Advance => int(i64::from(values.advance)),
         Known::NullFrame => real(0.0),
@@ -270,7 +270,7 @@ fn in_range(name: &str, value: f32, most: f32) -> Result<f32, String> {
     }
 }
 
-/// $POS_ACT: the tool in the active base.
+/// Calculates $POS_ACT: the tool in the active base.
 fn tcp(controller: &Controller, values: &Values) -> [f64; 6] {
     let base = frame(values.base.now.unwrap_or_default()).to_rigid::<Base, Panel>();
     let tool: Rigid<Flange, Tool> = frame(values.tool.now.unwrap_or_default()).to_rigid();

@@ -1,4 +1,4 @@
-//! How the arm moves: times by hand, blending, starving, the same way every time.
+//! Tests of the arm's motion: times calculated by hand, blending, underruns, and equal results in each run.
 
 use super::*;
 
@@ -14,7 +14,7 @@ fn fifty_points_take_the_time_computed_by_hand() {
     assert_eq!((passed_ms.len(), passed_ms[9], passed_ms[49]), (50, 46 * 12, 217 * 12));
     assert_eq!(rig.ids(), (4..=53).collect::<Vec<i32>>());
     assert_eq!((rig.state("Done"), rig.state("Under"), rig.flag(3), rig.flag(7)), (53, 0, false, false));
-    // The base's X is the robot's X: turned by 180 about both Z and X it points back.
+    // The base's X is the robot's X: after turns by 180 about both Z and X it points back.
     let expected = Point::at(BASE_MM[0] - 250.0, BASE_MM[1], BASE_MM[2]);
     assert!(rig.tool_tip().distance_mm(expected) < 1e-6, "{:?}", rig.tool_tip());
     assert!((rig.state_number("Tcp X") - 250.0).abs() < 1e-4);
@@ -30,7 +30,7 @@ fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
     target[5] = -10.0;
     rig.command(1, [0, 0], [50.0, 0.0], target);
     rig.beats(2);
-    // Half way in half of the time, all axes together.
+    // All axes move together: half of the way is done in half of the time.
     rig.settle();
     let done = rig.controller.executed()[0];
     assert_eq!((done.time_ms, done.id, done.contact), (34 * 12, 2, false));
@@ -74,7 +74,8 @@ fn blended_corners_keep_the_speed() {
     assert_eq!((rig.causes(), rig.controller.underruns()), (vec![], 0), "an exact stop that was asked for");
 }
 
-/// A tour that lands, sands and leaves: samples cover it, and what is sanding lies between contact points.
+/// A path that lands, sands and leaves: samples cover the contact, and the sanding samples lie between contact
+/// points.
 #[test]
 fn the_trace_covers_the_contact() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -89,10 +90,11 @@ fn the_trace_covers_the_contact() {
     let off_mm = |sample: &Sample| sample.base_from_tool.origin().mm.z - BASE_MM[2];
     assert!(trace.iter().all(|sample| sample.tool_on));
     assert!(trace.iter().filter(|sample| sample.sanding).all(|sample| off_mm(sample) < 1.0));
-    // By hand: 40 mm at 1.2 mm a tick are 33 samples; the corners' halves count to either side.
+    // Calculated by hand: 40 mm at 1.2 mm a tick are 33 samples; the halves of the blended corners are counted on
+    // both sides.
     let sanding = trace.iter().filter(|sample| sample.sanding).count();
     assert!((31..=35).contains(&sanding), "{sanding}");
-    // It lands from, and leaves to, 20 mm above: the trace begins and ends in the air.
+    // The path begins and ends 20 mm above the surface, so the trace begins and ends in the air.
     assert!(off_mm(&trace[0]) > 15.0 && off_mm(trace.last().expect("some")) > 15.0);
     assert!(rig.controller.executed().iter().map(|done| done.contact).eq([false, true, true, false]));
 }
@@ -183,7 +185,7 @@ fn t1_is_slow_and_waits_for_the_key() {
     rig.controller.hold_start_key(true);
     rig.settle();
     let took_ms = rig.controller.executed()[0].time_ms - from_ms;
-    // By hand: 100/250 + 250/5000 = 0.45 s and the four beats of waiting, less and more for ramps.
+    // Calculated by hand: 100/250 + 250/5000 = 0.45 s plus the four beats of waiting, with a tolerance for ramps.
     assert!((800..=960).contains(&took_ms), "{took_ms}");
     assert_eq!(rig.state("Mode"), 1);
 }
@@ -208,20 +210,20 @@ fn an_output_on_the_path_stops_nothing() {
     };
     let (blended, changes) = run(&[1.0]);
     assert_eq!(changes, [(3, true, blended[9])]);
-    // By hand: to brake and start again at 100 mm/s and 1000 mm/s² costs 0.1 s.
+    // Calculated by hand: braking and starting again at 100 mm/s and 1000 mm/s² costs 0.1 s.
     for standing in [&[0.0][..], &[1.0, 1.0]] {
         let (times, _) = run(standing);
         assert!((84..=132).contains(&(times[19] - blended[19])), "{} {}", times[19], blended[19]);
     }
 }
 
-/// The flange at these angles as the numbers of a move in the robot's own base with the bare flange.
+/// Returns the flange pose at these angles as the numbers of a move in the robot's own base with the bare flange.
 fn flange_numbers(angles_deg: [f64; 6]) -> [f64; 6] {
     let pose = crate::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&joints(angles_deg)));
     [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg]
 }
 
-/// At these angles, with the robot's own base and the bare flange.
+/// Creates a rig with the arm at these angles, the robot's own base and the bare flange.
 fn standing_at(angles_deg: [f64; 6]) -> Rig {
     let mut rig = Rig::new(Clock::LockStep);
     rig.command(3, [0, 0], [0.0; 2], [0.0; 6]);
@@ -252,7 +254,8 @@ fn near_the_wrists_pole_the_tool_slows_down() {
     assert!((rig.controller.joints().a4_deg + 81.5).abs() < 0.01, "{:?}", rig.controller.joints());
 }
 
-/// A line behind the robot from A1 = 160 to A1 = −160 would have to pass 180: both ends can be reached, the way not.
+/// A line behind the robot from A1 = 160 to A1 = −160 would have to pass 180: both ends can be reached, the points
+/// between them cannot.
 #[test]
 fn a_line_that_needs_another_configuration_stops() {
     let behind = |a1_deg: f64| [a1_deg, -90.0, 90.0, 0.0, 60.0, 0.0];
@@ -264,7 +267,8 @@ fn a_line_that_needs_another_configuration_stops() {
     assert!(rig.controller.joints().a1_deg > 165.0, "{:?}", rig.controller.joints());
 }
 
-/// The same commands give the same controller to the bit, however the bytes were cut and whenever they came.
+/// The same commands give the same controller state to the bit, however the bytes were cut and whenever they
+/// arrived.
 #[test]
 fn two_runs_are_equal_to_the_bit() {
     let run = |piece: usize, early: bool| {

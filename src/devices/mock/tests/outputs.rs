@@ -1,4 +1,4 @@
-//! What the end of an epoch switches off, when, and what one request may do to the count.
+//! What the end of an epoch switches off and when, and how far one request can raise the epoch count.
 
 use super::*;
 
@@ -8,7 +8,7 @@ const SHUTTER: u16 = 3;
 const EXTRACTION: u16 = 4;
 const ALL: [u16; 5] = [LIGHT, SPRAY, SHUTTER, EXTRACTION, TOOL_OUTPUT];
 
-/// Every output on, an epoch open, nothing queued; the client is heard.
+/// Creates a rig with every output on, an epoch open, nothing queued and a client that is heard.
 fn all_on() -> Rig {
     let mut rig = Rig::ready(Clock::Free);
     for output in ALL {
@@ -69,7 +69,7 @@ fn a_dead_submit_interpreter_leaves_nothing_on() {
     assert_eq!(on(&rig), [SHUTTER]);
 }
 
-/// The next epoch has its outputs as it likes; a second stop does not lengthen the times of the first.
+/// The next epoch sets its outputs freely; a second stop does not lengthen the times of the first stop.
 #[test]
 fn an_open_epoch_keeps_its_outputs_and_a_second_stop_changes_nothing() {
     let mut rig = all_on();
@@ -98,7 +98,7 @@ fn no_request_uses_the_count_up() {
             let mut rig = all_on();
             ask(&mut rig, operation, number);
             assert_eq!(rig.state("Ep"), 1, "operation {operation}, number {number}");
-            // An abort stops whatever its number; a reset that may not be does nothing.
+            // An abort stops with any number; a reset with a number that is not allowed has no effect.
             assert_eq!((rig.flag(7), rig.tool_on()), (operation == 11, operation == 12));
             ask(&mut rig, 11, 2);
             assert_eq!((rig.state("Ep"), rig.flag(7), rig.tool_on()), (2, true, false));
@@ -113,7 +113,8 @@ fn no_request_uses_the_count_up() {
     assert_eq!(rig.state("Ep"), 1_000_001, "a step is allowed");
 }
 
-/// A heartbeat that names what never comes holds lock step; an abort behind it is not held.
+/// A heartbeat that names a command that never arrives blocks lock step; an abort behind the heartbeat is not
+/// blocked.
 #[test]
 fn an_abort_passes_a_heartbeat_that_waits_for_ever() {
     let mut rig = Rig::ready(Clock::LockStep);

@@ -1,4 +1,4 @@
-//! What is on the wire: documents, epochs, refusals, the ring, lock step.
+//! The messages on the wire: documents, epochs, refusals, the ring, lock step.
 
 use super::*;
 
@@ -16,7 +16,8 @@ fn the_first_state_is_as_agreed() {
     assert!(rig.states.contains(base) && rig.states.ends_with("</Tool></St>"), "{}", rig.states);
 }
 
-/// By hand: 100 ms are 8 ticks of 12 and 4 ms more; the second 100 make 104, 8 ticks and 8; the third 9 ticks.
+/// Calculated by hand: 100 ms are 8 ticks of 12 ms and a rest of 4 ms. The second 100 ms make 104 ms: 8 ticks and a
+/// rest of 8 ms. The third make 9 ticks.
 #[test]
 fn a_heartbeat_grants_a_tenth_of_a_second_and_keeps_the_rest() {
     let mut rig = Rig::new(Clock::LockStep);
@@ -41,13 +42,13 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!(rig.controller.time_ms(), 0);
     rig.controller.command_bytes(documents[1].as_bytes());
     assert_eq!(rig.controller.time_ms(), 96);
-    // Nor does it wait for ever: the channel may go first.
+    // The heartbeat does not wait for ever either: the channel may be lost first.
     let mut lost = Rig::new(Clock::LockStep);
     lost.id = 7;
     lost.beat();
     lost.controller.disconnect(Channel::Command);
     assert_eq!(lost.controller.time_ms(), 96);
-    // One command more than the heartbeat names stays unread.
+    // A command beyond the one that the heartbeat names stays unread.
     let (early, id) = (rig.document(6, [1, 0], [0.0; 2], [0.0; 6]), rig.id);
     rig.controller.command_bytes(early.as_bytes());
     rig.ask(10, id - 1);
@@ -56,7 +57,7 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!((rig.ack("Rx"), rig.ack("Done")), (3, 3));
 }
 
-/// The state channel may be open before the command channel: a heartbeat waits for it all the same.
+/// The state channel may be open before the command channel: a heartbeat then waits for the command channel.
 #[test]
 fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
     let mut rig = Rig::before_reset(Clock::LockStep);
@@ -73,7 +74,7 @@ fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
     assert_eq!((rig.controller.time_ms(), rig.ack("Done")), (96, 1));
 }
 
-/// In free time a state comes at least every 100 ms unasked, with the last request in Re.
+/// On the wall clock a state is sent unrequested at least every 100 ms, with the last request in Re.
 #[test]
 fn states_come_unasked_on_the_wall_clock() {
     let mut rig = Rig::new(Clock::Free);
@@ -169,7 +170,8 @@ fn only_the_present_epoch_is_executed() {
     assert!(
         rig.flag(7) && !rig.controller.outputs().contains_key(&2) && !rig.controller.outputs().contains_key(&3)
     );
-    // In flight while the epoch ends: dropped, and no mark on the new one. One from the future: refused.
+    // A command that is in flight while its epoch ends is dropped and leaves no mark on the new epoch. A command of
+    // a future epoch is refused.
     rig.open();
     rig.controller.command_bytes(command(1, 2, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
     rig.beat();
@@ -179,13 +181,13 @@ fn only_the_present_epoch_is_executed() {
     rig.id = 1;
     rig.beat();
     assert_eq!((rig.ack("Err"), rig.state("Out"), rig.state("Ep")), (2, 0, 2));
-    // An epoch is never opened twice, nor a lower one.
+    // An epoch is never opened twice, and a lower epoch is never opened.
     rig.ask(12, 2);
     rig.ask(12, 1);
     assert_eq!((rig.state("Ep"), rig.ack("Err")), (2, 2));
 }
 
-/// Base and tool are gone with the epoch, echoed as they were given while it lasts.
+/// Base and tool are no longer set after the epoch; during the epoch they are echoed as they were set.
 #[test]
 fn a_new_epoch_has_neither_base_nor_tool() {
     let mut rig = Rig::ready(Clock::LockStep);

@@ -1,4 +1,4 @@
-//! The same over TCP, with a client written by hand.
+//! The controller over TCP, with a hand-written client.
 
 use super::*;
 use std::io::{ErrorKind, Read, Write};
@@ -54,7 +54,7 @@ fn path() -> Vec<String> {
     documents
 }
 
-/// Over sockets in lock step the controller does to the bit what it does without them.
+/// Over sockets in lock step the controller gives the same results to the bit as without sockets.
 #[test]
 fn a_path_over_tcp_is_the_path_without_it() {
     let server = serve(Clock::LockStep);
@@ -116,7 +116,7 @@ fn malformed_bytes_hang_up() {
     assert_eq!(fault, Some(EkiFault::Malformed));
 }
 
-/// On the wall clock time passes by itself: states come unasked, a cut link in motion stops the arm.
+/// On the wall clock time passes by itself: states are sent unrequested, and a lost link stops a moving arm.
 #[test]
 fn on_the_wall_clock_a_cut_link_stops_the_arm() {
     let server = serve(Clock::Free);
@@ -148,6 +148,6 @@ fn dropping_the_server_hangs_up_and_frees_its_ports() {
     let gone = client.state.read(&mut [0; 8]);
     assert!(matches!(gone, Ok(0)) || gone.is_err_and(|error| error.kind() == ErrorKind::ConnectionReset));
     assert!(TcpStream::connect(address).is_err());
-    // The controller can still be looked at.
+    // The controller can still be inspected.
     assert_eq!(handle.with(|controller| controller.epoch()), 0);
 }

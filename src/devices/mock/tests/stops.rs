@@ -1,8 +1,9 @@
-//! How it stops: abort, starving in contact, watchdog, lost link, e-stop. What has ended never moves the arm.
+//! How the controller stops: abort, underrun in contact, watchdog, lost link, e-stop. An ended epoch never moves
+//! the arm.
 
 use super::*;
 
-/// In contact, 60 of 200 points sent, the tool on and moving.
+/// Creates a rig in contact: 60 of 200 points sent, the tool on and moving.
 fn sanding(clock: Clock) -> Rig {
     let mut rig = Rig::ready(clock);
     rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
@@ -37,7 +38,7 @@ fn abort_in_contact_switches_the_tool_off_and_retracts() {
     assert_eq!((rig.state("Ep"), rig.flag(7), rig.tool_on()), (2, true, false));
     assert_eq!(rig.wires.changes().last(), Some(&(TOOL_OUTPUT, false, rig.controller.time_ms())));
     rig.beat();
-    // By hand: 100 mm/s at 5000 mm/s² are braked away in 20 ms and 1 mm.
+    // Calculated by hand: 100 mm/s are braked at 5000 mm/s² within 20 ms and 1 mm.
     let braked_mm = at.mm.x - rig.tool_tip().mm.x;
     assert!((braked_mm - 1.0).abs() < 1e-6, "{braked_mm}");
     (rig.epoch, rig.id) = (2, 0);
@@ -49,7 +50,7 @@ fn abort_in_contact_switches_the_tool_off_and_retracts() {
     assert_eq!((rig.state("Ep"), rig.flag(7), rig.state("Done")), (3, false, 0));
 }
 
-/// The client may open the next epoch while the arm still retracts: what it sends waits.
+/// The client may open the next epoch while the arm still retracts: the new epoch's commands wait.
 #[test]
 fn a_new_epoch_waits_for_the_retract() {
     let mut rig = sanding(Clock::LockStep);
@@ -72,7 +73,7 @@ fn abort_in_the_air_only_stops() {
     rig.ask(11, 2);
     rig.settle();
     assert!((rig.tool_tip().mm.z - BASE_MM[2]).abs() < 1e-6 && rig.ids().len() < 60);
-    // An abort with a number that is not higher stops all the same.
+    // An abort stops also if its number is not higher.
     let mut rig = sanding(Clock::LockStep);
     rig.ask(11, 0);
     assert_eq!((rig.state("Ep"), rig.flag(7)), (1, true));
@@ -86,13 +87,14 @@ fn starving_in_contact_retracts() {
     assert_retracted(&mut rig);
     assert_eq!((rig.state("Under"), rig.causes(), rig.ids().len()), (1, vec![StopCause::Underrun], 10));
     assert!((rig.tool_tip().mm.x - (BASE_MM[0] - 50.0)).abs() < 1e-6, "stood exactly on the tenth point");
-    // A path that ends in contact does not stay there either.
+    // The arm does not stay in contact at the end of a path that ends in contact, either.
     let mut rig = Rig::ready(Clock::LockStep);
     rig.line(10, 10, true);
     assert_retracted(&mut rig);
 }
 
-/// By hand: the last frame comes at a beat's end; 408 ms, 34 ticks, later nothing was heard for 400.
+/// Calculated by hand: the last frame comes at the end of a beat; 34 ticks or 408 ms later nothing was heard for
+/// 400 ms.
 #[test]
 fn silence_stops_what_is_queued() {
     let mut rig = sanding(Clock::Free);
@@ -104,7 +106,8 @@ fn silence_stops_what_is_queued() {
         (stop.cause, stop.contact, stop.epoch, stop.time_ms),
         (StopCause::Watchdog, true, 1, heard_ms + 408)
     );
-    // Off the surface within 500 ms of the last frame: the first sample behind the stop is none.
+    // The tool is off the surface within 500 ms of the last frame: the first sample after the stop is not a sanding
+    // sample.
     let last = rig.controller.trace().last().expect("some").time_ms;
     assert!(last <= heard_ms + 500, "{last} {heard_ms}");
     assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::NoContact));
@@ -159,7 +162,8 @@ fn a_gap_in_contact_retracts() {
     assert_retracted(&mut rig);
 }
 
-/// A point out of reach far down the path: what lies before it is not driven to its end, and the point is named.
+/// If a point far along the path is out of reach, the path before it is not executed to its end, and the message
+/// names the point.
 #[test]
 fn an_unreachable_point_stops_the_path() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -171,7 +175,7 @@ fn an_unreachable_point_stops_the_path() {
     assert!(rig.controller.stops()[0].detail.contains("mm from axis 2"), "{:?}", rig.controller.stops());
 }
 
-/// Contact is the sanding tool's alone: only along its Z is the way back known.
+/// Contact is allowed only with the sanding tool: the direction of the retract is known only along its Z.
 #[test]
 fn contact_without_the_sanding_tool_is_refused() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -196,7 +200,8 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     rig.ask(11, 2);
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing goes on, nothing retracts later");
-    // The program was reset: until it is started there is no motion, and the tip is not known.
+    // After a reset of the program there is no motion until the program is started, and the position of the tip is
+    // not known.
     assert!(!rig.flag(4) && rig.states.contains("<Tcp X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\""));
     (rig.epoch, rig.id) = (2, 0);
     rig.open();
@@ -262,7 +267,7 @@ fn without_a_program_nothing_is_kept() {
     assert_eq!(rig.causes(), [StopCause::Deselected; 2]);
 }
 
-/// 400 ms without the submit interpreter: the robot program stops by itself, and leaves the panel.
+/// After 400 ms without the submit interpreter, the robot program stops by itself and leaves the panel.
 #[test]
 fn a_dead_submit_interpreter_stops_the_arm() {
     let mut rig = sanding(Clock::Free);
@@ -307,7 +312,7 @@ fn done_is_what_was_executed() {
     assert_eq!(rig.state("Done"), *ids.last().expect("some"));
 }
 
-/// A person sets the override to 90 % in contact: tool off, retract, and the reason is named.
+/// A person sets the override to 90 % in contact: the tool switches off, the arm retracts, and the reason is named.
 #[test]
 fn a_changed_override_in_contact_retracts() {
     let mut rig = sanding(Clock::LockStep);
@@ -318,7 +323,7 @@ fn a_changed_override_in_contact_retracts() {
     assert_retracted(&mut rig);
 }
 
-/// At 50 % a way through the air runs, at half its speed, and one into contact is refused.
+/// At an override of 50 % a path through the air runs at half its speed, and a path into contact is refused.
 #[test]
 fn contact_at_another_override_is_refused() {
     let mut rig = Rig::ready(Clock::LockStep);
@@ -331,7 +336,7 @@ fn contact_at_another_override_is_refused() {
     assert_eq!((rig.causes(), rig.ack("Err")), (vec![StopCause::Refused(Refusal::Override)], 11));
 }
 
-/// The reported pose is off, and the arm continues to the commanded places: the client must see the difference.
+/// The reported pose is off while the arm moves to the commanded positions: the client must detect the difference.
 #[test]
 fn a_measured_pose_that_is_off_is_reported() {
     let mut rig = sanding(Clock::LockStep);
@@ -342,7 +347,7 @@ fn a_measured_pose_that_is_off_is_reported() {
     let before_mm = z_mm(&rig);
     rig.controller.inject(Fault::Measured { off_mm: 60, for_ms: None });
     rig.beat();
-    // In a beat the arm itself goes 10 mm at most.
+    // In one beat the arm itself moves 10 mm at most.
     assert!((45.0..75.0).contains(&(z_mm(&rig) - before_mm)), "{before_mm}");
     assert_eq!(rig.causes(), []);
 }

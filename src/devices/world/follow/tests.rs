@@ -15,7 +15,7 @@ fn follower() -> Follower {
     Follower::new(world, &cell())
 }
 
-/// A message: outputs as bits in the order of their numbers, light first, tool last.
+/// Creates a state message: outputs as bits in the order of their numbers, light first, tool last.
 fn state_message(time_ms: u32, outputs: u32, base_from_tcp: KukaPose) -> State {
     State {
         time_ms,
@@ -52,10 +52,11 @@ fn at(x_mm: f64) -> KukaPose {
 const TOOL: u32 = 0b1_0000;
 const SPRAY: u32 = 0b10;
 const SHUTTER: u32 = 0b100;
-/// As `lens_shut` of the cell's file.
+/// The same number as `lens_shut` in the cell's file.
 const SHUT_INPUT: u16 = 2;
 
-/// By hand: base at X 100, the tip 10 to 16 mm before it and the flange 120 mm behind; 6 mm in steps of 1 mm.
+/// Calculated by hand: base at X 100, the tip 10 to 16 mm in front of it and the flange 120 mm behind; 6 mm in
+/// steps of 1 mm.
 #[test]
 fn the_tool_goes_straight_from_one_message_to_the_next() {
     let follower = follower();
@@ -88,7 +89,7 @@ fn outputs_act_on_the_world_and_time_goes_on() {
     assert_eq!(follower.world.violations().len(), 1, "told once");
     std::thread::sleep(std::time::Duration::from_millis(20));
     assert!(follower.moment().expect("told").time_ms() >= 1_220);
-    // The controller starts again and counts from zero: for the world time never goes back.
+    // The controller restarts and counts from zero; the world's time never runs backwards.
     follower.on_state(&state_message(50, 0, at(0.0)));
     assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
 }
@@ -110,7 +111,7 @@ fn a_lens_whose_feedback_is_told_is_open() {
     assert!(!is_shut(8_899) && is_shut(8_900));
 }
 
-/// A pass along a spot in messages of 100 ms heals it, and one 3 mm above does not.
+/// A pass along a spot in messages of 100 ms heals the spot; a pass 3 mm above it does not.
 #[test]
 fn what_the_messages_tell_abrades() {
     let follower = follower();

@@ -1,4 +1,4 @@
-//! One request to a camera that is ready, and the checks of its answer.
+//! Sends one request to a ready camera and checks its answer.
 
 use super::outcome::{Failed, Loss, MAX_ATTEMPTS, name};
 use super::{CameraAnswer, CameraRequest, Host};
@@ -36,7 +36,7 @@ impl Host {
             CameraRequest::Check => Request::State,
             CameraRequest::Light => Request::Light,
         };
-        // All but its next picture ends a clip.
+        // Every request other than for its next picture ends a clip.
         self.takes_clip =
             matches!(ask, CameraRequest::BeginClip(_)) || self.takes_clip && ask == CameraRequest::NextPicture;
         let during = ask.words();
@@ -46,7 +46,7 @@ impl Host {
             let from_ns = if ask == CameraRequest::NextPicture { self.clip_from_ns } else { now_ns() };
             let message = match self.ask(&request, within) {
                 Ok(answer) => match self.checked(ask, from_ns, answer) {
-                    // The camera's own buffer may have given the shot before once more.
+                    // The camera's own buffer may have delivered the previous shot once more.
                     Err(ZividFault::Frozen(_)) if tries < 2 => continue,
                     other => return other.inspect_err(|fault| self.shared.note(fault)),
                 },

@@ -58,7 +58,7 @@ impl Host {
     /// Ends the worker. Returns how it ended, if it did so by itself.
     pub(super) fn end_worker(&mut self) -> Option<String> {
         (self.camera, self.takes_clip) = (None, false);
-        // A shot of another worker is no repetition of its own.
+        // A shot of another worker is not a repetition of a shot of this worker.
         (self.last_number, self.scan.last_sum, self.picture.last_sum) = (0, None, None);
         let Worker { link, mut peer } = self.worker.take()?;
         drop(link);

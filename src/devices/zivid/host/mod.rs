@@ -36,7 +36,7 @@ use std::time::{Duration, Instant};
 pub(super) use outcome::MAX_ATTEMPTS;
 pub use shared::{CameraAnswer, CameraRequest, Patience, QueuedRequest, Setup, Shared, Stage, Status};
 
-/// How often an idle worker is looked after.
+/// Interval of the checks of an idle worker.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Time limit for a worker that hung up to end by itself.
@@ -53,7 +53,7 @@ struct Worker {
     peer: Box<dyn Peer>,
 }
 
-/// The settings' names and what was last taken with each.
+/// The hash of the settings and the checksum of the last shot or picture taken with them.
 struct Taking {
     hash: SettingsHash,
     last_sum: Option<u32>,
@@ -72,16 +72,16 @@ pub struct Host {
     picture: Taking,
     last_number: u64,
     clip_from_ns: u64,
-    /// Pictures are being taken one after the other.
+    /// A clip is being taken.
     takes_clip: bool,
-    /// When an absent camera is looked for again.
+    /// When the program next searches for an absent camera.
     search: Instant,
-    /// After how long, the last time.
+    /// The last delay before a search.
     search_pause: Duration,
 }
 
 impl Host {
-    /// Before the first start.
+    /// Creates the host before the first start of the worker.
     pub fn new(setup: Setup, launch: Launcher, shared: Arc<Shared>) -> Self {
         let taking = |yaml: &str| Taking { hash: settings_hash(yaml), last_sum: None };
         let now = Instant::now();
@@ -127,7 +127,7 @@ impl Host {
         }
     }
 
-    /// Brings the camera on, as far as it goes.
+    /// Starts and opens the camera as far as possible.
     fn look_after(&mut self) {
         if matches!(self.shared.status().stage, Stage::Down(_)) {
             return;
@@ -161,7 +161,7 @@ impl Host {
         }
     }
 
-    /// The same with the time that is left.
+    /// Returns the fault with the time that is left now.
     fn as_of_now(&self, fault: ZividFault) -> ZividFault {
         match fault {
             ZividFault::Down { ended, allowed, within, last, .. } => {
@@ -174,7 +174,7 @@ impl Host {
 
     /// Handles a person's request for a worker that stays down.
     fn revived(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
-        // What is not for the budget, such as a missing library, may be mended at any time.
+        // Causes that the budget does not cover, such as a missing library, may be removed at any time.
         let by_budget = matches!(fault, ZividFault::Down { .. });
         if by_budget && self.budget.asked(self.began.elapsed()) == Verdict::StayDown {
             return Err(self.as_of_now(fault));

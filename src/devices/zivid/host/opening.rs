@@ -1,4 +1,4 @@
-//! From no worker to a camera that is open and warm.
+//! Starts the worker, opens the camera and warms up the SDK.
 
 use super::outcome::{Failed, Loss, name};
 use super::{Host, MAX_SEARCH_INTERVAL, Stage, Worker};
@@ -41,7 +41,7 @@ impl Host {
         }
     }
 
-    /// Opens the camera; what prevents that is reported once.
+    /// Opens the camera; an obstacle is reported once.
     pub(super) fn open(&mut self) {
         match self.opened() {
             Ok(identity) => {
@@ -100,7 +100,7 @@ impl Host {
                 other => return Err(foreign("its settings", &other)),
             }
         }
-        // What it shows does not matter; that the SDK is warm does.
+        // The content of this shot does not matter; it only warms up the SDK.
         let request = Request::Scan { settings: self.scan.hash.clone() };
         let during = "its first shot";
         let refused = |refusal: Refusal| {
@@ -117,7 +117,7 @@ impl Host {
         }
     }
 
-    /// One step of the opening.
+    /// Carries out one step of opening the camera.
     fn step(
         &mut self,
         request: &Request,
@@ -151,8 +151,8 @@ fn foreign(during: &'static str, answer: &Answer) -> Opening {
     Opening::Lost(during, Loss::Damaged(name(answer)))
 }
 
-/// When to look again: soon for a camera that is not there, which may be plugged in at any time; ever later for one that is
-/// not as it should be, since each attempt may expose and heat it.
+/// Returns when to search again. The search is soon for an absent camera, which may be connected at any time. It is
+/// ever later for a faulty camera, since each attempt may expose and heat it.
 fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
     match fault {
         ZividFault::NotFound(_) | ZividFault::InUse(_) | ZividFault::OutOfReach(_) => shortest,

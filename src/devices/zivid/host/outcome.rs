@@ -25,11 +25,11 @@ impl From<WireError> for Failed {
 
 /// How a worker was lost.
 pub(super) enum Loss {
-    /// It had ended already.
+    /// The worker had already ended.
     Ended(String),
-    /// It closed its end of the socket.
+    /// The worker closed its end of the socket.
     HungUp,
-    /// It does not answer.
+    /// The worker does not answer.
     Stalled(Duration),
     /// Its data cannot be read.
     Damaged(String),

@@ -12,14 +12,14 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What a camera is set up with.
+/// The configuration of a camera.
 #[derive(Debug, Clone)]
 pub struct Setup {
     /// Which camera.
     pub source: Source,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
-    /// The size of its calibration.
+    /// The size for which the camera was calibrated.
     pub size: Size,
     /// Settings of 3D shots: the text of their YAML file.
     pub scan_yaml: String,
@@ -27,26 +27,26 @@ pub struct Setup {
     pub picture_yaml: String,
     /// How often the worker is started again.
     pub restarts: Restarts,
-    /// How long is waited for what.
+    /// Time limits for the answers.
     pub patience: Patience,
 }
 
-/// How long is waited for what.
+/// Time limits for the answers of the worker.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
-    /// The worker's first words: the SDK starts.
+    /// For the worker's first message: the SDK starts.
     pub hello: Duration,
-    /// A camera is searched and opened; the vendor's own samples give it 100 s.
+    /// For finding and opening a camera; the vendor's own samples allow 100 s.
     pub connect: Duration,
-    /// The first shot, for which the SDK may compile its programs: 100 s in the vendor's samples.
+    /// For the first shot, for which the SDK may compile its programs: 100 s in the vendor's samples.
     pub warm_up: Duration,
     /// A 3D shot.
     pub scan: Duration,
-    /// A picture, or the next of a clip.
+    /// For a picture, or the next picture of a clip.
     pub picture: Duration,
     /// Words: settings, temperatures.
     pub words: Duration,
-    /// From one search for an absent camera to the next.
+    /// Interval between searches for an absent camera.
     pub search: Duration,
 }
 
@@ -66,7 +66,7 @@ impl Default for Patience {
 }
 
 impl Patience {
-    /// From nothing to the first shot.
+    /// Returns the time limit from the start of the worker to the first shot.
     pub fn start(&self) -> Duration {
         self.hello + self.connect + 2 * self.words + self.warm_up
     }
@@ -75,13 +75,13 @@ impl Patience {
     pub fn timeout(&self, ask: CameraRequest) -> Duration {
         match ask {
             CameraRequest::Scan => self.scan,
-            // At a clip's end the picture that is being taken is waited for.
+            // At the end of a clip, the program waits for the picture that is being taken.
             CameraRequest::Picture
             | CameraRequest::BeginClip(_)
             | CameraRequest::NextPicture
             | CameraRequest::EndClip => self.picture,
             CameraRequest::Intrinsics | CameraRequest::Check => self.words,
-            // It exposes for a while.
+            // This measurement exposes for a while.
             CameraRequest::Light => self.scan,
         }
     }
@@ -90,7 +90,7 @@ impl Patience {
 /// The state of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Stage {
-    /// The worker is being started, since then.
+    /// The worker is being started, since this time.
     Starting(Instant),
     /// It delivers.
     Ready(Identity),
@@ -111,17 +111,17 @@ pub struct Status {
     pub faults: VecDeque<ZividFault>,
     /// The worker's process.
     pub worker: Option<u32>,
-    /// The lens's temperatures, in order: as long back as its warmth is judged by.
+    /// The lens's temperatures, in order, for the period that is needed to judge its warmth.
     pub temperatures: VecDeque<Reading>,
 }
 
 /// Interval between temperature readings of a camera without requests.
 const TEMPERATURE_INTERVAL: Duration = Duration::from_secs(30);
 
-/// Faults that are kept.
+/// Largest number of stored faults.
 const MAX_FAULTS: usize = 1_000;
 
-/// What the thread and its users share.
+/// The data that the thread and its users share.
 #[derive(Debug)]
 pub struct Shared {
     status: Mutex<Status>,
@@ -131,7 +131,7 @@ pub struct Shared {
 }
 
 impl Default for Shared {
-    /// Before the first start.
+    /// Creates the state before the first start.
     fn default() -> Self {
         let stage = Stage::Starting(Instant::now());
         let (faults, temperatures) = (VecDeque::new(), VecDeque::new());
@@ -141,7 +141,7 @@ impl Default for Shared {
 }
 
 impl Shared {
-    /// The status as it is.
+    /// Locks and returns the present status.
     pub fn status(&self) -> MutexGuard<'_, Status> {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -158,7 +158,7 @@ impl Shared {
         self.news.notify_all();
     }
 
-    /// The lens has this temperature at this time, ns of the monotonic clock.
+    /// Records the lens temperature at this time, ns of the monotonic clock.
     pub(super) fn felt(&self, at_ns: u64, lens_c: Option<f64>) {
         let Some(lens_c) = lens_c else { return };
         let (mut status, at_s) = (self.status(), at_ns as f64 * 1e-9);
@@ -168,7 +168,7 @@ impl Shared {
         }
     }
 
-    /// Whether the last temperature is long ago.
+    /// Returns whether the last temperature is too old.
     pub(super) fn is_temperature_due(&self, now_ns: u64) -> bool {
         let last_s = self.status().temperatures.back().map_or(f64::NEG_INFINITY, |last| last.at_s);
         now_ns as f64 * 1e-9 - last_s > TEMPERATURE_INTERVAL.as_secs_f64()
@@ -194,7 +194,7 @@ pub enum CameraRequest {
     Scan,
     /// A picture.
     Picture,
-    /// Pictures from now on, at this highest rate, 1/s.
+    /// Take pictures from now on, at this highest rate, 1/s.
     BeginClip(f64),
     /// The next one.
     NextPicture,
@@ -204,7 +204,7 @@ pub enum CameraRequest {
     Intrinsics,
     /// Its temperatures; a worker that stays down is started again if its budget allows.
     Check,
-    /// How the light around it flickers.
+    /// Measure how the ambient light flickers.
     Light,
 }
 
@@ -233,7 +233,7 @@ pub enum CameraAnswer {
     Picture(Delivery, Vec<[u8; 3]>),
     /// Done.
     Done,
-    /// A clip is over.
+    /// A clip has ended.
     Clip(ClipEnd),
     /// The lens.
     Lens(Lens),

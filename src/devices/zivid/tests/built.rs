@@ -1,10 +1,11 @@
-//! The camera library over the played camera, and settings for it; used by the tests inside and by those of the program.
+//! The camera library built with the simulated SDK, and settings for it. The tests in this crate and those of the
+//! program use both.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Settings of 3D shots: the sample that ships.
+/// Settings of 3D shots: the delivered sample.
 pub const SCAN: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/scan.yml"));
 /// Those of pictures.
 pub const PICTURE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/film.yml"));

@@ -1,4 +1,5 @@
-//! The list of the SDK's calls, `cpp/CALLS.md`, held against the declarations and against the text that makes the calls.
+//! Compares the list of the SDK's calls, `cpp/CALLS.md`, with the declarations and with the source that makes the
+//! calls.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ fn words(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|word| !word.is_empty())
 }
 
-/// What is public in the namespace Zivid of a declaration: types, functions, constants.
+/// Returns the public names in the namespace Zivid of a declaration: types, functions, constants.
 fn declared(text: &str) -> BTreeSet<String> {
     let from = text.find("\nnamespace Zivid").unwrap_or_else(|| panic!("no such namespace"));
     let (mut found, mut is_private) = (BTreeSet::new(), false);
@@ -43,7 +44,7 @@ fn declared(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// The names between backquotes in the first column of the list.
+/// Returns the names between backquotes in the first column of the list.
 fn listed() -> BTreeSet<String> {
     let list = text("CALLS.md");
     let rows: Vec<&str> = list.lines().filter(|line| line.starts_with("| `")).collect();
@@ -54,7 +55,7 @@ fn listed() -> BTreeSet<String> {
     calls.iter().flat_map(|call| words(call)).map(str::to_owned).collect()
 }
 
-/// The adapter is built against these declarations, so it calls nothing else; and each of them is in the list.
+/// The adapter is built with these declarations only, so it calls nothing else; and each of them is in the list.
 #[test]
 fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
     let files =

@@ -1,4 +1,4 @@
-//! What may happen to bytes under way, between a good worker and the daemon.
+//! Damage to bytes in transit, between a good worker and the daemon.
 
 use super::super::*;
 use super::TIMEOUT;
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// The bytes of the worker's first words, of connect, two settings and the warm-up come before those of a shot.
+/// Number of frames before a shot: the worker's first message, connect, two settings and the warm-up.
 const SHOT: usize = 5;
 
 /// Does this to the worker's n-th frame, counted over all workers, before it is forwarded. Returns whether the rest
@@ -23,7 +23,7 @@ enum Rest {
     HangsUp,
 }
 
-/// A whole frame, by the lengths in its opening.
+/// Reads a whole frame, by the lengths in its opening.
 fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
     let mut bytes = vec![0; 24];
     worker.read_exact(&mut bytes).ok()?;
@@ -50,7 +50,7 @@ fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static
             match rest {
                 Rest::GoesOn => {}
                 Rest::HangsUp => return,
-                // Until the daemon hangs up.
+                // Sends nothing more until the daemon closes the connection.
                 Rest::Stalls => drop(worker.shutdown(std::net::Shutdown::Write)),
             }
         }
@@ -58,7 +58,7 @@ fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static
     })
 }
 
-/// The first shot is tampered with; its fault, and that the next one is good.
+/// Tampers with the first shot and returns its fault; checks that the next shot is good.
 fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> ZividFault {
     let mut setup = setup();
     setup.patience.scan = Duration::from_millis(400);
@@ -72,13 +72,13 @@ fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> 
     fault
 }
 
-/// All cases at a time: each waits for its own worker to be started again.
+/// Runs all cases at the same time, since each waits until its own worker is started again.
 fn each<const N: usize>(cases: [usize; N], check: impl Fn(usize) + Sync) {
     let check = &check;
     std::thread::scope(|scope| cases.into_iter().for_each(|case| drop(scope.spawn(move || check(case)))));
 }
 
-/// A worker that is gone, at every part of a frame.
+/// A worker that ends at each part of a frame.
 #[test]
 fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
     each([0, 10, 26, 40, 300, 900], |keep| {
@@ -136,7 +136,7 @@ fn a_payload_that_is_short_is_thrown_away() {
     assert!(fault.to_string().starts_with(words), "{fault}");
 }
 
-/// The answer before, once more.
+/// The previous answer is sent once more.
 #[test]
 fn an_answer_to_another_request_is_thrown_away() {
     let kept = Mutex::new(Vec::new());
@@ -154,7 +154,7 @@ fn an_answer_to_another_request_is_thrown_away() {
     assert!(fault.contains("found an answer to request 4, the last request was 5"), "{fault}");
 }
 
-/// Starting it again would not help, and is not tried.
+/// Restarting the worker would not help, so it is not tried.
 #[test]
 fn a_worker_of_another_version_stays_down() {
     let launch = tampered(|number, bytes| {
@@ -194,11 +194,11 @@ fn a_worker_without_its_library_says_so() {
     assert_eq!(fault, "C1 the 3D camera's worker cannot work: libpanelprep_zivid.so: not found");
 }
 
-/// A worker that dies of its first shot each time is started three times more, and then left.
+/// A worker that ends at its first shot each time is restarted three times, and then stays down.
 #[test]
 fn the_fourth_end_stays_down_and_says_so() {
     let launch = tampered(|number, bytes| {
-        // Of each worker: hello, connect, settings, settings, and half a shot.
+        // Each worker sends hello, connect, settings, settings, and half a shot.
         if number % SHOT == SHOT - 1 {
             bytes.truncate(100);
             return Rest::HangsUp;
@@ -219,11 +219,12 @@ fn the_fourth_end_stays_down_and_says_so() {
     assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })));
 }
 
-/// Virtual time is `budget`'s; here the stretch is short, and a person's reset has the worker back after it.
+/// Virtual time is tested in `budget`. Here the period is short, and a person's reset starts the worker again after
+/// it.
 #[test]
 fn a_person_has_it_started_again_when_the_time_is_over() {
     let restarts = Restarts { most: 1, within: Duration::from_millis(300) };
-    // The warm-up of the first two workers does not come through.
+    // The warm-up of the first two workers does not arrive.
     let launch = tampered(|number, bytes| {
         if [SHOT - 1, 2 * SHOT - 1].contains(&number) {
             bytes.clear();

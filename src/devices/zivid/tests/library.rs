@@ -1,4 +1,4 @@
-//! The C++ text over the played camera, opened as the worker opens it; here in a thread.
+//! The C++ library with the simulated SDK, opened as the worker opens it; here in a thread.
 
 use super::super::library::{LibraryError, Sdk};
 use super::super::message::Source;
@@ -11,7 +11,7 @@ use crate::geometry::PinholeCamera;
 use std::path::Path;
 use std::process::Command;
 
-/// A camera file of these lines, and the camera that it plays.
+/// Writes a camera file with these lines and returns the camera that it plays.
 fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, lines).expect("written");
@@ -22,7 +22,7 @@ fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
         picture_yaml: PICTURE.to_owned(),
         ..super::played::setup()
     };
-    // Built before anybody waits for a worker.
+    // Built before anything waits for a worker.
     let library = library();
     let launch = in_thread(move |stream| {
         let sdk = Sdk::open(library).expect("the library");
@@ -31,7 +31,7 @@ fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
     (setup, launch)
 }
 
-/// By the page at the top of `play.cpp`: f = 1785 · 162 / 1944.
+/// The lens as defined at the top of `play.cpp`: f = 1785 · 162 / 1944.
 fn lens() -> PinholeCamera {
     let f_px = 1785.0 * 162.0 / 1944.0;
     let (k1, k2, p1, p2, k3) = (0.0, 0.0, 0.0, 0.0, 0.0);

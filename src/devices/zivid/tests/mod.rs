@@ -1,5 +1,5 @@
-//! The daemon's side against workers that are good, and against such as are not: threads instead of processes, so that
-//! each byte under way can be held, changed or left out.
+//! Tests the daemon's side with good and with faulty workers. The workers are threads instead of processes, so that
+//! each byte in transit can be delayed, changed or left out.
 
 mod built;
 mod calls;
@@ -13,14 +13,14 @@ use std::time::{Duration, Instant};
 
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A camera that does by this plan, ready.
+/// Creates a camera that behaves according to this plan and is ready.
 fn ready(plan: Plan) -> ZividScanner {
     let scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
     scanner.ready(TIMEOUT).expect("ready");
     scanner
 }
 
-/// It does so by itself.
+/// Waits until the camera delivers again by itself.
 fn delivers_again(scanner: &mut ZividScanner) {
     let since = Instant::now();
     while scanner.shot().is_err() {
@@ -130,7 +130,7 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     assert!(fault.starts_with(words), "{fault}");
 }
 
-/// A text that was changed under way is not the one that its hash means.
+/// A text that was changed in transit does not match the announced hash.
 #[test]
 fn settings_whose_text_is_not_what_was_announced_are_refused() {
     let (stream, _peer) = played(Plan::default())().expect("a worker");

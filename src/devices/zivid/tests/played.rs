@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 pub const SIZE: Size = Size { width: 8, height: 6 };
 
-/// At which exposures of all workers together what goes wrong; the first is the one that warms up.
+/// The exposures at which faults occur, counted over all workers; the first exposure is the warm-up.
 #[derive(Debug, Clone, Default)]
 pub struct Plan {
     pub missing: Vec<u64>,
@@ -49,17 +49,17 @@ pub fn setup() -> Setup {
     }
 }
 
-/// Starts workers with such a sensor.
+/// Returns a launcher of workers with a sensor that follows this plan.
 pub fn played(plan: Plan) -> Launcher {
     let counts = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
     in_thread(move |stream| {
         let sensor = Played { plan: plan.clone(), counts: counts.clone(), is_open: false, content: 0 };
-        // It ends with its daemon, or with its plan.
+        // The worker ends with its daemon, or as planned.
         let _ = worker::serve(stream, Box::new(sensor));
     })
 }
 
-/// Starts this with one end of a socket, each time in a thread.
+/// Returns a launcher that runs `serve` with one end of a socket, each time in a new thread.
 pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> Launcher {
     let serve = Arc::new(serve);
     Box::new(move || {
@@ -75,7 +75,7 @@ pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> Launcher
     })
 }
 
-/// A process's sockets close when it ends, however that is.
+/// Closes the socket when the thread ends, as a process's sockets close in every case.
 struct HangsUp(UnixStream);
 
 impl Drop for HangsUp {
@@ -114,14 +114,14 @@ impl Peer for Threaded {
 
 struct Played {
     plan: Plan,
-    /// Attempts to open it; exposures.
+    /// Number of attempts to open the camera, and number of exposures.
     counts: Arc<(AtomicU64, AtomicU64)>,
     is_open: bool,
     content: u64,
 }
 
 impl Played {
-    /// The exposure's number, and whether it shows the same as the one before.
+    /// Returns the exposure's number and its metadata, or the planned fault.
     fn expose(&mut self) -> Result<(u64, Exposed), Refusal> {
         let number = self.counts.1.fetch_add(1, Ordering::Relaxed) + 1;
         let refused = |trouble, message: &str| Err(Refusal { trouble, message: message.to_owned() });

@@ -18,7 +18,7 @@ fn a_refusal_ends_the_epoch_and_names_the_command() {
     assert_eq!(cell.controller.epoch, 8);
 }
 
-/// Aborted, the queue is gone on both sides, and a new epoch begins with nothing.
+/// After an abort the queue is empty on both sides, and a new epoch begins without commands.
 #[test]
 fn an_abort_discards_and_nothing_of_the_old_epoch_moves_again() {
     let mut cell = Cell::ready();
@@ -55,7 +55,7 @@ fn standstill_is_told_only_when_the_robot_stands() {
     assert!(matches!(cell.events()[..], [.., Report::Standstill { .. }]));
 }
 
-/// The last state is of 1,200 ms; 400 ms later the abort is on the wire, and after a second the link is given up.
+/// The last state is of 1,200 ms. The abort is sent 400 ms later, and the link is closed after one second.
 #[test]
 fn silence_with_a_path_underway_aborts_and_then_gives_up() {
     let mut cell = Cell::ready();
@@ -88,7 +88,8 @@ fn silence_of_an_idle_robot_is_only_a_lost_link() {
     assert_eq!(cell.events()[2..], [&Report::LinkLost { why: silent }]);
 }
 
-/// States keep coming, but the commands are swallowed: the robot would run dry without a word.
+/// States keep coming, but the commands are lost: without an abort the robot would have an underrun without any
+/// message.
 #[test]
 fn commands_that_are_not_acknowledged_abort() {
     let mut cell = Cell::ready();
@@ -103,8 +104,9 @@ fn commands_that_are_not_acknowledged_abort() {
     assert_eq!(cell.events()[2..4], [&expired, &Report::Standstill { done: CommandId(3) }]);
 }
 
-/// Half a message that a disturbance leaves in the controller's memory swallows every command until the channel is opened
-/// anew: the second such epoch in a row ends the connections, and one command that arrives counts anew.
+/// Half a message that a disturbance leaves in the controller's memory absorbs every command until the channel is
+/// opened again. The second such epoch in a row ends the connections, and one command that arrives resets the
+/// count.
 #[test]
 fn commands_that_are_not_acknowledged_twice_end_the_connections() {
     let swallowed = |cell: &mut Cell| {

@@ -1,8 +1,8 @@
-//! Base and tool: no line before both are seen as they were set.
+//! Base and tool: no line is sent before the state shows both as they were set.
 
 use super::*;
 
-/// Straight lines wait until the state shows base and tool, and not for less.
+/// Straight lines wait until the state shows base and tool; nothing else releases them.
 #[test]
 fn no_line_is_sent_before_base_and_tool_are_seen() {
     let mut cell = Cell::ready();

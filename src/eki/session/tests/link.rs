@@ -10,7 +10,7 @@ fn another_boot_ends_the_epoch_and_no_number_comes_again() {
     (cell.controller.boot, cell.controller.sequence) = (78, 0);
     cell.controller.begin(0);
     cell.pass(200);
-    // What it has of our epoch, if it has not started anew after all, is stopped.
+    // The controller's commands of the old epoch are stopped, in case it has not restarted after all.
     assert!(
         matches!(cell.events()[..], [.., Report::Rebooted { .. }, Report::Standstill { .. }]),
         "{:?}",
@@ -20,8 +20,8 @@ fn another_boot_ends_the_epoch_and_no_number_comes_again() {
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(8)));
 }
 
-/// The answer to the opening was lost with the link, and the controller then counts from zero again: what it may have
-/// opened is not opened a second time.
+/// The answer to the opening was lost with the link, and the controller then counts from zero again. An epoch that
+/// it may have opened is not opened a second time.
 #[test]
 fn an_epoch_that_was_asked_for_and_not_confirmed_never_comes_again() {
     let mut cell = Cell::ready();
@@ -91,7 +91,7 @@ fn what_cannot_be_executed_is_refused_where_it_is_queued() {
     cell.session.limits = LinkLimits { mapped_inputs, ..LinkLimits::default() };
     let unmapped = Command::SetDigin(Signal { number: 4, on: true });
     assert!(matches!(cell.session.queue(unmapped), Err(QueueError::Command(_))));
-    // Nothing of all that was queued: the next id follows on base, tool and speed.
+    // None of these commands was queued: the next id follows base, tool and speed.
     assert_eq!(cell.session.queue_path(&path(1, 2.0)), Ok(CommandId(4)));
     assert_eq!(cell.session.queue(input), Ok(CommandId(5)));
     assert_eq!(cell.session.open_epoch(), Err(QueueError::NotStanding));
@@ -120,7 +120,8 @@ fn in_lock_step_only_heartbeats_pass_time() {
     assert!(cell.session.awaits_answer());
 }
 
-/// A state that begins at 300 ms and has not ended at 500 never will; one that ends in time is one.
+/// A state that begins at 300 ms and has not ended at 500 ms counts as never ending; a state that ends in time is
+/// accepted.
 #[test]
 fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
     let mut cell = Cell::ready();
@@ -152,7 +153,8 @@ fn requests_do_not_wrap() {
     assert!(request.starts_with(b"<Req Id=\"1\""));
 }
 
-/// An acknowledgement of an epoch that is not ours ends ours, and the abort's number is above it.
+/// An acknowledgement of another client's epoch ends the epoch of this client, and the abort's number is above the
+/// other epoch.
 #[test]
 fn another_clients_epoch_is_told_and_left_behind() {
     let mut cell = Cell::ready();
@@ -168,8 +170,8 @@ fn another_clients_epoch_is_told_and_left_behind() {
     assert_eq!(cell.controller.epoch, 21);
 }
 
-/// Before its first word: a channel that closes has another client, and the other channel's message came by
-/// exchanged ports. Afterwards both are what they are.
+/// Before its first message, a channel that closes has another client, and a message of the other channel comes
+/// from exchanged ports. After a first message the two are reported as a closed channel and an invalid message.
 #[test]
 fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
     let losses = |after_a_word: bool| {

@@ -1,4 +1,4 @@
-//! The session against a scripted controller, in virtual time, without a socket.
+//! Tests the session with a scripted controller, in virtual time, without a socket.
 
 mod ends;
 mod frames;
@@ -40,7 +40,7 @@ struct Controller {
     silent: bool,
     /// It neither executes nor answers requests.
     deaf_to_requests: bool,
-    /// Aborts are answered and not obeyed.
+    /// Aborts are answered, but not carried out.
     disobedient: bool,
     deaf_to_commands: bool,
     mode: u32,
@@ -50,7 +50,7 @@ struct Controller {
     state_bytes: Vec<u8>,
 }
 
-/// Drives on, no emergency stop, guard closed, motion possible.
+/// Flags: drives on, no emergency stop, guard closed, motion possible.
 const READY: u32 = 1 + 2 + 4 + 16;
 
 impl Controller {
@@ -86,7 +86,7 @@ impl Controller {
         }
     }
 
-    /// The values between quotes of one document.
+    /// Reads the values between quotes of one document.
     fn receive(&mut self, bytes: &[u8]) {
         let text = std::str::from_utf8(bytes).expect("ASCII");
         let values: Vec<String> = text.split('"').skip(1).step_by(2).map(str::to_owned).collect();
@@ -201,7 +201,7 @@ impl Controller {
     }
 }
 
-/// Session and controller, ten milliseconds at a time.
+/// Session and controller, advanced in steps of ten milliseconds.
 struct Cell {
     session: Session,
     controller: Controller,
@@ -215,7 +215,7 @@ impl Cell {
         Cell { session, controller: Controller::new(), now_ms: 0, reports: Vec::new() }
     }
 
-    /// Connected, in an epoch, with base, tool and speed queued.
+    /// Creates a connected session in an epoch, with base, tool and speed queued.
     fn ready() -> Self {
         Cell::ready_at(Pace::Wall)
     }

@@ -6,14 +6,14 @@ use rayon::prelude::*;
 
 /// Within this time after an abort is commanded, the controller has stopped, ms.
 const BOUND_MS: u64 = 500;
-/// The ends of every field's range, what lies beyond, and the ends of a step of the epoch, which is 6 to 8 here.
+/// The ends of every field's range, values beyond it, and the ends of an epoch step; the epoch is 6 to 8 here.
 const VALUES: [i64; 9] =
     [i32::MIN as i64, -1, 0, 1, 9, 255, EPOCH_STEP as i64, EPOCH_STEP as i64 + 9, i32::MAX as i64];
 const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
 const STATE_FIELDS: [&str; 15] =
     ["T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "A1", "X", "C"];
 
-/// What the session is doing when the message comes.
+/// What the session is doing when the message arrives.
 #[derive(Debug, Clone, Copy)]
 enum Stage {
     Greeting,
@@ -62,7 +62,7 @@ impl Stage {
     }
 }
 
-/// The document with another value of this field.
+/// Returns the document with another value of this field.
 fn with_value(document: &str, field: &str, value: i64) -> String {
     let start = document.find(&format!(" {field}=\"")).expect("it has the field") + field.len() + 3;
     let end = start + document[start..].find('"').expect("quoted");
@@ -70,7 +70,7 @@ fn with_value(document: &str, field: &str, value: i64) -> String {
 }
 
 impl Cell {
-    /// Time passes; a controller without its client stops by itself.
+    /// Lets time pass; a controller without its client stops by itself.
     fn pass_to_the_end(&mut self, ms: u64) {
         for _ in 0..ms / 10 {
             self.pass(10);
@@ -81,8 +81,8 @@ impl Cell {
         }
     }
 
-    /// One message with a value that no controller sends, then an abort: within its bound the controller has stopped, and
-    /// nothing more is executed. Then everything is as before.
+    /// Sends one message with a value that no controller sends, then an abort. The controller has stopped within
+    /// the time limit, and nothing more is executed. Then everything works as before.
     fn survives(mut self, name: &str, channel: Channel, message: &str) {
         let now = Time::at_ms(self.now_ms);
         match channel {
@@ -138,7 +138,8 @@ fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
     });
 }
 
-/// The message that once used the count up: the abort is on the wire, with a number that may follow.
+/// A message that used up all numbers in an earlier version: the abort is sent with a number that leaves a next
+/// one.
 #[test]
 fn the_last_epoch_in_one_message_is_not_believed() {
     for message in [Channel::Command, Channel::State] {
@@ -177,7 +178,7 @@ fn a_controller_at_the_end_of_its_count_is_refused() {
         assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why }));
         assert!(cell.session.open_epoch().is_err());
     }
-    // Repaired, it is taken again.
+    // A repaired controller is accepted again.
     (cell.controller.epoch, cell.controller.answered) = (0, 0);
     cell.session.connected(Time::at_ms(cell.now_ms));
     cell.pass(100);
@@ -222,7 +223,7 @@ fn an_abort_waits_for_no_greeting() {
         "{:?}",
         cell.events()
     );
-    // Nothing was known of its count: the abort's number raised it by nothing.
+    // The controller's count was not known, so the abort's number did not raise it.
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(7)));
 }
 
@@ -250,7 +251,8 @@ fn epochs_go_on_above_what_either_side_knows() {
     assert!(cell.session.is_connected() && cell.session.open_epoch().is_ok(), "nothing is lost by it");
 }
 
-/// Water or tool on, nothing queued: silence counts, and so does a program that no longer looks.
+/// With water or tool on and nothing queued, silence ends the epoch, and so does a program that no longer
+/// supervises the link.
 #[test]
 fn silence_counts_while_an_output_does_harm() {
     let harmful = |cell: &mut Cell| {
@@ -284,7 +286,7 @@ fn an_epoch_that_the_controller_stopped_is_over() {
     assert!(cell.session.open_epoch().is_ok());
 }
 
-/// Another override in contact ends the epoch, whatever the controller does; in the air it may be any.
+/// Another override in contact ends the epoch, whatever the controller does; in the air any override is allowed.
 #[test]
 fn another_override_in_contact_ends_the_epoch() {
     let overridden = Report::Interrupted { cause: StopCause::Override };
@@ -300,10 +302,10 @@ fn another_override_in_contact_ends_the_epoch() {
     }
 }
 
-/// Why an epoch was stopped: the mode switch, no program that could move, and else the program.
+/// The reason why an epoch was stopped: the mode switch, no program that could move, or otherwise the program.
 #[test]
 fn a_stopped_epoch_says_why() {
-    // Drives on, no emergency stop, guard closed; with bit 4 a motion is possible.
+    // Drives on, no emergency stop, guard closed; with bit 4 a motion is also possible.
     for (mode, flags, cause) in [
         (1, 0b1_0111, StopCause::ModeTurned),
         (4, 0b0_0111, StopCause::NoProgram),

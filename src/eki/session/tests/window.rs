@@ -1,8 +1,10 @@
-//! What is sent and not executed: the window by commands, by time, by the ring, by bytes; a robot behind its plan.
+//! Limits of what is sent and not executed: the window by commands, by time, by the ring and by bytes. Also tests a
+//! robot behind its plan.
 
 use super::*;
 
-/// 200 points 1 mm apart at 100 mm/s are 10 ms each, 100 of them a second: 50 commands are ahead and never more.
+/// 200 points 1 mm apart at 100 mm/s are 10 ms each, 100 of them a second: 50 commands are sent ahead and never
+/// more.
 #[test]
 fn two_hundred_points_are_executed_once_inside_the_window() {
     let mut cell = Cell::ready();
@@ -36,7 +38,8 @@ fn the_window_is_also_time() {
     assert_eq!((cell.controller.most_in_ring, cell.controller.done), (11, 63));
 }
 
-/// 100 mm at 100 mm/s are a second each, and still five are ahead, so that the controller can blend.
+/// 100 mm at 100 mm/s are a second for each point. Still five points are sent ahead, so that the controller can
+/// blend.
 #[test]
 fn a_few_points_are_ahead_whatever_they_last() {
     let mut cell = Cell::ready();
@@ -58,8 +61,8 @@ fn the_rings_free_places_are_kept() {
     assert_eq!((cell.controller.most_in_ring, cell.controller.done), (8, 103));
 }
 
-/// Of a path only what was permitted is sent, whatever room the window has; once more is, the rest follows, and what
-/// comes behind the path is not kept back.
+/// Only the permitted part of a path is sent, whatever room the window has. When more is permitted, the rest
+/// follows, and commands behind the path are not held back.
 #[test]
 fn what_is_not_permitted_waits() {
     let mut cell = Cell::ready();
@@ -76,15 +79,15 @@ fn what_is_not_permitted_waits() {
     assert_eq!((cell.controller.done, after), (44, CommandId(44)));
 }
 
-/// Without an acknowledgement no more than 8 KiB are under way. In lock step an answered heartbeat is one for the
-/// commands that it names: then the window fills to its 50.
+/// Without an acknowledgement at most 8 KiB are in transit. In lock step an answered heartbeat acknowledges the
+/// commands that it names: then the window fills to its 50 commands.
 #[test]
 fn bytes_not_yet_received_are_bounded() {
     let mut cell = Cell::ready_at(Pace::LockStep);
     cell.pass(300);
     let mut points = path(200, 1.0);
     for MoveLin { pose, .. } in &mut points {
-        // Ten whole turns: the same place in more bytes.
+        // Ten whole turns: the same orientation, written with more bytes.
         (pose.a_deg, pose.b_deg, pose.c_deg) = (-3_600.0, -3_600.0, -3_600.0);
     }
     cell.session.queue_path(&points).expect("a good path");

@@ -69,7 +69,7 @@ fn what_is_wrong_is_said_with_what_is_allowed() {
     assert!(unknown.starts_with(start), "{unknown}");
 }
 
-/// Fifty random faults lie in their time, and one seed gives one row of them.
+/// Fifty random faults lie within their time, and the same seed always gives the same sequence.
 #[test]
 fn random_faults_come_from_the_seed() {
     let spec = read("random=50/20s,seed=3").expect("read");

@@ -1,4 +1,4 @@
-//! The world at work: the mock controller over TCP in lock step, both cameras, small pictures.
+//! The simulated world in operation: the mock controller over TCP in lock step, both cameras, small pictures.
 
 mod reach;
 
@@ -20,7 +20,7 @@ use std::time::Duration;
 
 const DISC_MM: f64 = 30.0;
 
-/// A cell at work.
+/// A cell in operation.
 struct Bench {
     cell: cell::Cell,
     sim: sim::Cell,
@@ -121,7 +121,7 @@ impl Bench {
         self.pass_s(stands_s);
     }
 
-    /// Sends the running disc over a square of 40 mm about a point of the true surface.
+    /// Moves the running disc over a square of 40 mm around a point of the true surface.
     fn sand(&mut self, middle: Point<Panel>) {
         let truth = self.world.truth().clone();
         let base = KukaPose::from_rigid(&truth.base_from_panel);
@@ -210,7 +210,7 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     let executed = bench.server.handle().with(|controller| controller.executed().last().copied()).expect("one");
     let stood = taken.base_from_flange.expect("the simulation knows it");
     assert_eq!(stood, executed.base_from_flange);
-    // The wire carries angles as f32: near the aim, and not it.
+    // The wire carries angles as f32, so the pose is close to the aim but not equal to it.
     let off_mm = stood.origin().distance_mm(aim.origin());
     assert!(off_mm > 0.0 && off_mm < 0.01, "{off_mm}");
     let place = bench.sim.truth().base_from_panel;
@@ -224,8 +224,8 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     assert_eq!(bench.world.violations().len(), 1);
 }
 
-/// Behind a colour sensor's filters a picture is the same with a network between and without, and near the one that the
-/// renderer saw: on average within two levels of 255.
+/// With a colour sensor's filters a picture is the same with and without a network in between. It is close to the
+/// rendered picture: on average within two levels of 255.
 #[cfg(feature = "gige")]
 #[test]
 fn a_flange_picture_over_gige_is_the_one_without() {
@@ -269,7 +269,8 @@ fn the_simulated_scanner_does_what_every_scanner_does() {
     conform::clips(&mut scanner, &lens, || bench.pass_s(0.03));
 }
 
-/// By hand: of a clip of two pictures a second the third is due after one second, and what was missed is not taken twice.
+/// Calculated by hand: the third picture of a clip of two pictures a second is due after one second; missed
+/// pictures are not taken later.
 #[test]
 fn a_simulated_clip_keeps_the_worlds_time() {
     let mut bench = Bench::new();
@@ -311,14 +312,14 @@ fn without_light_it_is_dark_and_without_water_there_is_no_film() {
     assert!((gray_at(&bench.sim, &later.picture, spot.centre) - dry).abs() < 3.0, "dry it stays");
     assert!(first.picture != later.picture, "each picture has its own noise");
     assert!((later.time_s - first.time_s - 30.0).abs() < 0.2);
-    // Behind the shut lens nothing is seen.
+    // The camera sees nothing behind the closed lens cover.
     bench.switch(Output::LensShutter, true);
     bench.pass_s(0.4);
     assert_eq!(bench.gray(spot.centre), 0.0);
 }
 
-/// The first film breaks on both spots. The disc goes over one of them: the old film does not mend, the next one
-/// holds there and breaks on the other.
+/// The first film breaks on both spots. The disc moves over one of them: the old film does not mend. The next film
+/// holds on that spot and breaks on the other.
 #[test]
 fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
     let mut bench = Bench::new();
@@ -347,7 +348,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 
     bench.wet(all_broken_s);
     let after = [&abraded, &left].map(|spot| bench.gray(spot.centre));
-    // The sanded place has another look: at most 1.4 times as bright, of which a film leaves two thirds.
+    // The sanded area looks different: at most 1.4 times as bright, of which a film leaves two thirds.
     assert!(after[0] < 0.66 * 1.4 * dry[0], "it holds its film: {after:?} of {dry:?}");
     assert!(after[1] > 0.8 * dry[1], "untouched, it breaks again: {after:?} of {dry:?}");
     assert_eq!(bench.world.greasy(), bench.sim.spots()[1..]);
@@ -366,7 +367,8 @@ fn what_the_cells_file_does_not_name_is_told() {
     assert_eq!(told(outputs), "[io.feedbacks] light_on is missing; the simulated world needs its number");
 }
 
-/// A third part does not come: its film is the second film of the part before.
+/// The films of a part end with the part. A third part does not come, so the third film is the second part's second
+/// film.
 #[test]
 fn the_films_of_a_part_go_with_it() {
     const READY: u16 = 40;

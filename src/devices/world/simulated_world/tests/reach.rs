@@ -1,4 +1,5 @@
-//! Whether the simulated arm parks out of view and reaches what it is sent to: ten seeds, both places of the panel.
+//! Tests whether the simulated arm parks out of view and reaches its targets: ten seeds, nominal and displaced
+//! panel.
 
 use crate::cell;
 use crate::devices::mock::Arm;
@@ -29,7 +30,7 @@ pub(super) fn tool() -> Rigid<Flange, Tool> {
     KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid()
 }
 
-/// The arm's joints from the shoulder to the tool's tip, thin.
+/// Returns points along the arm's joints from the shoulder to the tool's tip, without thickness.
 fn skeleton(joints: &Joints) -> Vec<Point<Base>> {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -joints.a1_deg.to_radians());
     let q2_rad = (joints.a2_deg + 90.0).to_radians();
@@ -45,14 +46,14 @@ fn skeleton(joints: &Joints) -> Vec<Point<Base>> {
     ]
 }
 
-/// Parked, every part of the arm, taken as 130 mm thick, is outside of the scanner's pyramid of view.
+/// When the arm is parked, every part of it, taken as 130 mm thick, is outside the scanner's pyramid of view.
 #[test]
 fn the_park_pose_is_out_of_view() {
     const HALF_THICK_MM: f64 = 65.0;
     let cell = Cell::new(1, Scene::Good, 8);
     let camera_from_base = cell.truth().base_from_camera.inverse();
     let camera = cell.scanner();
-    // A little wider than the picture, for the lens's distortion.
+    // A little wider than the picture because of the lens distortion.
     let tangent = |size: usize, focal_px: f64| size as f64 / 2.0 / focal_px * 1.03;
     let (across, down) = (tangent(camera.width_px, camera.fx_px), tangent(camera.height_px, camera.fy_px));
     let sides = [(1.0, 0.0, across), (-1.0, 0.0, across), (0.0, 1.0, down), (0.0, -1.0, down)];
@@ -72,11 +73,11 @@ fn the_park_pose_is_out_of_view() {
         assert!(outside_mm(point) > HALF_THICK_MM, "{:?}: {:.0} mm outside", point.mm, outside_mm(point));
         assert!(point.mm.x < 300.0, "near the panel");
     }
-    // What is in the middle of the panel is in view.
+    // The middle of the panel is in view.
     assert!(outside_mm(Point::at(560.0, 0.0, 360.0)) < 0.0);
 }
 
-/// The tool on the true surface, its X along the panel's −Y.
+/// Returns the tool pose on the true surface, with its X along the panel's −Y.
 pub(super) fn standing(truth: &Truth, point: Point<Panel>, height_mm: f64) -> Rigid<Panel, Tool> {
     let normal = truth.normal(point);
     let z = -normal.mm;
@@ -84,18 +85,18 @@ pub(super) fn standing(truth: &Truth, point: Point<Panel>, height_mm: f64) -> Ri
     Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), point + normal * height_mm)
 }
 
-/// What is left, over all poses.
+/// The margins that are left, over all poses.
 #[derive(Debug, Clone, Copy)]
 struct Margins {
-    /// Least way to an axis's limit, degrees.
+    /// Smallest distance to an axis limit, degrees.
     limit_deg: f64,
-    /// Least |A5|, from the wrist's pole.
+    /// Smallest |A5|: distance from the wrist singularity.
     bend_deg: f64,
     /// Largest step of an axis between neighbours.
     step_deg: f64,
-    /// Least distance from the displaced panel on the way there from the park pose, mm.
+    /// Smallest distance from the displaced panel on the way to it from the park pose, mm.
     gap_mm: f64,
-    /// Largest step of an axis in a fortieth of that way.
+    /// Largest step of an axis in a fortieth of that straight line.
     line_step_deg: f64,
 }
 
@@ -107,8 +108,8 @@ impl Margins {
         self.bend_deg = self.bend_deg.min(joints.a5_deg.abs());
     }
 
-    /// By the axes from the park pose to the ready pose, in a straight line from there: tip, flange and camera stay
-    /// before the panel, and no axis leaps.
+    /// Moves the axes from the park pose to the ready pose, then the tool in a straight line to the target. Tip,
+    /// flange and camera stay in front of the panel, and no axis jumps.
     fn way(&mut self, truth: &Truth, target: &Rigid<Base, Flange>) {
         let (from, to) = (angles_deg(&park()), angles_deg(&pose("ready")));
         for step in 0..=40 {
@@ -145,8 +146,9 @@ fn largest_step_deg(from: &Joints, to: &Joints) -> f64 {
     pairs.map(|(from, to)| (from - to).abs()).fold(0.0, f64::max)
 }
 
-/// Every corner pose and every place that can be abraded, on the panel and 40 mm above it, nominal and displaced:
-/// 8° and more from the limits, away from the wrist's pole, without a change of configuration from one to the next.
+/// Tests every corner pose and every place that can be abraded, on the panel and 40 mm above it, nominal and
+/// displaced. All are 8° or more from the limits, away from the wrist singularity, and without a change of
+/// configuration from one to the next.
 #[test]
 fn the_arm_reaches_every_pose_of_ten_seeds() {
     let mut margins =
@@ -183,7 +185,7 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
                 let above = truth.base_from_panel * standing(&truth, *point, 40.0) * tool().inverse();
                 margins.way(&truth, &above);
             }
-            // From any place to any other without a turn of the wrist.
+            // The arm moves from any place to any other without a turn of the wrist.
             let ends: Vec<[f64; 6]> = inside
                 .iter()
                 .map(|point| place * standing(&truth, *point, 0.0) * tool().inverse())
