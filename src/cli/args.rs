@@ -182,12 +182,12 @@ pub enum Command {
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
         --out target/cell/located.json")]
     Locate(Locate),
-    /// Correct the place found by what a corner picture shows.
+    /// Correct the panel's place with corner pictures.
     #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
         --corner target/cell/corner.png --flange target/cell/flange.json --out target/cell/refined.json")]
     Refine(Refine),
-    /// Test a clip of the wet panel for broken film.
+    /// Test a clip of the wet panel for breaks of the water film.
     #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --pictures target/cell/pictures\n\
@@ -222,7 +222,7 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
-    /// Search the cycles of the store, compare two, see how numbers develop over many, list alarms.
+    /// Search the cycles of the store, compare two, see how numbers develop over many cycles, list alarms.
     #[command(after_help = "Examples, after the one of `panelprep cycle --help`, also while the service runs:\n  \
         panelprep history --verdict pass --from 2026-01-01 --cell target/cell/cell.toml\n  \
         panelprep history show 1 --cell target/cell/cell.toml\n  \
@@ -231,7 +231,7 @@ pub enum Command {
     History(History),
     /// The signed records of cycles: write them out, verify them with the public key, show the head of their chain.
     Record(RecordCommand),
-    /// Look after the store: is everything in it what was written?
+    /// Look after the store: verify that everything in it is as it was written.
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
@@ -243,14 +243,14 @@ pub enum Command {
     #[command(after_help = "Example, beside `panelprep archive run` with the same settings:\n  \
         panelprep fleet --settings /etc/panelprep/archive.toml")]
     Fleet(Fleet),
-    /// Accounts of the operator's page: who may log in, as what. The first administrator is made here.
+    /// Accounts of the operator's page: who may log in, and with which role. The first administrator is made here.
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep user list --cell target/cell/cell.toml\n\
         And with the password as the first line of standard input:\n  \
         echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml")]
     User(User),
-    /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also
-    /// while the service runs.
+    /// Copy the store, the configuration and the calibrations into one archive, which is then read back and
+    /// verified. This also works while the service runs.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  panelprep backup \
                             target/cell.tar.zst --cell target/cell/cell.toml\nThe archive is a tar file compressed \
                             by zstd. It holds no recordings and no pages: pages are made again from the store. It \

@@ -42,7 +42,7 @@ pub(super) fn ask(socket: &Path, what: &What) -> Result<Reply, Fault> {
     stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
     stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(named)?;
     let line = request_line(what).map_err(Fault::stage)?;
-    // A line that is too long is answered before it is read whole.
+    // The service answers a line that is too long before it has read the whole line.
     let written = stream.write_all(line.as_bytes());
     let mut answer = Vec::new();
     let read = BufReader::new(stream).take(MAX_BYTES as u64).read_until(b'\n', &mut answer);
@@ -52,7 +52,7 @@ pub(super) fn ask(socket: &Path, what: &What) -> Result<Reply, Fault> {
     serde_json::from_slice(&answer).map_err(|error| Fault::file(socket, error))
 }
 
-/// What scripts read of an answer.
+/// Returns the fields of a reply that scripts read.
 pub(super) fn object(reply: &Reply) -> Map<String, Value> {
     let Reply { answer, state, phase, epoch, step, cycle_id, verdict, recording, reasons, done, .. } = reply;
     let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
@@ -65,7 +65,7 @@ pub(super) fn object(reply: &Reply) -> Map<String, Value> {
     json.as_object().cloned().unwrap_or_else(Map::new)
 }
 
-/// An answer, for scripts and for people.
+/// Converts a reply to an outcome for scripts and for people.
 pub(super) fn outcome(reply: &Reply) -> Outcome {
     let Reply { state, cycle_id, verdict, recording, reasons, panel, page, done, .. } = reply;
     let mut outcome = Outcome { exit: reply.answer.code(), json: object(reply), words: vec![] };
@@ -91,7 +91,7 @@ pub(super) fn outcome(reply: &Reply) -> Outcome {
     outcome
 }
 
-/// State and phase, and how far the work in it is.
+/// Returns the state and the phase, and the progress of the work in this phase.
 pub(super) fn place(reply: &Reply) -> String {
     let Reply { state, phase, pass, film_s, waypoint, of, .. } = reply;
     let mut parts: Vec<String> = state.iter().chain(phase).cloned().collect();
@@ -111,5 +111,5 @@ pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
     ask(socket, &What::State).ok()?.axes_deg.map(Joints::from)
 }
 
-/// The service answers a start once it has loaded what was taught.
+/// The service answers a start only after it has loaded the taught data.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);

@@ -1,4 +1,4 @@
-//! `panelprep backup` and `panelprep restore`: the cell in one archive, and back.
+//! `panelprep backup` and `panelprep restore`: write the cell into one archive, and restore it from this archive.
 
 use super::args::{Backup, BackupPart, Common, Restore};
 use super::disk;
@@ -84,7 +84,7 @@ fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault>
     Ok(Configuration { cell: disk::read_text(cell)?, named, recipes })
 }
 
-/// Folders below that of the cell's file in which recipes are looked for.
+/// Depth of the folders, below the folder of the cell's file, in which recipes are searched.
 const DEPTH: usize = 2;
 
 /// Finds the recipes in a folder and those below; the content of a file decides its kind.
@@ -110,7 +110,7 @@ fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>)
     Ok(())
 }
 
-/// "1 file", "2 files".
+/// Returns the count with its noun: "1 file", "2 files".
 fn counted(count: usize, word: &str) -> String {
     if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }

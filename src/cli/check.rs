@@ -15,12 +15,11 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
 
-/// Checks every file; all problems of all files are reported, warnings too. EthernetKRL files are checked against
-/// each other, KRL files as one program. A file that cannot be read is reported beside the others, with exit code
-/// 2.
+/// Checks every file; all problems and warnings of all files are reported. EthernetKRL files are checked against
+/// each other, KRL files as one program. A file that cannot be read is reported with the others, with exit code 2.
 ///
 /// # Errors
-/// None; what cannot be read is part of the outcome.
+/// None; a file that cannot be read is part of the outcome.
 pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let mut files = Vec::new();
     let mut lines = Vec::new();
@@ -58,7 +57,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
         for problem in &report.problems {
             lines.push(match problem.key.is_empty() && decoded.is_err() {
-                // It names the file or the line itself.
+                // The message itself names the file or the line.
                 true => format!("  {}", problem.message),
                 false => format!("  {}", placed(problem)),
             });
@@ -82,7 +81,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// A file's name in messages, and its text or why it has none.
+/// Returns a file's name for messages, and its text or the reason why it has none.
 fn named_text(file: &Path) -> (String, Result<Decoded, String>) {
     let name = file.display().to_string();
     let bytes = disk::read(file).map_err(|fault| fault.to_string());
@@ -95,8 +94,8 @@ fn unreadable(message: &str) -> FileReport {
     FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), says: Vec::new() }
 }
 
-/// Without a purpose a cell's file must be complete for a cycle, and the files that it names may still be made: it
-/// is written before the calibrations are.
+/// Returns what the files are checked for. Without a purpose, a cell's file must be complete for a cycle. The files
+/// that it names may be missing, because the cell's file is written before the calibrations are made.
 fn checked_for(args: &Check) -> CheckedFor<'_> {
     let purpose = match args.purpose {
         None | Some(PurposeName::Cycle) => Some(Purpose::Cycle),
@@ -107,7 +106,7 @@ fn checked_for(args: &Check) -> CheckedFor<'_> {
     CheckedFor { purpose, may_lack_files, read: &disk::read_named, kss: args.kss }
 }
 
-/// With its line and its key, if it has one.
+/// Formats a problem with its line, and with its key if it has one.
 fn placed(Problem { line, key, message }: &Problem) -> String {
     let key = if key.is_empty() { String::new() } else { format!("{key}: ") };
     format!("line {line}: {key}{message}")

@@ -30,7 +30,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
-    // A store that is not there has nothing to clear, and is not made.
+    // If no store exists, there is nothing to clear, and no store is created.
     drop(files.store()?);
     let mut store = files.store_for_writing()?;
     let recovered = store.recover().map_err(Fault::stage)?;
@@ -80,7 +80,7 @@ struct Clears {
     since: Instant,
     asked: bool,
     refused: Option<Reason>,
-    /// As the loop last showed it.
+    /// The state that the loop last showed.
     state: State,
 }
 

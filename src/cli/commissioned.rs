@@ -1,5 +1,5 @@
-//! The demo's cell with an arm that is not as it is drawn, calibrated as an engineer does it: the arm by pictures
-//! of boards and by touches, then both cameras and the tool with the corrected poses.
+//! The demo's cell with an arm that differs from its nominal geometry. It is calibrated as an engineer does it:
+//! first the arm with pictures of boards and with touches, then both cameras and the tool with the corrected poses.
 
 use super::args::{Common, Demo, real_arm};
 use super::calibrate::{self, args as asked};
@@ -29,7 +29,7 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
         progress("calibrating the arm");
         made(asked::What::Robot(the_arm(rendered, out.clone())), &common, out)?;
     }
-    // An arm that needs no correction has none.
+    // An arm that needs no correction has no correction file.
     let robot = robot.filter(|file| file.exists());
     progress("calibrating cameras and tool");
     let [scanner, flange_camera] =
@@ -97,7 +97,7 @@ fn the_arm(rendered: &Rendered, out: PathBuf) -> asked::Robot {
     }
 }
 
-/// Runs a calibration; one that is rejected ends the demo.
+/// Runs a calibration; a calibration that is rejected ends the demo.
 fn made(what: asked::What, common: &Common, out: &Path) -> Result<(), Fault> {
     let outcome = calibrate::run(&asked::Calibrate { what }, common, &|_| {})?;
     if outcome.json.get("verdict") == Some(&json!(Verdict::Reject)) {

@@ -1,4 +1,4 @@
-//! Whether something listens at an address. Nothing is sent.
+//! Checks whether a program listens at an address. Nothing is sent.
 
 use std::io::{Error, ErrorKind};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -13,7 +13,7 @@ use std::time::Duration;
 /// The reason, as text, if no address accepted the connection.
 pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
     let (tell, told) = mpsc::channel();
-    // On a thread of its own: a name may be looked up for minutes.
+    // A separate thread, because the look-up of a name may last minutes.
     thread::spawn(move || {
         let connect = || {
             let mut last = Error::new(ErrorKind::NotFound, "its name has no address");

@@ -1,4 +1,4 @@
-//! `panelprep ctl`: questions to the service, and its answers.
+//! `panelprep ctl`: sends requests to the service and shows its replies.
 
 use super::args::{Common, Ctl, CtlAsk, Decision};
 use super::asking::{ask, insist, outcome};

@@ -29,7 +29,7 @@ use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A cycle that ran.
+/// The result of a cycle that ran.
 pub struct Ran {
     /// How it ended.
     pub ended: LoopOutcome,
@@ -37,7 +37,7 @@ pub struct Ran {
     pub kept: StoredCycle,
     /// Why the request was refused.
     pub refused: Option<Reason>,
-    /// What is around a mock robot, as the cycle left it.
+    /// The simulated surroundings of a mock robot, as the cycle left them.
     pub simulated: Option<Simulated>,
     /// How pictures of the flange camera were transferred, if this is to be reported.
     pub flange_link: Option<FlangeLink>,
@@ -48,7 +48,7 @@ pub struct Ran {
 /// Starts the cell's devices.
 pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<Live, Fault>;
 
-/// How a cycle is run.
+/// The parameters of a cycle's run.
 pub struct Run<'r> {
     /// Starts the devices.
     pub start: Start,
@@ -58,7 +58,7 @@ pub struct Run<'r> {
     pub request: fn(&TaughtRecipe) -> cycle::Request,
     /// The file of the recording.
     pub record: Option<&'r Path>,
-    /// The signals that stop and abort it.
+    /// The signals that stop and abort the cycle.
     pub interrupts: Interrupts,
 }
 
@@ -70,7 +70,7 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     once(args, common, progress, TaughtRecipe::request)
 }
 
-/// The same in the air: no water, no tool, no contact; the path goes over all grids.
+/// Runs an air-run: no water, no tool, no contact; the path covers all grids.
 ///
 /// # Errors
 /// As [`run`].
@@ -90,7 +90,7 @@ fn once(
         recording::named_by_a_command(file, files.store_folder())?;
     }
     let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()))?;
-    // An air-run abrades nothing.
+    // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
         taught_recipe.part_may_be_abraded()?;
     }
@@ -107,7 +107,7 @@ fn once(
             RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![], findings: None };
         store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
-    // Before the pages, which show the signatures.
+    // The records are signed before the pages are made, because the pages show the signatures.
     sign(&files, progress);
     report::make_missing(&files, &|cycle, page| match page {
         Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
@@ -143,7 +143,7 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
     outcome
 }
 
-/// Runs one cycle, on calibrations that were found healthy.
+/// Runs one cycle with calibrations that were found to be valid.
 ///
 /// # Errors
 /// As [`run`].
@@ -155,7 +155,8 @@ pub fn one(
 ) -> Result<Ran, Fault> {
     let setup = Arc::new(taught_recipe.setup(files, calibrated)?);
     let mut store = files.settled_store()?;
-    // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
+    // `recover` concludes the cycle that an earlier process left open. The start of this program is not part of the
+    // new cycle.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     store.recover().map_err(Fault::stage)?;
 
@@ -199,7 +200,7 @@ pub fn one(
     let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state, before: Begin::Boot };
     let ended = daemon::run(start, ports);
     interrupts.are_over();
-    // What a cycle came to before it failed is worth most.
+    // The recording is finished also after a failure: the events before a failure are the most valuable ones.
     let recorded = recording.finish();
     let ended = ended.map_err(Fault::of_loop)?;
     if let Some(why) = once.why_not_begun(&ended.state) {
@@ -207,7 +208,7 @@ pub fn one(
     }
     let refused = once.refused;
     drop(store);
-    // Before it is read back, so that its page shows the signature.
+    // The cycle is signed before it is read back, so that its page shows the signature.
     sign(files, progress);
     Ok(Ran {
         ended,
@@ -272,7 +273,7 @@ struct Once<'a> {
     /// The table accepted the start: from then on it concludes the cycle.
     is_begun: bool,
     refused: Option<Reason>,
-    /// The state that was shown last.
+    /// The state that the loop last showed.
     state: State,
     told: Option<At>,
     interrupts: Interrupts,
@@ -309,7 +310,8 @@ impl<'a> Once<'a> {
         Some(Some(What::Table(request)))
     }
 
-    /// Why the cycle never began, so that its record has an end; `None` once the table has concluded it.
+    /// Returns why the cycle never began, so that its record has an end; `None` once the cycle has begun, because
+    /// then the table concludes it.
     fn why_not_begun(&self, state: &State) -> Option<Reason> {
         if self.is_begun {
             return None;
@@ -343,7 +345,8 @@ impl Requester for Once<'_> {
             (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
             (At::Idle, 1) => ask(self.start),
             (At::Idle, 2) if self.refused.is_some() => ask(cycle::Request::Stop),
-            // A result for a person ends there; so does what a person must mend.
+            // If a result waits for a person, this command ends there. The same is so for trouble that a person
+            // must correct.
             (At::Held(_), 2) => ask(cycle::Request::Stop),
             (At::Stopped, 0) if state.facts.robot == Robot::Unknown => None,
             (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(What::Leave),
@@ -357,7 +360,7 @@ impl Requester for Once<'_> {
     }
 }
 
-/// What is going on, for a terminal.
+/// Describes the present state for a terminal.
 fn words(at: At) -> String {
     let why = |hold: Hold| match hold.why {
         Why::Asked => "somebody asked",
@@ -428,7 +431,8 @@ mod tests {
         assert_eq!((&*why.code, once.asked), ("stopped", 0));
     }
 
-    /// The selector switch is at remote: the start is not permitted, the cell is stopped, and the reason is kept.
+    /// The selector switch is set to remote: the start is not permitted, the cell is stopped, and the reason is
+    /// recorded.
     #[test]
     fn a_start_that_is_not_permitted_ends_with_its_reason() {
         let start = cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false };

@@ -1,5 +1,5 @@
-//! What a cycle works by, read from its files: recipe, what was taught of its panel, calibrations, and the texts of
-//! all of them for the record.
+//! The files that a cycle uses: the recipe, the taught data of its panel, the calibrations, and the texts of all of
+//! them for the record.
 
 use super::args::Common;
 use super::disk;
@@ -21,7 +21,7 @@ use crate::store::{CycleStart, PassesOfCycle};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The cell's calibrations with the texts that they and the cell were read from, by name.
+/// The cell's calibrations, with the texts of the cell's file and of the calibration files, by name.
 pub struct Calibrated {
     /// The values.
     pub values: Calibrations,
@@ -73,12 +73,12 @@ impl Calibrated {
     }
 }
 
-/// A recipe with what was taught of its panel.
+/// A recipe with the taught data of its panel.
 pub struct TaughtRecipe {
     /// The recipe.
     pub recipe: Recipe,
     recipe_text: String,
-    /// What was taught of its panel.
+    /// The taught data of the recipe's panel.
     pub taught: Taught,
     part: Option<PartNames>,
     /// Earlier cycles that abraded the same part, if its serial number is given.
@@ -95,7 +95,7 @@ impl TaughtRecipe {
         Self::from_text(files, recipe_file, disk::read_text(recipe_file)?)
     }
 
-    /// The same from the recipe's text.
+    /// Reads the taught data for a recipe that is given as text.
     ///
     /// # Errors
     /// As [`TaughtRecipe::read`].
@@ -216,7 +216,7 @@ impl TaughtRecipe {
     }
 }
 
-/// The name of that text.
+/// The name of the text about earlier removal among a cycle's texts.
 pub const REMOVED_BEFORE: &str = "removed_before";
 
 fn count(number: usize) -> u8 {

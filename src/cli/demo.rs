@@ -1,7 +1,8 @@
-//! `panelprep demo`: a whole live cycle on the simulated cell, its page, and how far from the truth it was.
+//! `panelprep demo`: a whole live cycle on the simulated cell, its page, and its deviation from the ground truth.
 //!
-//! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs
-//! as `panelprep cycle` would run it. The truth is read for the score alone, when the cycle is over.
+//! The cell is rendered as files and taught from these files, and its cameras are verified on their boards. Then
+//! the cycle runs in the same way as in `panelprep cycle`. The ground truth is read only for the score, when the
+//! cycle is over.
 
 use super::args::{Common, Demo, Simulation, Teach, ToolName, real_arm};
 use super::calibrate::args::CameraName;
@@ -29,7 +30,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let begun = Instant::now();
     let progress = |line: &str| progress(&format!("{:5.1} s  {line}", begun.elapsed().as_secs_f64()));
     let scene = Scene::from(args.scene);
-    // Before anything is rendered or moves.
+    // Checked before anything is rendered or moves.
     if let Some(file) = &args.record {
         recording::named_by_a_command(file, &args.out.join("cell/store"))?;
     }
@@ -132,7 +133,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// An account for each role, so that everything can be tried.
+/// The password of the demo's accounts; each role has an account, so that everything can be tried.
 const DEMO_PASSWORD: &str = "panelprep demo";
 
 /// Serves the simulated cell with its page to viewers on this computer.

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 const CALIBRATION: &str = "removal.toml";
 const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
-/// What the simulated cell's error at the tool is held to be: the tool's stroke must have room for it.
+/// The assumed error of the simulated cell at the tool: the tool's stroke must have room for this error.
 const TOOL_ERROR: &str = "tool_error_mm = 1.0\n";
 /// The settings of the recipe. A step-over below the default and a high feed give the feeds room to make the
 /// removal even.
@@ -58,7 +58,7 @@ pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Res
     disk::write(&recipe, format!("{text}{ASKED}"))
 }
 
-/// Verifies payload and zero by the same readings, as each day begins.
+/// Verifies payload and zero with the same readings, as at the beginning of each day.
 ///
 /// # Errors
 /// As `panelprep calibrate force --verify`.

@@ -1,4 +1,4 @@
-//! Files in and out: whole or not at all.
+//! Reads and writes files completely or not at all.
 
 use super::fault::Fault;
 use crate::check::{decode, not_utf_8};
@@ -25,16 +25,16 @@ pub fn read_text(file: &Path) -> Result<String, Fault> {
         .map_err(|error| Fault::file(file, not_utf_8(error.as_bytes(), &error.utf8_error())))
 }
 
-/// The text of a file of the controller, EthernetKRL or KRL, in whatever encoding it is.
+/// Reads the text of a file of the controller, EthernetKRL or KRL, in any of its encodings.
 ///
 /// # Errors
-/// As [`read`], and if it is no text.
+/// As [`read`], and if the file is not text.
 pub fn read_controller_text(file: &Path) -> Result<String, Fault> {
     let decoded = decode(&file.display().to_string(), &read(file)?).map_err(|error| Fault::file(file, error))?;
     Ok(decoded.text)
 }
 
-/// A file that a cell's file names.
+/// Reads a file that a cell's file names.
 pub fn read_named(file: &Path) -> NamedFile {
     let bytes = match disk::read(file) {
         Ok(bytes) => bytes,
@@ -55,8 +55,8 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     placed(file, bytes.as_ref(), |_| Ok(()))
 }
 
-/// The same for what must survive a power cut, such as calibrations and pages: file and folder are on the disk when this
-/// returns, and the file is the old one or the new one whatever happens.
+/// Writes a file that must survive a power cut, such as a calibration or a page. When this returns, file and folder
+/// are on the disk. Whatever happens, the file is either the old one or the new one.
 ///
 /// # Errors
 /// As [`write`].

@@ -1,4 +1,4 @@
-//! `panelprep explain`: what a message's code means and what to do, as the manual's page of messages has it.
+//! `panelprep explain`: the meaning of a message's code and the remedy, as in the manual's page of messages.
 
 use super::args::Explain;
 use super::fault::Fault;

@@ -20,12 +20,12 @@ use std::path::{Path, PathBuf};
 /// Why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated otherwise.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// A file is not what it must be.
+    /// A file does not have the required content.
     #[error("{}: {cause}", file.display())]
     File {
         /// The file as the user named it.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The problem of the file.
         cause: Box<dyn Error + Send + Sync>,
     },
     /// A configuration file has problems; each is listed with its line.
@@ -37,10 +37,10 @@ pub enum Fault {
     /// At a device.
     #[error(transparent)]
     Device(#[from] DeviceFault),
-    /// At a panel that is taught.
+    /// A fault in the teaching of a panel.
     #[error(transparent)]
     Teaching(#[from] TeachingFault),
-    /// At a clip or its labels.
+    /// A fault of a clip or its labels.
     #[error(transparent)]
     Clip(#[from] ClipFault),
     /// At the records.
@@ -51,7 +51,7 @@ pub enum Fault {
     Unmet {
         /// The cell's file.
         cell: PathBuf,
-        /// What is to be done.
+        /// The purpose for which the cell's file is not complete.
         purpose: Purpose,
         /// The missing entries.
         unmet: Vec<Unmet>,
@@ -76,7 +76,7 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
-    /// Something in the store is not what was written there.
+    /// The content of the store differs from what this program wrote there.
     #[error(
         "something in the store differs from what this program wrote: `panelprep store verify` names it; nothing \
          moves until a person has looked at the cell and run `panelprep clear --cell {}`", cell.display()
@@ -88,22 +88,22 @@ pub enum Fault {
     /// No message has this code.
     #[error("no message has the code {found}{}; `panelprep explain` lists all codes", nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")))]
     NoSuchCode {
-        /// As it was typed.
+        /// The code as the user typed it.
         found: String,
-        /// The one that is most like it.
+        /// The existing code that is most similar.
         nearest: Option<String>,
     },
-    /// A pose on the command line that is none.
+    /// A text on the command line that is not a pose.
     #[error("\"{found}\" is no {what}: {problem}")]
     NotSix {
         /// What was given.
         found: String,
-        /// What it should be.
+        /// The expected kind of pose.
         what: &'static str,
         /// What is wrong.
         problem: String,
     },
-    /// A decision without what it was taken upon.
+    /// A decision that does not state the step on which it is based.
     #[error(
         "{command}: nothing was requested, since the step of this decision is not given; read `panelprep ctl \
          state`, then run `panelprep ctl {command} --step N` with the step that it shows"
@@ -121,13 +121,13 @@ pub enum Fault {
         /// The socket.
         socket: PathBuf,
     },
-    /// A folder that holds other things.
+    /// A folder that contains other files.
     #[error("{}: is not empty and was not written by `panelprep render`; name a new folder", folder.display())]
     NotOurs {
         /// The folder.
         folder: PathBuf,
     },
-    /// The demonstration's page for others.
+    /// The demonstration's page would be open to other computers.
     #[error(
         "{address}: the demonstration has accounts with known passwords, so that its page is for this computer alone; name an address such as 127.0.0.1:8090"
     )]
@@ -135,7 +135,7 @@ pub enum Fault {
         /// The requested address.
         address: std::net::SocketAddr,
     },
-    /// An account of the operator's page.
+    /// A problem of an account of the operator's page.
     #[error("account {name}: {problem}")]
     Account {
         /// Its name.
@@ -143,20 +143,20 @@ pub enum Fault {
         /// What is wrong.
         problem: String,
     },
-    /// The cycle that was waited for is not the service's last one any more.
+    /// The cycle for which the command waited is no longer the last cycle of the service.
     #[error("{} was expected, but the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
     OtherCycle {
-        /// The one that was begun.
+        /// The cycle that was begun.
         waited_for: Option<i64>,
-        /// The service's last one.
+        /// The last cycle of the service.
         found: Option<i64>,
     },
     /// A recording in a place that is not allowed for a client.
     #[error("--record \"{file}\": {words}")]
     RecordName {
-        /// The name, with what cannot be printed as escapes.
+        /// The file name, with unprintable characters as escapes.
         file: String,
-        /// What is wrong with it, and what is allowed.
+        /// The problem of the name, and what is allowed.
         words: &'static str,
     },
     /// A new file would be written over another one.
@@ -170,30 +170,30 @@ pub enum Fault {
     NoAnswer {
         /// The question.
         question: String,
-        /// The option that answers it.
+        /// The option that answers the question.
         option: &'static str,
-        /// Something is proposed that could be taken.
+        /// Whether there is a proposed value that could be accepted.
         is_proposed: bool,
     },
-    /// An answer that cannot be taken.
+    /// An answer that is not accepted.
     #[error("{option} \"{found}\": {problem}")]
     BadAnswer {
         /// The option.
         option: &'static str,
         /// What was given.
         found: String,
-        /// What is wrong, and what is allowed.
+        /// The problem of the answer, and what is allowed.
         problem: String,
     },
     /// A thread of the program failed. Exit code 3.
     #[error(transparent)]
     Broken(#[from] crate::supervision::ThreadFault),
-    /// A stage refused its input, in its own words.
+    /// A stage refused its input; with the stage's own message.
     #[error(transparent)]
     Stage(Box<dyn Error + Send + Sync>),
 }
 
-/// A line for each thing that is missing; the first one names who needs it.
+/// Returns a line for each missing thing; the first line also names the commands that need these things.
 fn each(cell: &Path, purpose: Purpose, unmet: &[Unmet]) -> String {
     let mut needed_by = format!(" ({} need it)", purpose.commands());
     let mut line = |Unmet { key, message, .. }: &Unmet| {
@@ -203,7 +203,7 @@ fn each(cell: &Path, purpose: Purpose, unmet: &[Unmet]) -> String {
 }
 
 impl Fault {
-    /// The code by which a command ends, and the word for scripts.
+    /// Returns the command's exit code and the code word for scripts.
     pub fn code(&self) -> (u8, &'static str) {
         match self {
             Fault::Broken(_) => (3, "program_fault"),
@@ -211,12 +211,12 @@ impl Fault {
         }
     }
 
-    /// What is wrong with this file.
+    /// Creates the fault of a file.
     pub fn file(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Fault::File { file: file.to_owned(), cause: cause.into() }
     }
 
-    /// Why the loop had to end.
+    /// Converts the error that ended the loop.
     pub fn of_loop(error: DaemonError) -> Self {
         match error {
             DaemonError::Broken(fault) => Fault::Broken(fault),

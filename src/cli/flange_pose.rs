@@ -22,7 +22,7 @@ const STANDSTILL_TOLERANCE_DEG: f64 = 0.002;
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_SILENCES: u32 = 2;
 
-/// What is known of the flange at a picture.
+/// The knowledge of the flange's pose at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Known {
     /// It was here.
@@ -157,7 +157,7 @@ fn known(arm: &Kinematics, axes: Option<(Joints, Joints)>, from_camera: Option<R
     from_camera.map_or(Known::Nothing, at)
 }
 
-/// What the controller reports with its axes here; none for angles that are no numbers.
+/// Returns what the controller reports at these axis angles; `None` if the angles are not numbers.
 pub fn reported(arm: &Kinematics, joints: &Joints) -> Option<ReportedFlange> {
     let base_from_flange = KukaPose::from_rigid(&arm.drawn_flange(joints)?);
     Some(ReportedFlange { base_from_flange, joints: Some(*joints) })
@@ -169,7 +169,8 @@ mod tests {
     use crate::cell::Cell;
     use nalgebra::Isometry3;
 
-    /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm before the base, and 400 + 335 + 25 mm above it.
+    /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm in front of the base, and 400 + 335 + 25 mm above
+    /// it.
     #[test]
     fn a_flange_is_known_only_while_the_arm_stands() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));

@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 
 /// Between two questions.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// A service that does not answer for so long is gone; one that restarts may be away for a moment.
+/// If the service does not answer within this time, it is considered gone; a service that restarts may be away for
+/// a moment.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A reset warms the cameras up, which may need minutes.
@@ -91,7 +92,7 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
     }
 }
 
-/// The page follows the end.
+/// Whether the page is written: this happens after the cycle's end.
 fn is_written(reply: &Reply) -> bool {
     reply.page.is_some()
 }

@@ -1,5 +1,5 @@
-//! What connects the service with people and other programs: the operator's page, the office, the MQTT broker, OPC
-//! UA clients and a line, with what they share.
+//! The connections of the service to people and other programs: the operator's page, the office, the MQTT broker,
+//! OPC UA clients and a line, with their shared parts.
 
 use super::args::Common;
 use super::fault::Fault;
@@ -13,14 +13,14 @@ use crate::daemon::{
 };
 use std::sync::Arc;
 
-/// What the fronts have in common.
+/// The parts that all fronts share.
 pub struct Fronts {
     parts: FrontParts,
     on_their_way: RecordsOnTheirWay,
 }
 
 impl Fronts {
-    /// Of a cell with these files.
+    /// Creates the shared parts for a cell with these files.
     pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway) -> Self {
         let on_their_way = RecordsOnTheirWay::default();
         let people = Arc::new(People::new(files.store_folder().to_owned()));

@@ -1,4 +1,4 @@
-//! The last verifications in the store, for the question whether a cycle may start on these calibrations.
+//! Reads the last verifications in the store, to decide whether a cycle may start with these calibrations.
 
 use super::calibrate::{force, now_unix_s};
 use super::fault::Fault;
@@ -37,7 +37,7 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
     ];
     let touch = files.last_touch(&files.flange_from_tool()?.text);
     let start = may_start(&cameras, touch.as_ref(), now_unix_s(), Demands::from_limits(files.cell.limits()));
-    // A simulated tool is as it is stated.
+    // A simulated tool has exactly its stated values and needs no verification.
     let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
     let Some(tool) = tool else { return Ok(start) };
     let last_force = last(TOOL_FORCE)?;

@@ -1,5 +1,5 @@
 //! `panelprep history`: searches the cycles of the store, compares two, shows how numbers developed, lists alarms.
-//! The same data as a table for people, as JSON and as CSV.
+//! It prints the same data as a table for people, as JSON or as CSV.
 
 mod told;
 
@@ -21,7 +21,7 @@ use serde_json::{Map, Value};
 /// If a date, a panel or a number is not known, or there is no store to read.
 pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     let store = match &common.store {
-        // A copy somewhere else needs no cell.
+        // A copy of the store in another folder needs no cell's file.
         Some(folder) => Store::open(folder).map_err(Fault::stage)?,
         None => CellFiles::read(common)?.store()?,
     };
@@ -102,7 +102,7 @@ fn past(store: &Store, cycle: i64) -> Result<PastCycle, Fault> {
     store.past_cycle(CycleId(cycle)).map_err(Fault::stage)
 }
 
-/// The newest cycles of a panel that are over, the oldest of them first.
+/// Returns the newest finished cycles of a panel, in order from the oldest to the newest.
 fn cycles(store: &Store, panel: &str, limit: usize) -> Result<Vec<PastCycle>, Fault> {
     let panels = store.cycle_panels().map_err(Fault::stage)?;
     if !panels.iter().any(|name| name == panel) {

@@ -1,4 +1,4 @@
-//! A clip of a folder, inspected.
+//! Inspects a clip in a folder.
 
 use super::fault::Fault;
 use super::labels::{Labels, read_clip};
@@ -20,16 +20,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Pictures decoded at once; bounds the memory of a long clip.
+/// Number of pictures that are decoded at once; it limits the memory for a long clip.
 const DECODE_BATCH: usize = 8;
 
 /// An inspected clip.
 pub struct Inspected {
     /// The film.
     pub filmed: Filmed,
-    /// From a decoded wet picture to its result, median, ms.
+    /// Time from a decoded wet picture to its result, median, ms.
     pub ms_per_frame: f64,
-    /// Agreement with a truth that was given.
+    /// Agreement with the ground truth, if one was given.
     pub score: Option<(Score, Confusion)>,
 }
 
@@ -60,17 +60,18 @@ impl Placed {
         })
     }
 
-    /// What a clip of a taught panel is inspected with.
+    /// Returns the inspection's parameters for a clip of a taught panel.
     pub fn setup<'a>(&'a self, taught: &'a Taught, recipe: &'a Recipe, demands: Demands) -> Setup<'a> {
         let camera_from_panel: Rigid<Camera, Panel> = self.base_from_camera.inverse() * self.base_from_panel;
         Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, sanded: None, demands, recipe }
     }
 }
 
-/// What the disc may have touched, by the grids that a person names; `None` if none is named.
+/// Returns the pixels that the disc may have touched, from the grids that a person names; `None` if no grid is
+/// named.
 ///
 /// # Errors
-/// If a word is no grid of the panel.
+/// If a word is not a grid of the panel.
 pub fn abraded(words: &[String], taught: &Taught, recipe: &Recipe) -> Result<Option<Mask>, Fault> {
     let region = &taught.panel.region;
     let grids = match words {
@@ -136,7 +137,7 @@ pub fn inspect(
     Ok(Inspected { filmed, ms_per_frame: median(&mut wet_ms).unwrap_or_default(), score })
 }
 
-/// From the first picture of the wet panel to the last one, s.
+/// Returns the time from the first picture of the wet panel to the last one, s.
 fn lasts_s(shots: &[ClipEntry]) -> f64 {
     let mut wet_s = shots.iter().filter(|shot| shot.phase == Phase::Wet).map(|shot| shot.time_s);
     let first_s = wet_s.next().unwrap_or(0.0);

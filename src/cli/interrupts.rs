@@ -7,7 +7,7 @@ use signal_hook::iterator::Signals;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// How many signals came. Clones are the same one.
+/// The number of signals received. Clones share the same count.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupts {
     count: Arc<AtomicUsize>,
@@ -46,7 +46,8 @@ impl Interrupts {
         self.count.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// The robot is left: a signal ends the program at once again.
+    /// Ends the special handling, once the robot is no longer in use: from now on a signal ends the program at
+    /// once.
     pub fn are_over(&self) {
         self.is_over.store(true, Ordering::Relaxed);
     }

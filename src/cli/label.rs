@@ -1,4 +1,5 @@
-//! `panelprep label`: a person marks what broke in a clip, on a page in a browser; it is kept beside the clip.
+//! `panelprep label`: a person marks the broken film of a clip, on a page in a browser; the labels are stored in
+//! the clip's folder.
 
 mod keeping;
 
@@ -81,7 +82,7 @@ fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridO
     Ok((taught.panel.grids.iter().map(outline).collect(), placed.camera))
 }
 
-/// What is kept now.
+/// Reports the labels that are stored now.
 fn build_outcome(keeping: &LabelFolder, folder: &Path, saved: u32) -> Result<Outcome, Fault> {
     let (labels, is_draft) = (keeping.labels()?, keeping.now()?.is_draft);
     let file = folder.join(LABELS);

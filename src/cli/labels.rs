@@ -7,9 +7,9 @@ use crate::geometry::{ColorPicture, Mask};
 use crate::labels::{self, LABELS, MASK, TIMES, decoded};
 use std::path::{Path, PathBuf};
 
-/// What is true of a clip.
+/// The ground truth of a clip.
 pub struct Labels {
-    /// The pixels that broke by its end.
+    /// The pixels in which the film was broken at the clip's end.
     pub mask: Mask,
     times: Option<ColorPicture>,
 }

@@ -30,7 +30,7 @@ use serde_json::{Value, json};
 
 /// The cell's devices.
 pub struct Live {
-    // Dropped in this order: the link hangs up before its controller ends.
+    // The fields are dropped in this order: the link disconnects before its controller ends.
     /// The robot.
     pub robot: LinkedRobot,
     /// The compliant tool; none if the tool is a spring.
@@ -47,7 +47,7 @@ pub struct Live {
     pub flange_link: Option<FlangeLink>,
 }
 
-/// How pictures of the demo's flange camera come.
+/// How the pictures of the demo's flange camera are transferred.
 #[derive(Debug, Clone)]
 pub enum FlangeLink {
     /// Over GigE Vision through the loopback interface.
@@ -67,9 +67,9 @@ pub struct Simulated {
 
 /// Width of the simulated scanner's picture at full size, px.
 pub const FULL_WIDTH_PX: usize = 1944;
-/// The simulated lamp gives its full light after so long, and some.
+/// Time after which the simulated lamp has its full light, with a margin.
 const LAMP_MS: u64 = 500;
-/// The renderer's smallest pictures are this many times smaller.
+/// Largest factor by which the renderer reduces its pictures.
 const MAX_REDUCTION: usize = 8;
 
 impl Live {
@@ -216,7 +216,7 @@ pub fn gige_camera(_: &Cell, _: &cell::Gige, _: &PinholeCamera) -> Result<Box<dy
     Err(DeviceFault::BuiltWithoutGige.into())
 }
 
-/// The robot alone, as the cell's file names it; a mock one with the simulated world around it.
+/// Starts only the robot that the cell's file names; a mock robot has the simulated world around it.
 ///
 /// # Errors
 /// As [`Live::start`].
@@ -263,7 +263,7 @@ pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<s
     .into())
 }
 
-/// The programs that the cell's mock controller executes; `None` for the model of them.
+/// Returns the programs that the cell's mock controller executes; `None` if it executes a model of them.
 ///
 /// # Errors
 /// Never for programs that this program was built with.
@@ -316,13 +316,13 @@ impl Simulated {
         }
     }
 
-    /// Both cameras of the world.
+    /// Returns both cameras of the simulated world.
     pub fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
         simulated(&self.world, &Arm::Mock(self.server.handle()))
     }
 }
 
-/// The compliant tool that the cell's file names, with the thread of its link.
+/// Starts the compliant tool that the cell's file names, and the thread of its link.
 fn tool(
     cell: &Cell,
     calibrations: &Calibrations,

@@ -1,4 +1,4 @@
-//! What the commands read: the cell and its calibrations, recipes, shots, poses, and what was taught.
+//! Reads the inputs of the commands: the cell and its calibrations, recipes, shots, poses, and the taught data.
 
 mod cell_files;
 mod inputs;

@@ -9,7 +9,8 @@ use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::fmt;
 use tracing_subscriber::layer::SubscriberExt;
 
-/// Begins to log; `PANELPREP_LOG` may name another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`, `off`.
+/// Starts the log; `PANELPREP_LOG` may set another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`,
+/// `off`.
 pub fn start(usual: LevelFilter) {
     let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(usual);
     let out = || OneLine(std::io::stderr());
@@ -26,7 +27,8 @@ pub fn start(usual: LevelFilter) {
     };
 }
 
-/// Writes each event, which comes whole, as one line: other control characters than its end are written as escapes.
+/// Writes each event as one line. Each event arrives complete; its control characters, except the one at its end,
+/// are written as escapes.
 struct OneLine<W>(W);
 
 impl<W: Write> Write for OneLine<W> {

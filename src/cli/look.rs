@@ -1,4 +1,4 @@
-//! `panelprep look`: a scan as a picture with a pixel ruler, from which a recipe's region is read.
+//! `panelprep look`: shows a scan as a picture with a pixel ruler, in which a person reads the region for a recipe.
 
 use super::args::{Common, Look};
 use super::disk;

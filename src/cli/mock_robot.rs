@@ -1,4 +1,4 @@
-//! `panelprep mock-robot`: a controller to connect to, until the program is ended.
+//! `panelprep mock-robot`: a mock controller to which clients can connect until the program is ended.
 
 use super::args::{Common, MockRobot};
 use super::disk;
@@ -37,7 +37,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     };
     let (commands, states) = (channel("CELLCMD.xml", CELLCMD)?, channel("CELLSTAT.xml", CELLSTAT)?);
     let ports = ports(args, &files.cell, [commands.port(), states.port()])?;
-    // Only its water, light and tool matter here: no camera looks at it.
+    // Only the water, the light and the tool of the world matter here: no camera looks at it.
     let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
     let faults = args.fault.clone().unwrap_or_default();
     let programs = match &args.programs {
@@ -63,7 +63,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     }
 }
 
-/// The programs that ship with those of a folder in their place or beside them.
+/// Reads the programs of a folder. They replace the shipped programs of the same name or are added to them.
 fn own_programs(folder: &Path) -> Result<Programs, Fault> {
     let named = |error: std::io::Error| Fault::file(folder, error);
     let entries: Vec<_> = std::fs::read_dir(folder).and_then(Iterator::collect).map_err(named)?;
@@ -79,8 +79,8 @@ fn own_programs(folder: &Path) -> Result<Programs, Fault> {
     Programs::with_own(&texts).map_err(Fault::stage)
 }
 
-/// The cell's ports; with EthernetKRL files of one's own those of the files, which must be the ones that the cell's
-/// robot is looked for at.
+/// Returns the cell's ports. If the user gives EthernetKRL files, these are the ports of the files, which must
+/// agree with the ports in the cell's file.
 fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault> {
     let robot = cell.robot();
     let cells = [robot.command_port(), robot.state_port()];
@@ -105,7 +105,7 @@ struct ReportedState {
     epoch: i32,
     executed: usize,
     stops: usize,
-    /// What ended an interpreter of the programs.
+    /// Number of faults that ended an interpreter of the programs.
     faults: usize,
     outputs: Vec<u16>,
 }

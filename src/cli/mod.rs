@@ -81,7 +81,7 @@ use args::{Arguments, Command};
 use std::process::ExitCode;
 use tracing::level_filters::LevelFilter;
 
-/// Runs a command and prints what it found; gives the process's exit code.
+/// Runs a command, prints its result and returns the process's exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     // Commands that report their progress log only problems.
     let usual = match &arguments.command {

@@ -1,4 +1,4 @@
-//! What a command prints: words for a person, or one JSON object.
+//! The output of a command: words for a person, or one JSON object.
 
 use super::disk;
 use super::fault::Fault;
@@ -8,19 +8,19 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// What a command found, in both forms.
+/// The result of a command, in both forms.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// How it ended.
     pub exit: u8,
-    /// For `--json`: one object.
+    /// The JSON object for `--json`.
     pub json: Map<String, Value>,
     /// For a person.
     pub words: Vec<String>,
 }
 
 impl Outcome {
-    /// Begins with a judgement: `verdict` and `reasons`, and the words for them.
+    /// Creates an outcome from a judgement: `verdict` and `reasons`, and the words for them.
     pub fn from_judgement(judgement: &Judgement) -> Self {
         let mut json = Map::new();
         json.insert("verdict".to_owned(), json!(judgement.verdict));
@@ -30,7 +30,7 @@ impl Outcome {
         Outcome { exit: judgement.verdict.exit_code(), json, words }
     }
 
-    /// Adds the checks that the judgement is made from.
+    /// Adds the checks on which the judgement is based.
     pub fn put_checks(&mut self, checks: &[Check]) {
         self.put("checks", json!(checks));
     }
@@ -53,14 +53,14 @@ impl Outcome {
         file.map_or(Ok(()), |file| disk::write(file, format!("{}\n", Value::Object(self.json.clone()))))
     }
 
-    /// Prints it and gives the exit code.
+    /// Prints the outcome and returns the exit code.
     pub fn print(&self, as_json: bool) -> ExitCode {
         let text = if as_json { Value::Object(self.json.clone()).to_string() } else { self.words.join("\n") };
         printed(&text, self.exit)
     }
 }
 
-/// Prints the result; a result that cannot be written is a disk that refuses.
+/// Prints the result and returns its exit code; if the result cannot be written, this is a disk fault.
 fn printed(text: &str, exit: u8) -> ExitCode {
     match print_line(text) {
         Ok(()) => ExitCode::from(exit),
@@ -71,7 +71,7 @@ fn printed(text: &str, exit: u8) -> ExitCode {
     }
 }
 
-/// Prints what stopped a command: words on standard error, with `--json` an object too.
+/// Prints the fault that stopped a command: words on standard error, and with `--json` also an object.
 pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
     tell_line(&format!("panelprep: {fault}"));
     let (exit, code) = fault.code();

@@ -1,5 +1,5 @@
-//! The program's streams. Who reads them may leave at any time (`| head -1`): that ends no command, and no exit code
-//! changes by it.
+//! The program's output streams. The reader may close a stream at any time (`| head -1`): this does not end the
+//! command and does not change its exit code.
 
 use super::fault::Fault;
 use std::io::{self, ErrorKind, Write};

@@ -1,5 +1,5 @@
-//! What a package ships beside the program, made from the command line's own definition: manual pages, and completions for
-//! shells.
+//! The files that a package ships with the program: manual pages, and completions for shells. They are made from
+//! the command line's own definition.
 
 use super::args::{Arguments, PackageFiles};
 use super::disk;
@@ -37,7 +37,7 @@ pub fn run(args: &PackageFiles) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// A page for a command and for each below it.
+/// Writes a manual page for a command and for each subcommand.
 fn manual(command: &Command, folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), Fault> {
     let page = clap_mangen::Man::new(command.clone());
     let file = folder.join(page.get_filename());

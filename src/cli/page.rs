@@ -1,4 +1,4 @@
-//! `panelprep page N`: makes a cycle's page again, from the store alone.
+//! `panelprep page N`: makes a cycle's page again, only from the store.
 
 use super::args::{Common, PageOf};
 use super::fault::Fault;
@@ -22,7 +22,7 @@ pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     let ok = found.is_empty();
     let verdict = if ok { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.clone() });
-    // The verdict of this command is not the cycle's.
+    // The verdict of this command is not the verdict of the cycle.
     outcome.words[0] = match ok {
         true => "the page is whole".to_owned(),
         false => "the page was made, but the store no longer has all of it:".to_owned(),

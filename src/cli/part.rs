@@ -1,4 +1,5 @@
-//! The part that a cycle is about: checked as it is named, kept as a text with the cycle, shown first on its page.
+//! The part that a cycle treats. Its names are checked when they are given, stored as a text with the cycle, and
+//! shown first on its page.
 
 use super::fault::{Fault, RecordFault};
 use crate::record::{ANOTHER_PART, CycleRecord, PartNames};
@@ -6,7 +7,7 @@ use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
 use crate::words::{printable, utc_day};
 
-/// The longest of its names, in characters.
+/// Maximum length of each of the part's names, in characters.
 const MAX_CHARACTERS: usize = 120;
 
 /// Returns the names if at least one is given.
@@ -33,7 +34,7 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
     toml::to_string(part).map_err(Fault::stage)
 }
 
-/// The text by which a start keeps that another part than before lies there.
+/// Returns the text with which a start records that another part than before is in the fixture.
 pub fn another() -> (String, String) {
     (
         ANOTHER_PART.to_owned(),
@@ -54,7 +55,7 @@ pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most:
     }
 }
 
-/// Cycles with their passes, in words.
+/// Describes cycles with their numbers of passes, in words.
 pub fn history(earlier: &[PassesOfCycle]) -> String {
     let words = |PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle| {
         let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
     use crate::record::CycleId;
 
-    /// By hand: 2 + 1 passes of 3 are allowed, and of 4.
+    /// Calculated by hand: 2 + 1 earlier passes leave one pass of a limit of 4, and none of a limit of 3.
     #[test]
     fn a_part_that_had_its_passes_is_refused_with_its_history() {
         let cycle = |id, passes| PassesOfCycle {

@@ -1,4 +1,4 @@
-//! Pictures out: PNG for `--pictures`.
+//! Writes pictures as PNG for `--pictures`.
 
 use super::disk;
 use super::fault::Fault;

@@ -26,7 +26,7 @@ use crate::words::{apart, fixed};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// A plan with its verdict, and what it was made on.
+/// A plan with its verdict, and the data on which it is based.
 struct Planned {
     stage: stages::plan::Planned,
     fit: Fit,
@@ -116,7 +116,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The program that a file holds: a controller loads it by the file's name.
+/// Returns the name of the program in a file: a controller loads a program by the file's name.
 fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     if file.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("src")) {
         return Err(Fault::file(file, "a KRL program's file ends in .src"));
@@ -199,14 +199,14 @@ impl Planned {
         }))
     }
 
-    /// What the disc does along the plan.
+    /// Simulates the effect of the disc along the plan.
     fn dwell(&self, taught: &Taught, grids: &[GridId], recipe: &Recipe) -> Dwell {
         let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
         let executed = dwell::planned(&self.stage.plan);
         dwell::simulate(&self.fit.surface, &taught.panel.region, grids, &executed, radius_mm)
     }
 
-    /// The dry run in numbers, line by line.
+    /// Returns the results of the dry run as a table of lines.
     fn table(&self, dwell: &Dwell, disc: &DiscUse, recipe: &Recipe) -> Vec<String> {
         let discs = disc.discs().map_or("not counted, no disc_life_mm2".to_owned(), |discs| format!("{discs:.2}"));
         let mut table = vec![
@@ -266,7 +266,7 @@ impl Planned {
         self.stage.plan.grid_dwell.iter().find(|(known, _)| *known == id).map(|(_, spread)| *spread)
     }
 
-    /// How even the time under the disc is, in words.
+    /// Describes how even the time under the disc is.
     fn evenness(&self, recipe: &Recipe) -> String {
         let (Some(dwell), Some((ratio, grid))) = (self.stage.plan.dwell, self.stage.plan.dwell_ratio()) else {
             return "under the disc     nothing is treated".to_owned();
@@ -281,7 +281,7 @@ impl Planned {
         )
     }
 
-    /// The plan in words.
+    /// Describes the plan in words.
     fn words(&self) -> Vec<String> {
         let plan = &self.stage.plan;
         let mut words = vec![format!(

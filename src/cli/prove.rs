@@ -24,7 +24,7 @@ use tries::ControllerKind;
 
 /// The installation page with the table of assumptions to go through.
 const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
-/// Rows that need the tool in contact, or a panel: nothing for this command.
+/// Rows of the table that need the tool in contact, or a panel: this command cannot prove them.
 const IN_CONTACT: [u32; 5] = [20, 21, 22, 40, 51];
 
 /// Goes through the table and writes the page.
@@ -66,8 +66,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         proofs.push(proof);
         super::disk::write(&args.out, page(&proofs, controller))?;
     }
-    // What was tried was tried on what answers now, too: a controller that did not answer at first, or gave way to
-    // another one.
+    // The tests count only for the controller that answers now, too: a controller may not have answered at first,
+    // or another one may have replaced it.
     controller = controller.and(tries::controller(&files.cell)?);
     super::disk::write(&args.out, page(&proofs, controller))?;
     let is_mock = controller == ControllerKind::Mock;
@@ -97,7 +97,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     Ok(outcome)
 }
 
-/// What the person has seen: `y`, `n` or nothing, and evidence behind it.
+/// Asks the person for the observation: `y`, `n` or nothing, followed by the evidence.
 fn ask(assumption: Assumption, answers: &mut dyn Iterator<Item = String>, tell: &dyn Fn(&str)) -> Proof {
     let contact = IN_CONTACT.contains(&assumption.number);
     tell(&format!("   {}", assumption.to_do));

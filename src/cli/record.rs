@@ -1,4 +1,5 @@
-//! `panelprep record`: signed records written out, verified with the public key alone, and the head of their chain.
+//! `panelprep record`: exports signed records, verifies them with only the public key, and exports the head of
+//! their chain.
 
 use super::args::{
     Common, ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord,
@@ -23,7 +24,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The name under which systemd hands over the cell's key, with `LoadCredential=`.
+/// The name under which systemd provides the cell's key, with `LoadCredential=`.
 const CREDENTIAL: &str = "panelprep-record-key";
 const HEAD: &str = "head.json";
 const PUBLIC_KEY: &str = "public-key.pem";
@@ -97,7 +98,7 @@ fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
         MeaningName::DeviationAccepted => Meaning::DeviationAccepted,
     };
     let (name, remark) = (args.name.clone(), args.remark.clone());
-    // A mistyped folder must not become a store.
+    // A store must not be created in a mistyped folder.
     drop(files.store()?);
     let row = sign_as(&files, &PersonSigns { cycle: CycleId(args.cycle), name, user, meaning, remark })?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
@@ -124,7 +125,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words.clear();
     let key = key(&files)?;
-    // One that is not there, or is not over, is refused before anything of any is written.
+    // A cycle that does not exist or is not over is refused before anything of any cycle is written.
     let all = cycles.into_iter().map(|cycle| Ok((cycle, signed_rows(&files, &store, cycle)?)));
     let all = all.collect::<Result<Vec<_>, Fault>>()?;
     let mut written = Vec::new();
@@ -172,7 +173,7 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
     Ok(Some(RecordPdf { pdf, page, signature }))
 }
 
-/// What was signed of a cycle; one that is over and was not signed yet is signed now.
+/// Returns the signatures of a cycle; a cycle that is over and not yet signed is signed now.
 fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<SignatureRow>, Fault> {
     let record = store.cycle(cycle).map_err(Fault::stage)?;
     if record.judgement.is_some() && store.signatures_of(cycle).map_err(Fault::stage)?.is_empty() {
@@ -185,7 +186,7 @@ fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<S
     }
 }
 
-/// Writes a statement with its signature, and of a cycle the files that it names.
+/// Writes a statement with its signature; for the statement of a cycle, also the files that it names.
 fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathBuf>, Fault> {
     let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
     let stem = match row.is_of_person {
@@ -198,7 +199,7 @@ fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathB
     let mut written = vec![json, signature];
     if let StatementContent::Cycle(cycle) = Statement::read(&bytes).map_err(Fault::stage)?.says {
         for (_, hash) in signing::exported_files(&cycle) {
-            // What the store no longer has whole, `record verify` names.
+            // If the store no longer has a file complete, `record verify` reports it.
             if let Ok(bytes) = store.blob(&hash) {
                 let file = out.join(FILES).join(&hash);
                 disk::write(&file, bytes)?;
@@ -288,7 +289,7 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// A statement in a line.
+/// Describes a statement in one line.
 fn words(statement: &Statement, hash: &str) -> String {
     let at = utc(statement.unix_ms.div_euclid(1_000));
     match &statement.says {
@@ -306,7 +307,7 @@ fn words(statement: &Statement, hash: &str) -> String {
     }
 }
 
-/// The public keys of the store: of the key in use, and of those by which earlier records were signed.
+/// Returns the public keys of the store: of the key in use, and of the keys with which earlier records were signed.
 fn known_keys(store: &Path) -> Result<Vec<PublicKey>, Fault> {
     let mut keys = store::public_keys(store).map_err(Fault::stage)?;
     for row in Store::open(store).map_err(Fault::stage)?.signatures().map_err(Fault::stage)? {
@@ -327,7 +328,7 @@ fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
     }
 }
 
-/// Reads a record, or a folder of them, with the files beside it.
+/// Reads a record, or a folder of records, with their files.
 fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
     if !path.exists() {
         return Err(Fault::file(path, "is not there"));
@@ -339,7 +340,8 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
         let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let is_head = is_folder && file.file_stem().is_some_and(|stem| stem == "head");
-        // Of a record that is named, a signature that is not there is found, not an error.
+        // If a record is named and its signature is missing, this is a finding of the verification and not an
+        // error.
         let is_there = is_folder || ending == "json" || file.exists();
         if ["json", "sig"].contains(&ending) && !is_head && is_there {
             export.statements.insert(name, disk::read(&file)?);

@@ -1,4 +1,4 @@
-//! The pages of cycles and their signatures, for the operator's page.
+//! Provides the pages of cycles and their signatures for the operator's page.
 
 use super::fault::Fault;
 use super::load::CellFiles;

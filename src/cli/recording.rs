@@ -1,4 +1,5 @@
-//! A recording's beginning, from the files that a cycle works by, and the same files read back from it.
+//! Creates a recording's beginning from the files that a cycle uses, and reads the same files back from a
+//! recording.
 
 use super::cycle_files::{Calibrated, REMOVED_BEFORE, TaughtRecipe};
 use super::fault::Fault;
@@ -70,7 +71,7 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
 /// # Errors
 /// As [`allowed`], and if the file is inside the store or is a link.
 pub fn named_by_a_command(file: &Path, store: &Path) -> Result<(), Fault> {
-    // A link is no new file, wherever it leads, and if it leads nowhere.
+    // A link is refused as an existing file, wherever it leads, and also if it leads nowhere.
     if file.symlink_metadata().is_ok() {
         return Err(taken(file));
     }
@@ -82,7 +83,7 @@ pub fn named_by_a_command(file: &Path, store: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Whether a folder is the store or lies in it, all links on the way resolved.
+/// Returns whether a folder is the store or is inside it, after all links are resolved.
 fn is_inside(folder: &Path, store: &Path) -> Result<bool, Fault> {
     let resolved = |path: &Path| path.canonicalize().map_err(|error| Fault::file(path, error));
     Ok(resolved(folder)?.starts_with(resolved(store)?))
@@ -123,7 +124,7 @@ pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     }
     let folder = folder.canonicalize().map_err(|error| Fault::file(folder, error))?;
     let file = folder.join(name);
-    // A link is no new file, wherever it leads, and if it leads nowhere.
+    // A link is refused as an existing file, wherever it leads, and also if it leads nowhere.
     match file.symlink_metadata() {
         Ok(_) => Err(taken(&file)),
         Err(_) => Ok(file),
@@ -199,7 +200,7 @@ fn taught_parts(teaching: &Teaching) -> Vec<(String, Vec<u8>)> {
     texts.chain([(SCAN.to_owned(), teaching.scan.clone())]).chain(corners).collect()
 }
 
-/// What a recorded cycle worked by.
+/// The files and data that a recorded cycle used.
 pub struct RecordedCycle {
     /// The cell.
     pub cell: Cell,
@@ -211,7 +212,7 @@ pub struct RecordedCycle {
     pub calibrations: Calibrations,
     /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
-    /// What earlier cycles had removed of the part.
+    /// The removal from the part by earlier cycles.
     pub removed_before: RemovedBefore,
 }
 
@@ -246,7 +247,7 @@ impl RecordedCycle {
     }
 }
 
-/// The files in a recording.
+/// The parts of a recording.
 struct Parts<'a> {
     file: &'a Path,
     checked: &'a Checked,
@@ -263,7 +264,7 @@ impl Parts<'_> {
         std::str::from_utf8(self.bytes(name)?).map_err(named)
     }
 
-    /// What earlier cycles had removed of the part.
+    /// Returns the removal from the part by earlier cycles.
     fn removed_before(&self) -> Result<RemovedBefore, Fault> {
         let name = format!("{REMOVED_BEFORE}.toml");
         if !self.checked.files.contains_key(&name) {

@@ -50,7 +50,7 @@ fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault
     Ok(load::located_mm(&args.located)?.zip(hand_eye_mm).map(<[f64; 2]>::from))
 }
 
-/// The taught corners as the pictures show them, one after the other.
+/// Finds the taught corners in the pictures, in order.
 fn sightings(
     held: &Taught<'_>,
     located: Rigid<Base, Panel>,
@@ -68,7 +68,7 @@ fn sightings(
     held.corners.iter().enumerate().zip(shots).map(find).collect()
 }
 
-/// Writes a corner's picture with each of these places.
+/// Writes a corner's picture with the corner drawn at each of these poses of the panel.
 fn draw(
     held: &Taught<'_>,
     (index, sighting, shot): (usize, &Sighting, &CornerShot),

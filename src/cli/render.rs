@@ -1,4 +1,4 @@
-//! `panelprep render`: the simulated cell as files, and its truth in a folder that no stage reads.
+//! `panelprep render`: writes the simulated cell as files, and its ground truth in a folder that no stage reads.
 
 use super::args::{FilmName, Render, SceneName, real_arm, scanner_distortion};
 use super::disk;
@@ -24,19 +24,20 @@ use serde_json::json;
 use std::fs;
 use std::path::Path;
 
-/// A file that marks a folder as written by this command, which may then be written again.
+/// A file that marks a folder as written by this command; only such a folder may be written again.
 const MARK: &str = ".rendered-by-panelprep";
-/// Length of the wet film, s, and its pictures a second (the recipe's own defaults).
+/// Length of the wet film, s, followed by its number of pictures per second (the recipe's own defaults).
 const OBSERVATION_S: u32 = 60;
 const FRAMES_PER_SECOND: f64 = 5.0;
 
-/// What the rendered calibrations state of themselves, mm: 0.1 mm and 0.01° at 0.79 m and at 0.45 m, and a tool's tip.
+/// The uncertainties that the rendered calibrations state, mm: 0.1 mm and 0.01° at 0.79 m and at 0.45 m, and of a
+/// tool's tip.
 const SCANNER_MM: f64 = 0.24;
 const FLANGE_MM: f64 = 0.18;
 const TOOL_MM: f64 = 0.05;
 
 impl FilmName {
-    /// What it means for the film of this seed.
+    /// Returns the specification of the film for this seed.
     pub fn spec(self, seed: u64) -> FilmSpec {
         match self {
             FilmName::Calm => FilmSpec::CALM,
@@ -97,7 +98,7 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Renders a cell into a folder: what it is taught by, and what its cameras see later.
+/// Renders a cell into a folder: the files with which the cell is taught, and the later pictures of its cameras.
 ///
 /// # Errors
 /// As [`run`].
@@ -116,7 +117,7 @@ pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&s
     Ok(rendered)
 }
 
-/// One clip of a labelled set: the same panel at the same place, other grease.
+/// Writes one clip of a labelled set: the same panel at the same place, with other grease.
 fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: u64) -> Result<(), Fault> {
     let until_s = sim::WET_FROM_S + 0.85 * f64::from(rendered.seconds);
     let grease = Grease::Mixed { count: 2 + (index % 4) as usize, until_s };
@@ -127,7 +128,8 @@ fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: 
     write_truth(&film, &folder.join("truth"), rendered.seconds)
 }
 
-/// Renders what a cell is taught by: configuration, calibrations, recipe, scan and corner at the nominal place.
+/// Renders the files with which a cell is taught: configuration, calibrations, recipe, scan and corner at the
+/// nominal place.
 ///
 /// # Errors
 /// As [`run`].
@@ -152,7 +154,7 @@ fn write_taught_for(
     Ok(rendered)
 }
 
-/// Empties a folder that this command wrote, or makes a new one.
+/// Empties a folder that this command wrote earlier, or creates a new one.
 fn claim(folder: &Path) -> Result<(), Fault> {
     let named = |error: std::io::Error| Fault::file(folder, error);
     if folder.exists() {
@@ -197,7 +199,8 @@ fn write_configuration(
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
 }
 
-/// The program's own limit at full size; a smaller picture places a board less well.
+/// Returns the limit for verifications, mm: the program's own limit at full size, more for smaller pictures, which
+/// locate a board less exactly.
 fn verify_limit_mm(cell: &sim::Cell) -> f64 {
     let smaller = FULL_WIDTH_PX as f64 / cell.scanner().width_px as f64;
     0.5 + (smaller - 1.0).round() / 10.0
@@ -305,7 +308,7 @@ fn plain_recipe(cell: &sim::Cell, seconds: u32) -> String {
 }
 
 fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: PanelPosition) -> Result<(), Fault> {
-    // The first without a number, as scripts know it.
+    // The first file has no number; scripts expect this name.
     for (view, number) in cell.corner_views().iter().zip(["", "2", "3", "4"]) {
         let (taught, base_from_flange) = match place {
             PanelPosition::Nominal => ("taught_", view.base_from_flange),
@@ -320,7 +323,7 @@ fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: PanelPosition) -> 
     Ok(())
 }
 
-/// When the clip's pictures are taken: from the dry panel to the end of the observation.
+/// Returns the times at which the clip's pictures are taken: from the dry panel to the end of the observation.
 fn clip_times_s(seconds: u32) -> Vec<f64> {
     let end_s = sim::WET_FROM_S + f64::from(seconds);
     (0..=(end_s * FRAMES_PER_SECOND).round() as u32).map(|frame| f64::from(frame) / FRAMES_PER_SECOND).collect()
@@ -334,7 +337,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
             sim::Phase::Spray => Phase::Spray,
             sim::Phase::Wet => Phase::Wet,
         };
-        // All that follows is held against the dry pictures: those keep every pixel.
+        // The dry pictures keep every pixel (PNG), because all later pictures are compared with them.
         let kind = if phase == Phase::Dry { "png" } else { "jpg" };
         ClipEntry { file: format!("{:05}.{kind}", index + 1), time_s, phase }
     };
@@ -351,7 +354,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     disk::write(&folder.join("clip.csv"), clip.to_csv())
 }
 
-/// The pixels that broke, and when: see [`crate::labels`].
+/// Writes the pixels that broke, and the times when they broke: see [`crate::labels`].
 fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
     let broken = film.broken(last_s);

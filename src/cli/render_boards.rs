@@ -1,5 +1,5 @@
-//! Boards of the simulated cell as files: what its cameras are verified on, and with `--boards` what they are
-//! calibrated by.
+//! Boards of the simulated cell as files: boards for the verification of its cameras, and with `--boards` boards
+//! for their calibration.
 
 use super::args::{Common, Render, Simulation};
 use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
@@ -21,7 +21,7 @@ use std::path::Path;
 
 const TARGET: (&str, f64) = ("5x4", 40.0);
 const POSES: usize = 15;
-/// For an arm's own errors more are needed.
+/// Number of poses for the calibration of the arm's own errors, which needs more poses.
 const ARM_POSES: usize = 20;
 const LENS_PICTURES: usize = 25;
 /// A simulated robot's own errors.
@@ -61,7 +61,7 @@ impl Rendered {
         }
     }
 
-    /// The cell that these files describe.
+    /// Returns the common arguments for the cell that these files describe.
     pub fn common(&self) -> Common {
         Common { cell: self.file("cell.toml"), store: None, json: false }
     }
@@ -90,7 +90,7 @@ pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault>
     disk::write(&rendered.file("target/touched.toml"), points_text(&board, arm, touched)?)
 }
 
-/// What the controller reports while the flange truly is here.
+/// Returns what the controller reports while this is the true pose of the flange.
 fn reported(arm: Option<&RealArm>, base_from_flange: &Rigid<Base, Flange>) -> Result<Reported, Fault> {
     match arm {
         None => Ok(Reported { base_from_flange: *base_from_flange, joints: None }),
@@ -240,7 +240,7 @@ fn points_text(
     let mut text = String::new();
     for (index, (place, (column, row))) in touched(&places).iter().zip(corners).enumerate() {
         let number = index + 1;
-        // A pointer that is held straight down.
+        // A pointer that points straight down.
         let pointing = held_at(*place, [0.0; 3], sim::TOOL_LENGTH_MM);
         let Reported { base_from_flange, joints } = reported(arm, &pointing)?;
         let tip = match joints {
@@ -256,14 +256,15 @@ fn points_text(
     Ok(text)
 }
 
-/// Whether the arm comes to every corner that is to be touched.
+/// Whether the arm can reach every corner that is to be touched.
 fn comes_to_corners(arm: &RealArm, board: &Board, base_from_board: &Rigid<Base, crate::geometry::Board>) -> bool {
     let corners = board.corners_to_touch();
     let mut places = corners.iter().filter_map(|&(column, row)| board.corner(column, row));
     places.all(|place| arm.reported(&held_at(*base_from_board * place, [0.0; 3], sim::TOOL_LENGTH_MM)).is_some())
 }
 
-/// The flange when a tool of this length holds its tip at a place, its axis turned from straight down.
+/// Returns the flange's pose when the tip of a tool of length `out_mm` is at `place`. The tool's axis is turned by
+/// `turn_deg` from straight down.
 fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).rad())));
@@ -296,7 +297,7 @@ fn corners_text(
     text
 }
 
-/// Poses that hold the tip at each of two spots.
+/// Writes poses with the tip at each of two spots.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let mut text = String::new();
@@ -312,7 +313,7 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
 const TURNS_DEG: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
 
-/// What a compliant tool reads without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a
+/// Readings of a compliant tool without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a
 /// zero of 0.4 N.
 pub(super) const FORCE_TEXT: &str = "\
 [[readings]]
@@ -332,8 +333,8 @@ base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg
 force_n = 10.80
 ";
 
-/// Poses that hold the simulated tool's tip at one spot, and two that hold a point 60 mm behind it there, as a teach
-/// pendant shows them: to a hundredth.
+/// Writes poses with the simulated tool's tip at one spot, and two poses with a point 60 mm behind the tip at this
+/// spot. The numbers have two decimals, as on a teach pendant.
 fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let held = |turn_deg: [f64; 3], out_mm: f64| -> Result<String, Fault> {
         let Reported { base_from_flange, joints } =

@@ -1,4 +1,4 @@
-//! Test coupons of the simulated cell: what `panelprep calibrate removal` is tried on.
+//! Test coupons of the simulated cell, with which `panelprep calibrate removal` is tried.
 
 use super::disk;
 use super::fault::Fault;
@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write;
 
-/// The disc of the recipe's default.
+/// The default disc diameter of a recipe, mm.
 pub const DISC_DIAMETER_MM: f64 = 30.0;
 /// The simulated sander, with an orbit of 5 mm.
 pub const TOOL: CouponTool = CouponTool {
@@ -20,10 +20,10 @@ pub const TOOL: CouponTool = CouponTool {
 /// The disc's removal coefficient, mm²/N, and its decay with wear, 1/mm².
 const PRESTON_MM2_PER_N: f64 = 4e-4;
 const DECAY_PER_MM2: f64 = 0.8e-6;
-/// Coupons differ among themselves by up to this share either way.
+/// Maximum relative difference of a coupon's removal from the mean, in both directions.
 const DIFFER: f64 = 0.05;
 const COUPONS: usize = 12;
-/// The forces on them, N.
+/// The forces on the coupons, N.
 const FORCES_N: [f64; 2] = [20.0, 10.0];
 
 /// Writes `boards/coupons.csv`: thicknesses before and after, with new and worn discs.
@@ -38,7 +38,7 @@ pub fn write(seed: u64, rendered: &Rendered) -> Result<(), Fault> {
     for index in 0..COUPONS {
         let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], 130_000.0 * (index / 3) as f64);
         let (name, lines) = (format!("C{}", index / 3 + 1), Lines::One);
-        // On both sides of the forces that recipes of the simulated cell state.
+        // The forces are below and above those in the recipes of the simulated cell.
         let force_n = FORCES_N[index / 3 % 2];
         let coupon = Coupon { line: 0, name, force_n, feed_mm_s: 60.0, passes, lines, worn_mm2, depth_um: 0.0 };
         let own = 1.0 + random.random_range(-DIFFER..DIFFER);

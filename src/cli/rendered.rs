@@ -7,12 +7,12 @@ use std::path::PathBuf;
 pub struct Rendered {
     /// The folder.
     pub folder: PathBuf,
-    /// Length of its wet films, s.
+    /// Length of the folder's wet films, s.
     pub seconds: u32,
 }
 
 impl Rendered {
-    /// A file of the folder.
+    /// Returns the path of a file in the folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }

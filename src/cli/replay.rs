@@ -66,7 +66,7 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     };
     let judgement = Judgement { verdict: if same { Verdict::Pass } else { Verdict::Fail }, reasons };
     let mut outcome = Outcome::from_judgement(&judgement);
-    // What passes or fails here is the replay; the cycle has a verdict of its own.
+    // The verdict of this command is about the replay; the cycle has its own verdict.
     let word = if same { "the same as recorded" } else { "not the same as recorded" };
     outcome.words[0] = format!("replay: {word}");
     outcome.put("same", json!(same));

@@ -1,4 +1,4 @@
-//! A cycle's page: from what the store keeps to a file.
+//! Writes a cycle's page from the data in the store to a file.
 
 use super::disk;
 use super::fault::Fault;
@@ -21,7 +21,7 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What the store keeps of a cycle, with its pictures by their hash.
+/// The stored data of a cycle, with its pictures by their hash.
 pub struct StoredCycle {
     /// The record.
     pub record: CycleRecord,
@@ -44,7 +44,7 @@ impl StoredCycle {
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
-        // A store of an earlier program has removed nothing.
+        // A store of an earlier version of this program has no list of removed files: nothing was removed.
         let pruned = store.pruned_of(cycle).unwrap_or_default();
         let part = part::section(store, &record);
         let sheet = sheet::read(store, &record)?;
@@ -67,7 +67,7 @@ impl StoredCycle {
         disk::write_through(file, self.html(recorded, more))
     }
 
-    /// The page as HTML, with `more` and what came of its recording at its end.
+    /// Returns the page as HTML. `more` and the result of the cycle's recording are at its end.
     pub fn html(&self, recorded: Option<&Recorded>, more: Vec<Section>) -> String {
         let page = cycle_page(&self.record, &self.pictures);
         let recorded = recorded.map(recording::section);
@@ -76,7 +76,7 @@ impl StoredCycle {
         Page { first, sections, made: made(), ..page }.html()
     }
 
-    /// The pictures that the store has, in order, each once.
+    /// Returns the pictures that the store has, in order, each only once.
     pub fn figures(&self) -> impl Iterator<Item = Figure> + '_ {
         let mut shown = BTreeSet::new();
         let all = self.record.findings.iter().flat_map(|finding| &finding.pictures);
@@ -86,7 +86,7 @@ impl StoredCycle {
         })
     }
 
-    /// What the page shows and the store no longer has, or not whole.
+    /// Describes the pictures that the page shows and that are missing or damaged in the store.
     pub fn missing(&self) -> impl Iterator<Item = String> + '_ {
         let shown = self.record.findings.iter().flat_map(|finding| &finding.pictures);
         let missing = shown.filter(|picture| !self.pictures.contains_key(&picture.hash));
@@ -130,7 +130,7 @@ fn remove_numbered(folder: &Path) -> Result<(), std::io::Error> {
     Ok(())
 }
 
-/// When a page was made, and by what: the one line in which two pages of the same cycle differ.
+/// Returns when and by which version a page was made: the only line in which two pages of the same cycle differ.
 fn made() -> String {
     let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     let made = utc(i64::try_from(unix_s).unwrap_or_default());

@@ -68,7 +68,8 @@ fn unanswered(judgement: Judgement, files: &CellFiles) -> Judgement {
     Judgement { reasons: vec![Reason::new("no_controller", words)], ..judgement }
 }
 
-/// A refusal of the gate is a verdict, what cannot be sent at all is bad input, the rest a fault of the cell.
+/// Converts an error: a refusal of the gate is a verdict, a command that cannot be sent is bad input, every other
+/// error is a fault of the cell.
 fn judgement(error: SingleError) -> Result<Judgement, Fault> {
     let code = match error {
         SingleError::Gate(judgement) => return Ok(judgement),
@@ -103,7 +104,7 @@ impl RobotAction {
                 to: pose(to)?,
                 base: base.as_deref().map(pose).transpose()?.unwrap_or_default(),
                 tool: tip(*tool, files)?,
-                // The gate holds it against the cell's own limit.
+                // The gate compares the speed with the cell's own limit.
                 speed_mm_s: speed(*speed_mm_s, "--speed-mm-s", f64::MAX, &files.cell)?,
             }),
             RobotFunction::SetBase { base } => RobotAction::Set(Command::SetBase(pose(base)?)),
@@ -130,7 +131,7 @@ impl RobotAction {
 
     fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
         match self {
-            // Of an arm that moves, axes and tip need not be of one moment.
+            // While the arm moves, axes and tip may be reported for different moments.
             RobotAction::State if single.state().moving => Ok(()),
             // Before its program is started, the controller does not know the tip and reports 0 for all values.
             RobotAction::State if single.state().tip_is_unknown() => Ok(()),
@@ -144,7 +145,8 @@ impl RobotAction {
     }
 }
 
-/// The state is shown all the same, and no motion passes its gate.
+/// Converts the reason why the arm is not the cell's arm to a refusal of the gate. The state is shown nevertheless,
+/// and no motion passes its gate.
 fn not_this_arm(reason: Reason) -> SingleError {
     SingleError::Gate(Judgement::new(vec![reason], vec![]))
 }
@@ -175,7 +177,7 @@ fn tip(name: TipName, files: &CellFiles) -> Result<SetTcp, Fault> {
     })
 }
 
-/// A name of the cell's poses, or six angles.
+/// Reads a name of the cell's poses, or six angles.
 fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
     if let Some(joints) = cell.pose(text) {
         return Ok(joints);
@@ -192,7 +194,7 @@ fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
     Ok(Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg })
 }
 
-/// Six numbers, or a file with a pose.
+/// Reads six numbers, or a file with a pose.
 fn pose(text: &str) -> Result<KukaPose, Fault> {
     if text.ends_with(".json") {
         let file = Path::new(text);
@@ -207,10 +209,10 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
 }
 
-/// A pose that a person wrote: X,Y,Z,A,B,C in mm and degrees.
+/// Reads a pose that a person wrote: X,Y,Z,A,B,C in mm and degrees.
 ///
 /// # Errors
-/// What is wrong with it, and what is allowed.
+/// What is wrong with the text, and what is allowed.
 pub(super) fn pose_of(text: &str) -> Result<KukaPose, String> {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
         six(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;

@@ -120,12 +120,13 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         lock_step,
     };
     let ended = daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports);
-    // One that is still open belongs to a loop that failed: the very one to look at.
+    // A recording that is still open belongs to a loop that failed; this recording is needed to find the cause.
     if let Some(recorded) = recording.finish() {
         tracing::info!("{}", recorded.message);
     }
     let ended = ended.map_err(Fault::of_loop)?;
-    // The page's connections to the store end before the store's own one, which then leaves a database without a log.
+    // The page's connections to the store end before the store's own connection. The last connection then leaves a
+    // database without a log file.
     drop((socket, page, office, push, sparkplug, opcua, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
@@ -147,7 +148,7 @@ fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -
     if let Err(error) = &socket {
         tracing::warn!("no request can be answered meanwhile: {error}");
     }
-    // What else goes wrong ends the waiting.
+    // Any other error ends the waiting.
     let opened = daemon::wait_for(queue, || match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => Err(Reason::new("disk_full", error.to_string())),
         opened => Ok(opened),
@@ -155,7 +156,7 @@ fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -
     opened.transpose().map_err(Fault::stage)
 }
 
-/// Each signal becomes a request, however many there are.
+/// Converts each signal into a request, for any number of signals.
 fn signals(sender: RequestSender) -> Result<(), Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let each = move || {
@@ -182,7 +183,7 @@ fn write_pages(
         Ok(page)
     };
     let each = move || {
-        // Before the pages, which show the signatures.
+        // The records are signed before the pages are made, because the pages show the signatures.
         sign(&again);
         if let Err(fault) = report::make_missing(&again, &tell_page) {
             tracing::warn!("pages that an earlier process left out cannot be made: {fault}");
@@ -213,7 +214,7 @@ fn tell_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
     }
 }
 
-/// Signs each cycle that is over and not signed yet; what fails is tried again after the next cycle.
+/// Signs each cycle that is over and not yet signed; if this fails, it is tried again after the next cycle.
 fn sign(files: &CellFiles) {
     let told = |told: Result<String, String>| match told {
         Ok(words) => tracing::info!("{words}"),
@@ -224,7 +225,7 @@ fn sign(files: &CellFiles) {
     }
 }
 
-/// Removes what is kept no longer; what fails is tried again after the next cycle.
+/// Removes files whose retention time is over; if this fails, it is tried again after the next cycle.
 fn prune(files: &CellFiles) {
     match Store::prune(files.store_folder(), files.cell.keep()) {
         Ok(Pruned { files: 0, .. }) => {}
@@ -238,7 +239,8 @@ fn prune(files: &CellFiles) {
     }
 }
 
-/// What the cameras were started by and hold what comes against: settings, and which cameras were calibrated at which size.
+/// Returns the data with which the cameras were started and which later cycles must match: the settings, and the
+/// serial number and picture size of each calibrated camera.
 fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     let mut all = zivid::settings(&files.cell)?;
     let calibration = files.cell.calibration();
@@ -337,7 +339,8 @@ fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
     Some(Reason::new("foreign_recipe", message))
 }
 
-/// The operator starts by what an engineer has put into the folder.
+/// Returns the refusal for an operator, who may start only with the recipes that an engineer has put into the
+/// folder.
 fn not_permitted(foreign: &Reason) -> Reason {
     let message = format!(
         "{}; the role operator starts by recipes of that folder alone, an engineer puts a recipe there or starts by its text",
@@ -364,7 +367,8 @@ fn outcome(state: &State) -> Outcome {
 mod tests {
     use super::*;
 
-    /// A recipe of the folder is known by its name and its whole text; a text of one's own under the same name is not it.
+    /// A recipe of the folder is recognised by its name and its whole text; another text under the same name is not
+    /// this recipe.
     #[test]
     fn a_recipe_of_the_folder_is_known_by_name_and_text() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -26,7 +26,7 @@ use std::sync::Arc;
 /// Distance between points of a grid at which coverage is counted, mm.
 const LATTICE_MM: f64 = 1.0;
 
-/// A cycle held against the truth.
+/// The comparison of a cycle with the ground truth.
 pub struct Score {
     located: Option<PlacementError>,
     refined: Option<PlacementError>,
@@ -36,7 +36,7 @@ pub struct Score {
     abrasions: Vec<Abraded>,
     /// The effect of a tool fault, if one was requested and the path came that far.
     after_tool_fault: Option<Option<AfterToolFault>>,
-    /// Why the waypoints executed are not those that were sent.
+    /// Why the executed waypoints differ from those that were sent.
     pub lost: Option<Reason>,
 }
 
@@ -53,7 +53,7 @@ struct Abraded {
     pass: u8,
     waypoints: u32,
     executed: usize,
-    /// Of these, with the disc on the panel.
+    /// Number of executed waypoints with the disc on the panel.
     in_contact: usize,
     coverage: f64,
     step_over: Option<StepOver>,
@@ -61,7 +61,7 @@ struct Abraded {
 }
 
 impl Score {
-    /// Holds what was found and executed against the truth of its world.
+    /// Compares the results of a cycle and its execution with the ground truth of its world.
     pub fn compute(
         record: &CycleRecord,
         inspections: &[Arc<Inspection>],
@@ -89,7 +89,7 @@ impl Score {
         }
     }
 
-    /// The score for scripts.
+    /// Adds the score for scripts.
     pub fn put(&self, outcome: &mut Outcome) {
         outcome.put(
             "locate",
@@ -125,7 +125,7 @@ impl Score {
         outcome.put("noise", json!(sim::noise_in_force()));
     }
 
-    /// The score for a person: what it is, and its value.
+    /// Returns the lines of the score for a person: a name and its value.
     fn lines(&self) -> Vec<(String, String)> {
         let mut lines = Vec::new();
         if let Some(error) = self.located {
@@ -167,12 +167,12 @@ impl Score {
         lines
     }
 
-    /// The score in words.
+    /// Describes the score in words.
     pub fn words(&self) -> Vec<String> {
         self.lines().into_iter().map(|(name, value)| format!("{name}: {value}")).collect()
     }
 
-    /// The score as a part of the page.
+    /// Returns the score as a section of the page.
     pub fn section(&self, simulation: &str) -> Section {
         Section {
             heading: "Against the simulator's truth".to_owned(),
@@ -208,7 +208,7 @@ fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mas
     inspections.iter().zip(findings).enumerate().map(one).collect()
 }
 
-/// Each contact path as the controller executed it, against the true surface.
+/// Compares each contact path, as the controller executed it, with the true surface.
 fn abraded(
     record: &CycleRecord,
     (runs, trace): (&[&[Executed]], &[Sample]),
@@ -250,7 +250,7 @@ fn grids<'a>(finding: &Finding, panel: &'a TaughtPanel) -> Vec<&'a Grid> {
     panel.grids.iter().filter(|grid| names.contains(&grid.id.to_string().as_str())).collect()
 }
 
-/// Points of a grid on the true surface, each for nearly the same area.
+/// Returns points of a grid on the true surface; each point represents nearly the same area.
 fn lattice(grid: &Grid, truth: &Truth) -> Vec<Point<Panel>> {
     let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
     let steps = |length_mm: f64| (length_mm / LATTICE_MM).ceil().max(1.0) as usize;

@@ -5,7 +5,7 @@ use crate::devices::mock::Executed;
 use crate::record::MotionRecord;
 use crate::verdict::Reason;
 
-/// The paths in contact of which something was executed.
+/// Returns the contact paths of which at least one waypoint was executed.
 pub(super) fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
     motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
 }
@@ -74,7 +74,7 @@ mod tests {
         MotionRecord { motion, outcome, done, contact: None }
     }
 
-    /// Ids 5 to 8 are a contact path with a leap through air; 2 and 11 are ways through air.
+    /// Ids 5 to 8 are a contact path with a part in the air; 2 and 11 are motions in the air.
     #[test]
     fn each_waypoint_is_executed_and_acknowledged_once() {
         let log = [(2, false), (5, true), (6, false), (7, true), (8, false), (11, false)];
@@ -84,7 +84,7 @@ mod tests {
         assert_eq!(runs[0].iter().map(|one| one.id).collect::<Vec<_>>(), [5, 6, 7, 8]);
         let held = contact_runs(&[motion(9, 4)], &log).expect("the rest was never executed");
         assert_eq!(held[0].len(), 4);
-        // The last acknowledgements were on their way when the path was ended.
+        // The last acknowledgements were still in transmission when the path was ended.
         assert!(contact_runs(&[motion(9, 2)], &log).is_ok());
         let wrong =
             |motions: &[MotionRecord], log: &[Executed]| contact_runs(motions, log).expect_err("wrong").message;

@@ -1,4 +1,5 @@
-//! What the operator's page shows and changes of the set-up: recipes in a folder, and the calibrations with their age.
+//! Provides the set-up for the operator's page, which shows and changes it: recipes in a folder, and the
+//! calibrations with their age.
 
 use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const DAY_S: i64 = 86_400;
-/// The kind of a recipe's file, as `panelprep check` names it.
+/// The kind of a recipe's file, as `panelprep check` calls it.
 const RECIPE: &str = "recipe";
 
 /// The status of the transfers of records out of the cell.
@@ -27,11 +28,11 @@ const RECIPE: &str = "recipe";
 pub struct RecordsOnTheirWay {
     /// To the office.
     pub office: OfficeStatus,
-    /// To the quality system.
+    /// Transfers to the quality system.
     pub push: PushStatus,
 }
 
-/// The recipes' folder, and the cell's files.
+/// The folder of recipes, and the cell's files.
 pub struct FolderSource {
     /// The folder.
     pub recipes: PathBuf,
@@ -39,18 +40,18 @@ pub struct FolderSource {
     pub files: Arc<CellFiles>,
     /// The arguments common to all commands.
     pub common: Common,
-    /// How records go out.
+    /// The status of the transfer of records.
     pub on_their_way: RecordsOnTheirWay,
 }
 
 impl FolderSource {
-    /// With the recipes' folder that the cell's file names.
+    /// Creates the source with the recipes' folder that the cell's file names.
     pub fn new(files: &Arc<CellFiles>, common: &Common, on_their_way: &RecordsOnTheirWay) -> Self {
         let recipes = files.cell.page().recipes.clone();
         FolderSource { recipes, files: files.clone(), common: common.clone(), on_their_way: on_their_way.clone() }
     }
 
-    /// The file of a recipe that is offered: a name that is none of them leads nowhere.
+    /// Returns the file of a recipe of the folder; any other name is refused.
     fn file(&self, name: &str) -> Result<PathBuf, String> {
         match self.recipes()?.iter().any(|known| known == name) {
             true => Ok(self.recipes.join(name)),
@@ -172,7 +173,7 @@ fn age(at_unix_s: i64) -> String {
     format!("{}, {days} days ago", utc_day(at_unix_s))
 }
 
-/// What is verified by itself: both cameras, and the tool.
+/// Describes the last verification of a calibration; only both cameras and the tool are verified.
 fn verification(store: &Store, calibration: &str) -> String {
     let subject = match calibration {
         "scanner" | "flange_camera" => calibration,

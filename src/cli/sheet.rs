@@ -1,5 +1,5 @@
-//! The page to read and sign: what it needs beside the cycle's record, read from the store and from the files that the
-//! cycle used.
+//! The page to read and sign: its data in addition to the cycle's record, read from the store and from the files
+//! that the cycle used.
 
 use super::fault::Fault;
 use crate::calib::health::{self, TOOL_FORCE, Verification};
@@ -11,7 +11,7 @@ use crate::signing::{Meaning, Statement, cycle_stem};
 use crate::store::{PassesOfCycle, SignatureRow, Store};
 use crate::words::{apart, utc, utc_day};
 
-/// What the cell calls its files, in words, and by which verification each is judged.
+/// The key of each of the cell's files, its name in words, and the verification by which it is judged.
 const EQUIPMENT: [(&str, &str, Option<&str>); 7] = [
     ("scanner", "scanner, lens", Some("scanner")),
     ("base_from_camera", "scanner, mount", Some("scanner")),

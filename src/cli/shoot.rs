@@ -1,4 +1,5 @@
-//! `panelprep shoot`: pictures and scans by the configured cameras, outside of a cycle and without any calibration.
+//! `panelprep shoot`: takes pictures and scans with the configured cameras, outside of a cycle and without any
+//! calibration.
 
 mod film;
 pub mod opening;
@@ -49,7 +50,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     Ok(outcome)
 }
 
-/// The files of one shot, by their endings: the first number that no file of the folder has.
+/// Returns the file names of one shot, one for each ending, with the first number that no file of the folder has.
 pub(super) fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<PathBuf> {
     let of = |number: u32| endings.iter().map(move |ending| folder.join(format!("{name}_{number:04}.{ending}")));
     let free = (1..=u32::MAX).find(|number| of(*number).all(|file| !file.exists()));
@@ -146,7 +147,7 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
     Ok(())
 }
 
-/// Every shot, with all files, and of scans the largest share of missing points.
+/// Lists every shot with all its files; for scans, also the largest share of missing points.
 fn listed(outcome: &mut Outcome, all: Vec<Value>) {
     let files: Vec<Value> = all.iter().filter_map(|shot| shot["files"].as_array()).flatten().cloned().collect();
     let missing = all.iter().filter_map(|shot| shot["missing_share"].as_f64()).reduce(f64::max);

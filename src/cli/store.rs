@@ -23,7 +23,7 @@ pub fn run(args: &StoreCommand, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-/// A copy somewhere else, `--store`, needs no cell.
+/// Returns the store's folder. A copy in another folder, `--store`, needs no cell's file.
 fn folder(common: &Common) -> Result<PathBuf, Fault> {
     match &common.store {
         Some(folder) => Ok(folder.clone()),
@@ -33,7 +33,7 @@ fn folder(common: &Common) -> Result<PathBuf, Fault> {
 
 fn renew(args: &RenewStore, common: &Common) -> Result<Outcome, Fault> {
     let folder = folder(common)?;
-    // A mistyped folder must not become a store.
+    // A store must not be created in a mistyped folder.
     drop(Store::open(&folder).map_err(Fault::stage)?);
     Store::renew_outbox(&folder, &args.why).map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });

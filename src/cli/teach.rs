@@ -1,4 +1,4 @@
-//! `panelprep teach`: learn a panel at its nominal place and keep it.
+//! `panelprep teach`: learns a panel at its nominal place and stores it.
 
 mod taking;
 
@@ -33,7 +33,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let Some(scan_file) = &args.scan else { return Err(TeachingFault::NoScan.into()) };
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
-    // Refused with the file's name before anything is kept.
+    // An unsuitable scan is refused with the file's name before anything is stored.
     let scan = scanner.scan_errors.corrected(load::scan(scan_file, &scanner.value)?);
     let teaching = given((args, scan_file), &cell_files, &recipe)?;
     let name =
@@ -88,12 +88,12 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// The parts of the recipe's region that are not panel.
+/// Returns the parts of the recipe's region that are not on the panel.
 pub fn off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPanel> {
     panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
-/// The files that are given, as the store keeps them.
+/// Reads the given files in the form in which the store keeps them.
 fn given((args, scan): (&Teach, &Path), cell_files: &CellFiles, recipe: &Recipe) -> Result<Teaching, Fault> {
     let mut teaching = Teaching {
         name: recipe.panel().to_owned(),
@@ -152,7 +152,7 @@ fn wrong_corners(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usize> {
     }
 }
 
-/// How well the panel's shape holds it: what locating it in its own scan found.
+/// How well the panel's shape determines its pose: the result of locating the panel in its own scan.
 struct Held {
     outline: Option<locate::OutlineSeen>,
     marks_mm: f64,
@@ -169,7 +169,7 @@ impl Held {
         Held { outline, marks_mm, found }
     }
 
-    /// Why a panel that is taught so is not accepted: a cycle would not find it either.
+    /// Returns why a panel with this teaching is not accepted: a cycle would not find it either.
     fn reasons(&self, recipe: &Recipe) -> Vec<Reason> {
         let (judgement, what) = match &self.found {
             Ok(fit) => (gate::judge(fit, recipe), "the panel is not accepted in its own scan"),
@@ -208,7 +208,7 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
     let verify_mm = recipe.corner().verify_mm();
     for (index, corner) in taught.corners.iter().enumerate() {
         let seen = corner.normal_seen();
-        // At an angle below a hundredth the lens's own errors are as large.
+        // Below one hundredth, the effect of the lens's own errors is as large as the effect of the move.
         let least = if seen > 0.01 { format!("{:.1} mm", verify_mm / seen) } else { "no".to_owned() };
         outcome.add_line(format!(
             "corner {}: its view shows {:.0} % of a move along the normal; {least} move along it is found before contact",

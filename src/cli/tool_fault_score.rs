@@ -1,16 +1,17 @@
-//! How soon the sander was off and the disc lifted after a fault of the simulated tool, by the mock controller's log.
+//! Finds how soon the sander was off and the disc lifted after a fault of the simulated tool, from the mock
+//! controller's log.
 
 use crate::devices::acf::PlannedToolFault;
 use crate::devices::mock::{Executed, Sample};
 use serde_json::{Value, json};
 
-/// What followed from the fault.
+/// The reaction to the fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AfterToolFault {
     /// Time from the fault until the tool's output was off, ms; `None` if it ran for as long as the disc was on the
     /// panel.
     pub off_ms: Option<u64>,
-    /// From the fault until the retract began, or the path left the panel, ms.
+    /// Time from the fault until the retract began, or until the path left the panel, ms.
     pub lifted_ms: u64,
 }
 
@@ -21,7 +22,7 @@ impl AfterToolFault {
         let mut touching = executed.iter().filter(|command| command.contact);
         let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;
         let mut after = trace.iter().filter(|sample| sample.time_ms > begun_ms).peekable();
-        // A later path of the same cycle begins after a gap.
+        // A later path of the same cycle begins after a gap in the samples.
         let mut before_ms = after.peek()?.time_ms;
         let path: Vec<&Sample> = after
             .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < GAP_MS)
@@ -45,7 +46,7 @@ impl AfterToolFault {
     }
 }
 
-/// Samples that are farther apart are of two contacts, ms.
+/// Samples with a longer gap between them belong to two contacts, ms.
 const GAP_MS: u64 = 1_000;
 
 #[cfg(test)]
@@ -65,8 +66,8 @@ mod tests {
         Sample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
     }
 
-    /// By hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 and the last sample of this
-    /// contact is at 420.
+    /// Calculated by hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 ms and the last
+    /// sample of this contact is at 420 ms.
     #[test]
     fn times_count_from_the_waypoint_at_which_the_fault_begins() {
         let planned = PlannedToolFault { fault: ToolFault::Silent, from: 2 };

@@ -18,9 +18,9 @@ use crate::verdict::{Judgement, Reason};
 use crate::words::fixed;
 use serde_json::json;
 
-/// The channels of a picture.
+/// The names of a picture's channels.
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
-/// Pictures of each phase that are looked at.
+/// Maximum number of pictures of each phase that are examined.
 const MAX_PICTURES_PER_PHASE: usize = 10;
 /// Looks at a clip and advises.
 ///
@@ -36,7 +36,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
-    // For its region, and for the checks of what is pushed.
+    // The view is needed for its region, and for the checks of the pictures that are pushed.
     let view = View { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
     let mut watch = Watch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;
     if placed.is_assumed {
@@ -102,7 +102,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Grids that the film makes brighter.
+/// Reports the grids that the film makes brighter.
 fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
     let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
     for grid in grids.iter().filter(brighter) {

@@ -1,4 +1,4 @@
-//! `panelprep user`: accounts of the operator's page, from a terminal of the cell's computer. The first
+//! `panelprep user`: manages the accounts of the operator's page, from a terminal of the cell's computer. The first
 //! administrator is made here.
 
 use super::args::{Common, User, UserTask};
@@ -20,7 +20,7 @@ use std::path::Path;
 /// If the cell's file has problems, the account does not fit the request, or the store cannot be written.
 pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    // To look needs no right to write, and a mistyped folder must become a store by a new account alone.
+    // A list needs no right to write. In a mistyped folder, only a new account may create a store.
     let store = match &args.what {
         UserTask::List => files.store()?,
         UserTask::Add { .. } => Store::for_people(files.store_folder()).map_err(Fault::stage)?,

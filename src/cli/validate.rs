@@ -19,14 +19,14 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Ends of the classes of size, mm².
+/// Limits of the size classes, mm².
 const SIZES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
-/// A place's time to break is that of its first surface of this size, mm².
+/// The time at which a place breaks is the time at which its broken area first has this size, mm².
 const TIMED_MM2: f64 = 10.0;
-/// Ends of the classes of lateness, s.
+/// Limits of the classes of delay, s.
 const LATE_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
 
-/// One place that truly broke.
+/// One true break of the film.
 struct TrueBreak {
     area_mm2: f64,
     found: bool,
@@ -124,7 +124,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Places of each class of size: how many, and how many were missed.
+/// Returns for each size class its name, the number of true breaks, and how many of them were missed.
 fn by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
     let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {

@@ -1,4 +1,4 @@
-//! What a cycle did to the panel, in words: which grids it abraded, and how much it removed.
+//! Describes in words what a cycle did to the panel: which grids it abraded, and how much it removed.
 
 use crate::record::{self, Abraded, CycleRecord, RemovedByPath};
 use crate::words::fixed;
@@ -37,7 +37,7 @@ pub fn removed(record: &CycleRecord) -> Vec<String> {
     record::removed(&record.findings).into_iter().map(line).collect()
 }
 
-/// The same for scripts.
+/// Returns the removal of each path for scripts.
 pub fn removed_json(record: &CycleRecord) -> Value {
     let path = |path: RemovedByPath| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
     record::removed(&record.findings).into_iter().map(path).collect()

@@ -11,13 +11,13 @@ use crate::geometry::PinholeCamera;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// As the loader searches it.
+/// Name of the library for the loader.
 pub const LIBRARY: &str = "libpanelprep_zivid.so";
 /// The worker's role on the command line.
 pub const ROLE: &str = "zivid-worker";
 
-/// This program as the kernel holds it: the same one after an upgrade has replaced its file, so that a worker that
-/// is started again by a running service speaks the service's version of their protocol.
+/// This program's file as the kernel keeps it open. After an upgrade has replaced the file, this is still the old
+/// program. So a worker that a running service starts again uses the same version of their protocol as the service.
 pub const THIS_PROGRAM: &str = "/proc/self/exe";
 
 /// Begins to start the camera that the cell's file names; `camera` is its calibration.
@@ -34,7 +34,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     };
     let setup = Setup {
         source,
-        // A file plays a camera that may be another.
+        // A camera that is played from a file may have another serial number.
         serial: calibrated_serial(cell.calibration().scanner.as_deref())?.filter(|_| zivid.file_camera.is_none()),
         size: Size { width: camera.width_px, height: camera.height_px },
         scan_yaml,
@@ -83,7 +83,7 @@ fn read(zivid: &ZividCamera) -> Result<[(String, ZividSettings); 2], Fault> {
     Ok([scan, read("settings_2d", &zivid.settings_2d, ZividUse::Film)?])
 }
 
-/// Serves the daemon at the other end of standard input until it hangs up.
+/// Serves the daemon at the other end of standard input until the daemon closes the connection.
 pub fn worker(args: &ZividWorker) -> ExitCode {
     match served(&args.library) {
         Ok(()) => ExitCode::SUCCESS,

@@ -9,8 +9,9 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use toml::de::DeTable;
 
-/// Checks a file: `parse` reads its keys and returns the checked form if it found no problem. It is called twice:
-/// the first reading finds the misspelt tables, so that the second can also list what is wrong inside them.
+/// Checks a file: `parse` reads its keys and returns the checked form if it found no problem. `parse` is called
+/// twice: the first reading finds the misspelt tables, so that the second one can also list the problems inside
+/// them.
 ///
 /// # Errors
 /// All problems in the order of their lines.
@@ -29,15 +30,15 @@ pub fn check<T>(file: &str, text: &str, parse: impl Fn(&Section<'_, '_>) -> Opti
     }
 }
 
-/// The keys at the top of a file, as far as it can be parsed.
+/// Returns the keys at the top of a file, as far as the file can be parsed.
 pub fn top_keys(text: &str) -> Vec<String> {
     let (root, _) = DeTable::parse_recoverable(text);
     root.get_ref().keys().map(|key| key.get_ref().to_string()).collect()
 }
 
-/// What an unknown key probably is.
+/// The probable meaning of an unknown key.
 enum Meaning {
-    /// A key of the same table, by another name or in another unit.
+    /// A key of the same table, with another name or another unit.
     Near(&'static str, Option<&'static str>),
     /// A key of other tables.
     Elsewhere(Vec<String>),
@@ -49,7 +50,8 @@ impl<'t> Document<'t> {
         Section::new(self, String::new(), Some(self.root.get_ref()), 1)
     }
 
-    /// A number or a text under the name of a whole table is not meant for that table.
+    /// Finds the probable meaning of an unknown key. A number or a text under the name of a whole table is not
+    /// meant for that table.
     fn meaning(&self, table: &str, key: &str, is_table: bool) -> Meaning {
         let known = self.known.borrow();
         let homes = known.iter().filter(|(_, keys)| keys.contains(&key)).map(|(home, _)| path(home, key));
@@ -95,7 +97,8 @@ impl<'t> Document<'t> {
                 Finding::Missing { line, table, key, .. } => missing.entry((line, table)).or_default().push(key),
             }
         }
-        // The parser makes up a value for a broken line and skips others: what they lead to is no problem.
+        // The parser invents a value for a broken line and skips others: problems that result from this are not
+        // reported.
         list.retain(|problem| !syntax.iter().any(|error| error.line == problem.line));
         missing.retain(|(_, key), _| syntax.is_empty() && !explained.contains(key));
         list.extend(missing.into_iter().map(|((line, key), needs)| missing_problem(line, key, &needs)));

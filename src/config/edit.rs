@@ -1,8 +1,8 @@
-//! Values in a file's text that keep their comments.
+//! Sets values in a file's text and keeps the comments.
 
 use toml_edit::{Item, TableLike, Value};
 
-/// Sets a value of a table; one that was there keeps its place and the comment beside it.
+/// Sets a value of a table; an existing value is replaced, and its position and its comment are kept.
 pub fn set_value(table: &mut dyn TableLike, key: &str, value: impl Into<Value>) {
     let mut value = value.into();
     match table.get_mut(key) {

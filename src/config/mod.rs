@@ -1,8 +1,10 @@
-//! Strict reading of configuration: every problem of a file at once, each with line, key and the nearest right name.
+//! Strict reading of configuration: every problem of a file at once, each with line, key and the nearest valid
+//! name.
 //!
-//! `serde` stops at the first unknown field, so a file is parsed to toml's spanned tree and each known key is
-//! *taken* from it; what was not taken is unknown. Nothing is repaired: a value out of range is a problem, and a
-//! file with one problem yields no checked form. Text in, values out; reading the disk is the caller's work.
+//! `serde` stops at the first unknown field. Therefore a file is parsed to toml's spanned tree, and each known key
+//! is
+//! *taken* from it; a key that was not taken is unknown. Nothing is repaired: a value out of range is a problem,
+//! and a file with one problem gives no checked form. Text in, values out; the caller reads the disk.
 
 mod document;
 mod edit;

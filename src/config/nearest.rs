@@ -1,6 +1,7 @@
-//! Which known name a user most likely meant.
+//! Finds the known name that a user most probably meant.
 
-/// Units that end a key: longer ones first, since `_mm_s` ends in `_s` too. Each with what it measures, in words.
+/// Units at the end of a key, each with its quantity in words. Longer units come first, since `_mm_s` also ends in
+/// `_s`.
 const UNITS: [(&str, &str); 24] = [
     ("_mm_min", "this speed is in mm/min"),
     ("_m_min", "this speed is in m/min"),
@@ -28,7 +29,7 @@ const UNITS: [(&str, &str); 24] = [
     ("_h", "this time is in hours"),
 ];
 
-/// How alike two names must be, 0…1, before one is offered for the other.
+/// Minimum similarity of two names, 0…1, for one to be proposed instead of the other.
 const ALIKE: f64 = 0.8;
 
 fn stem_and_unit(key: &str) -> (&str, Option<&'static str>) {

@@ -1,4 +1,4 @@
-//! Finds the line of a key in a file that was read without a problem.
+//! Finds the line of a key in a file that was read without problems.
 
 use super::syntax::line_of;
 use toml::de::{DeTable, DeValue};

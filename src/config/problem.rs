@@ -1,4 +1,4 @@
-//! What is wrong with a configuration file, for a person with an editor.
+//! The problems of a configuration file, for a person with an editor.
 
 /// One problem: its place, what was found, and what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -7,7 +7,7 @@ pub struct Problem {
     pub line: usize,
     /// The key with its tables, `locate.max_shift_mm`; empty if the file as a whole is meant.
     pub key: String,
-    /// What was found, what is allowed, what to do.
+    /// The value that was found, what is allowed, and what to do.
     pub message: String,
 }
 

@@ -28,12 +28,13 @@ impl<'d, 't> Section<'d, 't> {
         Section { document, path, table, line, known: RefCell::default() }
     }
 
-    /// Is this table in the file at all?
+    /// Whether this table is in the file.
     pub fn is_present(&self) -> bool {
         self.table.is_some()
     }
 
-    /// An absent table disables the feature; a table without its required key is a problem.
+    /// Handles a missing required key: an absent table disables the feature; a table without its required key is a
+    /// problem.
     pub fn off_without<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
             self.problem(key, format!("is missing: {what}; to turn the function off, leave the whole table out"));
@@ -42,12 +43,12 @@ impl<'d, 't> Section<'d, 't> {
         Some(None)
     }
 
-    /// Is this key in the table?
+    /// Whether this key is in the table.
     pub fn has(&self, key: &str) -> bool {
         self.entry(key).is_some()
     }
 
-    /// Is this key there, and a table?
+    /// Whether this key exists and is a table.
     pub fn is_table(&self, key: &str) -> bool {
         self.entry(key).is_some_and(|(_, value)| value.is_table())
     }
@@ -85,7 +86,8 @@ impl<'d, 't> Section<'d, 't> {
         }
     }
 
-    /// A table inside this one; an absent table reads as an empty one, a misspelt one by the name that is meant.
+    /// Returns a table inside this one. An absent table is read as an empty one; a misspelt table is read under the
+    /// right name.
     pub fn section(&self, key: &'static str) -> Section<'d, 't> {
         self.known.borrow_mut().push(key);
         let is_table = |name: &&str| self.entry(name).is_some_and(|(_, value)| value.is_table());
@@ -93,7 +95,7 @@ impl<'d, 't> Section<'d, 't> {
         self.inner(key, misspelt.filter(|_| self.entry(key).is_none()).unwrap_or(key))
     }
 
-    /// The table that is meant by `name` and written as `written`.
+    /// Returns the table with the right name `name`, which the file calls `written`.
     fn inner(&self, name: &str, written: &str) -> Section<'d, 't> {
         let path = path(&self.path, name);
         match self.entry(written) {

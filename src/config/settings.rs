@@ -1,5 +1,5 @@
-//! One line for each key: name, kind, range, default and meaning of a table, from which the checked struct, its
-//! accessors and its reader are made, so that they cannot differ.
+//! Defines a table's settings with one line for each key: name, kind, range, default and meaning. The checked
+//! struct, its accessors and its reader are made from these lines, so that they cannot differ.
 
 /// Declares a checked table. Fields are private: a value of the struct has passed every range.
 ///
@@ -38,7 +38,7 @@ macro_rules! settings {
     (@default $value:expr) => { Some($value) };
 }
 
-/// A copy, whether or not the type is `Copy`: for the accessors that the macro makes.
+/// Returns a copy, whether or not the type is `Copy`; used by the accessors that the macro makes.
 pub(crate) fn same<T: Clone>(value: &T) -> T {
     value.clone()
 }

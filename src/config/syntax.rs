@@ -7,7 +7,7 @@ pub(super) fn line_of(text: &str, offset: usize) -> usize {
     1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
 
-/// A syntax error as a problem.
+/// Converts a syntax error to a problem.
 pub(super) fn problem_of(text: &str, error: &toml::de::Error) -> Problem {
     let offset = error.span().map_or(0, |span| span.start);
     let line = line_of(text, offset);
@@ -18,7 +18,7 @@ pub(super) fn problem_of(text: &str, error: &toml::de::Error) -> Problem {
     Problem { line, key: key_at(text, line).unwrap_or_default(), message }
 }
 
-/// A value of this line that is a number with a comma in it, `6,5`, and the same with a point.
+/// Finds a number with a decimal comma in this line, `6,5`; returns it and the same number with a point.
 fn decimal_comma(line: &str) -> Option<(String, String)> {
     let values = line.split('=').skip(1);
     values

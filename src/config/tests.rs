@@ -20,7 +20,7 @@ settings! {
 }
 
 settings! {
-    /// A table that must be there.
+    /// A required table.
     pub struct Region {
         /// Required.
         rows: usize, 1..=50, required;
@@ -247,7 +247,7 @@ proptest! {
         let _ = top_keys(&text);
     }
 
-    /// Texts made of what TOML is made of get deeper into the reader than letters do.
+    /// Random texts of TOML elements reach deeper parts of the reader than texts of random letters.
     #[test]
     fn any_near_miss_is_an_answer_whose_lines_exist(
         words in prop::collection::vec(prop::sample::select(vec![

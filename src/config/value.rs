@@ -1,18 +1,18 @@
-//! How one value is read: its kind, its range, and the words for what is allowed.
+//! Reads one value: its kind, its range, and the description of allowed values.
 
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
 
 /// A kind of value with its limits.
 pub trait Setting: Sized {
-    /// What bounds a value of this kind.
+    /// The limits for values of this kind.
     type Limits;
 
-    /// The value, or what was found and what is allowed.
+    /// Reads the value; the error states the value that was found and what is allowed.
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String>;
 }
 
-/// What a value is, in a few words.
+/// Describes a value in a few words.
 pub(super) fn found(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("the text \"{text}\""),
@@ -38,7 +38,7 @@ impl Setting for f64 {
     type Limits = RangeInclusive<f64>;
 
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
-        // A NaN is in no range.
+        // A NaN is outside every range.
         number(value).filter(|number| limits.contains(number)).ok_or_else(|| {
             format!("found {}, valid: a number from {} to {}", found(value), limits.start(), limits.end())
         })
@@ -93,7 +93,7 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
         let items = value.as_array().map(|list| list.len());
         let list = value.as_array().filter(|list| list.len() == N);
         let list = list.ok_or_else(|| {
-            // Twice as many: each number was cut in two.
+            // A list of twice the length: the comma in each number divided it in two.
             let comma = if N > 1 && items == Some(2 * N) { "; a number has a decimal point, no comma" } else { "" };
             format!("found {}, valid: a list of {N}{comma}", found(value))
         })?;
@@ -118,7 +118,7 @@ impl<T: Setting> Setting for Vec<T> {
     }
 }
 
-/// A key that may be absent; its default is `None`.
+/// A key that may be absent; then its value is `None`.
 impl<T: Setting> Setting for Option<T> {
     type Limits = T::Limits;
 
@@ -127,9 +127,9 @@ impl<T: Setting> Setting for Option<T> {
     }
 }
 
-/// A value that is one of a few words.
+/// A value that is one of a few keywords.
 pub trait Choice: Sized + Copy + 'static {
-    /// The words, with what they mean.
+    /// The keywords with their values.
     const WORDS: &'static [(&'static str, Self)];
 }
 
@@ -144,7 +144,7 @@ impl<C: Choice> Setting for C {
     }
 }
 
-/// One of a few words, which the limits list.
+/// One of a few keywords, which the limits list.
 impl Setting for &'static str {
     type Limits = Vec<&'static str>;
 

@@ -8,7 +8,7 @@ use super::stated::DataList;
 use crate::cell::{Cell, RobotKind};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
 
-/// Texts of the controller's files, as they are on the controller. What is `None` is not compared.
+/// Texts of the controller's files, as they are on the controller. A file that is `None` is not compared.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ControllerFiles<'a> {
     /// `cell_config.dat`.
@@ -21,7 +21,7 @@ pub struct ControllerFiles<'a> {
     pub states: Option<&'a str>,
 }
 
-/// Everything at which these files contradict each other or the cell's file.
+/// Returns all contradictions of these files with each other or with the cell's file.
 pub fn differences(files: &ControllerFiles<'_>, cell: &Cell) -> Vec<Difference> {
     let mut found = Found::default();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
@@ -52,7 +52,7 @@ pub fn differences(files: &ControllerFiles<'_>, cell: &Cell) -> Vec<Difference> 
 }
 
 impl Found {
-    /// A channel's file and this program's own; a file that cannot be read is noted.
+    /// Parses a channel's file and this program's own version of it; a file that cannot be read is noted.
     fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
         match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
             (Ok(theirs), Ok(ours)) => Some((theirs, ours)),
@@ -63,7 +63,8 @@ impl Found {
         }
     }
 
-    /// What the channel carries and how; address, port and flags are the cell's own business.
+    /// Compares the content and the transfer settings of the channel; address, port and flags are specific to the
+    /// cell.
     fn settings(&mut self, file: &'static str, theirs: &ChannelFile, ours: &ChannelFile) {
         self.elements(file, "RECEIVE", (&theirs.received, &ours.received));
         self.elements(file, "SEND", (&theirs.sent, &ours.sent));
@@ -103,7 +104,7 @@ impl Found {
         }
     }
 
-    /// The elements of one direction, in their order.
+    /// Compares the elements of one direction, in their order.
     fn elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
         let what = |element: &Element| {
             let flags = (element.set_out, element.set_flag.is_some());
@@ -228,7 +229,7 @@ fn line_of(text: &str, what: &str) -> usize {
     text.lines().position(|line| line.contains(what)).map_or(1, |index| index + 1)
 }
 
-/// The four numbers of an IPv4 address; `None` of a name.
+/// Parses the four numbers of an IPv4 address; `None` if the text is a name.
 fn ipv4(text: &str) -> Option<[u8; 4]> {
     let numbers = text.trim().split('.').map(|number| number.parse().ok()).collect::<Option<Vec<u8>>>()?;
     numbers.try_into().ok()

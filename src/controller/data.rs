@@ -1,5 +1,5 @@
-//! The data list that a cell engineer edits beside the cell's file: signals, what a stop switches off, flags,
-//! timers, axes, space and speeds.
+//! Compares the data list that a cell engineer edits with the cell's file: signals, outputs that a stop switches
+//! off, flags, timers, axes, space and speeds.
 
 use super::difference::{Difference, Found};
 use super::names::CONFIG;
@@ -13,27 +13,27 @@ const MAX_SIGNAL: i32 = 4096;
 const MAX_FLAG: i32 = 1024;
 /// Highest number of a timer.
 const MAX_TIMER: i32 = 64;
-/// Places of a list that travels as the bits of one INT.
+/// Maximum length of a list that is sent as the bits of one INT.
 const MAX_BITS: i32 = 31;
-/// Places of the list of mapped inputs.
+/// Maximum length of the list of mapped inputs.
 const MAX_MAPPED: i32 = 8;
 /// Number of outputs that report to a line.
 const LINE_OUTPUTS: i32 = 6;
-/// This many times, at most, the controller's highest speed and longest step may be the cell's.
+/// Maximum ratio of the controller's highest speed and longest step to those of the cell.
 const MAX_RATIO_TO_CELL: f64 = 1.25;
-/// So far, at most, the controller's box may reach beyond the cell's, mm.
+/// Maximum distance by which the controller's box may extend beyond the cell's box, mm.
 const BOX_TOLERANCE_MM: f64 = 50.0;
-/// What a REAL of 32 bits does to a number.
+/// Allowed rounding error of a 32-bit REAL.
 const ROUNDING: f64 = 1e-3;
 
-/// The flags by their names, and what they are for.
+/// The names of the flags in the data list.
 const FLAGS: [&str; 6] =
     ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME", "CELL_F_STOP", "CELL_F_STAT_ALIVE", "CELL_F_STAT_CAME", "CELL_F_HALT"];
-/// The timers, which follow one another.
+/// The names of the timers, which have consecutive numbers.
 const TIMERS: [&str; 7] =
     ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT", "CELL_T_OFF", "CELL_T_STILL"];
 
-/// The data list beside the cell's file.
+/// The data list and the cell's file, with which it is compared.
 pub(super) struct Compared<'a> {
     pub config: &'a DataList,
     pub cell: &'a Cell,
@@ -75,7 +75,7 @@ impl Compared<'_> {
         found
     }
 
-    /// A single whole number within these.
+    /// Reads a single whole number within these limits.
     fn whole(&mut self, name: &str, low: i32, high: i32) -> Option<i32> {
         let number = self.single(name)?;
         let whole = number.whole().filter(|whole| (low..=high).contains(whole));
@@ -126,12 +126,12 @@ impl Compared<'_> {
         all
     }
 
-    /// Names by number, as the cell's file has them.
+    /// Returns the names of the cell's file by their number.
     fn names(named: &BTreeMap<String, u16>) -> BTreeMap<i32, &str> {
         named.iter().map(|(name, number)| (i32::from(*number), name.as_str())).collect()
     }
 
-    /// A list that travels as bits: the cell's numbers in ascending order.
+    /// Compares a list that is sent as bits with the cell's numbers in ascending order.
     fn bits(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
         let found = self.list(array, count, MAX_BITS, (1, MAX_SIGNAL));
         let names = Self::names(named);
@@ -168,7 +168,7 @@ impl Compared<'_> {
         self.bits("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.io().feedbacks());
     }
 
-    /// What the end of an epoch switches off: output, line, and after how long, ms.
+    /// Returns the outputs that the end of an epoch switches off: output, line, and delay, ms.
     fn off(&mut self) -> Vec<(i32, usize, Option<Number>)> {
         let off = self.list("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
         let times = self.config.array("CELL_OFF_MS");
@@ -189,7 +189,7 @@ impl Compared<'_> {
             .collect()
     }
 
-    /// Each output that must go off does, in its time, and no other one.
+    /// Checks that each output that must go off does so in its time, and that no other output goes off.
     fn stops(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
         let io = self.cell.io();
         let names = Self::names(io.outputs());
@@ -347,7 +347,7 @@ impl Compared<'_> {
         }
     }
 
-    /// The axes, as the cell's file has them.
+    /// Compares the axes with those of the cell's file.
     fn axes(&mut self) {
         let axes = *self.cell.arm().axes();
         for (array, expected) in [("CELL_AXIS_MIN", axes.min_deg), ("CELL_AXIS_MAX", axes.max_deg)] {
@@ -365,7 +365,7 @@ impl Compared<'_> {
         }
     }
 
-    /// A place of an array of REAL, and what is wrong with it.
+    /// Checks an element of an array of REAL; `wrong` returns what is wrong with its value.
     fn array_number(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
         let key = format!("{array}[{index}]");
         match self.config.at(array, index) {
@@ -411,7 +411,7 @@ impl Compared<'_> {
         }
     }
 
-    /// The box and the step of a line.
+    /// Compares the box and the longest step of a line.
     fn space(&mut self) {
         let limits = self.cell.limits();
         for (array, stated, outwards) in

@@ -2,16 +2,16 @@
 
 use crate::config::Problem;
 
-/// A place at which two files contradict each other.
+/// A contradiction between two files.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// The controller's file, by its name without folder.
+    /// The name of the controller's file, without its folder.
     pub file: &'static str,
-    /// Line, key, and what was found, what is expected and what to do.
+    /// Line and key, the value that was found, the expected value, and what to do.
     pub problem: Problem,
 }
 
-/// What was found so far.
+/// The differences found so far.
 #[derive(Default)]
 pub(super) struct Found(pub(super) Vec<Difference>);
 

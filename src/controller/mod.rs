@@ -1,9 +1,9 @@
-//! The controller's files held against each other and against the cell's file, as pure functions over their texts.
+//! Compares the controller's files with each other and with the cell's file, as pure functions of their texts.
 //!
 //! A cell is described three times: in the cell's file on the PC, in `cell_config.dat` and in the two EthernetKRL
-//! files on the controller. `compare` finds every place at which they contradict each other, `sum` computes the
-//! number by which the controller's programs name themselves, and `stated` reads the numbers of a data list.
-//! Nothing here talks to a controller: what it executes is another question, which its sum answers.
+//! files on the controller. `compare` finds every contradiction between them. `sum` computes the checksum with
+//! which the controller's programs identify themselves, and `stated` reads the numbers of a data list. Nothing here
+//! communicates with a controller: which programs it executes is another question, which its checksum answers.
 
 mod compare;
 mod data;

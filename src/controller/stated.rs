@@ -1,4 +1,4 @@
-//! A data list as numbers by name and index.
+//! Reads a data list as numbers by name and index.
 
 use crate::config::Problem;
 use crate::krl::{StatedValue, parse};
@@ -12,7 +12,7 @@ pub(super) struct Number {
 }
 
 impl Number {
-    /// The number, if it is whole and of 32 bits.
+    /// Returns the number as an integer, if it is whole and fits in 32 bits.
     pub fn whole(self) -> Option<i32> {
         let whole = self.value as i32;
         (f64::from(whole) == self.value).then_some(whole)
@@ -23,9 +23,9 @@ impl Number {
 #[derive(Debug, Default)]
 pub(super) struct DataList {
     numbers: BTreeMap<(String, Option<i32>), Number>,
-    /// Stated twice: name, index, line of the second.
+    /// Values that are stated twice: name, index, line of the second statement.
     twice: Vec<StatedValue>,
-    /// What the reader of KRL found wrong.
+    /// The problems that the reader of KRL found.
     pub problems: Vec<Problem>,
 }
 
@@ -48,18 +48,18 @@ impl DataList {
         self.numbers.get(&(name.to_owned(), None)).copied()
     }
 
-    /// A place of an array, from 1.
+    /// Returns an element of an array, from 1.
     pub fn at(&self, name: &str, index: i32) -> Option<Number> {
         self.numbers.get(&(name.to_owned(), Some(index))).copied()
     }
 
-    /// All places of an array that are stated, by their indices.
+    /// Returns all stated elements of an array, by their indices.
     pub fn array(&self, name: &str) -> BTreeMap<i32, Number> {
         let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
         of_name.filter_map(|((_, index), number)| Some(((*index)?, *number))).collect()
     }
 
-    /// What is stated a second time.
+    /// Returns the values that are stated a second time.
     pub fn twice(&self) -> &[StatedValue] {
         &self.twice
     }

@@ -1,23 +1,25 @@
-//! The sum by which the controller's programs name themselves: the text of the programs, then every value in force.
+//! Computes the checksum with which the controller's programs identify themselves: over the text of the programs,
+//! then over every value in use.
 //!
-//! `CELL_CHECKSUM` of `cell_tell.src` computes it on the controller. The programs' part is a constant there, so an
-//! edit of a program at the pendant does not change what the controller reports; it changes what is computed here
-//! from the edited files. The sum shows a mix-up of files. It is no protection against a person who wants to
-//! deceive: that is the controller's own checksum of its project and of its safety configuration.
+//! `CELL_CHECKSUM` of `cell_tell.src` computes the same sum on the controller. There, the sum of the programs' text
+//! is a constant. Therefore an edit of a program at the pendant does not change the sum that the controller
+//! reports; it changes the sum that is computed here from the edited files. The sum reveals a mix-up of files. It
+//! gives no protection against intended deception: this is the task of the controller's own checksums of its
+//! project and of its safety configuration.
 
 use super::names::{CONFIG, DATA, PROGRAMS};
 use super::stated::DataList;
 
-/// As the programs have it.
+/// The modulus of the sum, as in the controller's programs.
 const MODULUS: i64 = 1_000_003;
 
-/// Why there is no sum.
+/// Why the sum cannot be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SumError {
-    /// A file is not among those that were given.
+    /// A file is missing among the given files.
     #[error("{0} is missing, which is part of the sum")]
     Missing(&'static str),
-    /// A value is not stated, or is no number of its kind.
+    /// A value is not stated, or is not a number of the required kind.
     #[error("{file}: {name} is not stated as a number, which is part of the sum")]
     Value {
         /// The file.
@@ -33,14 +35,14 @@ pub enum SumError {
     Edited {
         /// Its line.
         line: usize,
-        /// What the file states.
+        /// The sum that the file states.
         stated: i64,
-        /// What the texts come to.
+        /// The sum that was computed from the texts.
         computed: i64,
     },
 }
 
-/// Single numbers that are mixed in, in this order, before the lists.
+/// Single numbers that are added to the sum, in this order, before the lists.
 const FLAGS_AND_TIMERS: [&str; 13] = [
     "CELL_F_CMD_ALIVE",
     "CELL_F_CMD_CAME",
@@ -64,19 +66,20 @@ const LISTS: [(&str, &[&str]); 5] = [
     ("CELL_LINE_N", &["CELL_LINE"]),
     ("CELL_VIN_N", &["CELL_VIN", "CELL_VIN_FLAG"]),
 ];
-/// Arrays of REAL of a fixed length, side by side.
+/// Arrays of REAL with a fixed length; the two arrays of a pair are added element by element.
 const REALS: [(i32, [&str; 2]); 2] =
     [(6, ["CELL_AXIS_MIN", "CELL_AXIS_MAX"]), (3, ["CELL_BOX_MIN", "CELL_BOX_MAX"])];
-/// Single numbers of type REAL.
+/// Single numbers of type REAL that are added to the sum.
 const LIMITS: [&str; 6] =
     ["CELL_STEP_MM", "CELL_VEL_MAX", "CELL_ACC_MAX", "CELL_RETRACT_MM", "CELL_RETRACT_VEL", "CELL_RETRACT_ACC"];
 /// Numbers of the cell's own subroutines.
 const USER: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
 
-/// The sum that a controller with these files reports as `St/@Sum`: each file by its name without folder, in any case.
+/// Computes the sum that a controller with these files reports as `St/@Sum`. Each file is given by its name without
+/// folder, in upper or lower case.
 ///
 /// # Errors
-/// What is missing, and a program that is not the one that the release summed up.
+/// If a file or value is missing, or if a program differs from the one for which the release computed its sum.
 pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     let find = |name: &'static str| {
         let named = files.iter().find(|(file, _)| base_name(file).eq_ignore_ascii_case(name));
@@ -98,8 +101,9 @@ pub fn base_name(file: &str) -> &str {
     file.rsplit(['/', '\\']).next().unwrap_or(file)
 }
 
-/// Sum times 31 plus the byte, over all lines but the headers and the one that states it. Line ends and headers do
-/// not count: KSS writes its own, and counts the revision in a header up.
+/// Computes the sum: previous sum times 31 plus the byte, over all lines except the headers and the line that
+/// states the sum. Line ends and headers do not count, because KSS writes its own line ends and increments the
+/// revision in a header.
 fn of_texts(texts: &[&str]) -> i64 {
     let counts = |line: &&str| !line.contains("CELL_PROGRAM_SUM=") && !line.starts_with('&');
     texts
@@ -153,13 +157,14 @@ impl Mix {
         self.0 = mixed - (mixed / MODULUS) * MODULUS;
     }
 
-    /// To a thousandth, as KRL assigns a REAL of 32 bits to an INT: rounded to the nearest.
+    /// Adds a REAL, rounded to the nearest thousandth, as KRL does when it assigns a 32-bit REAL to an INT.
     fn real(&mut self, value: f64) {
         self.whole((value as f32 * 1_000.0).round() as i32);
     }
 }
 
-/// What is mixed in, for the test that holds it against the programs and their interpreter.
+/// Returns the names of all values in the sum, for the test that compares them with the programs and their
+/// interpreter.
 #[cfg(test)]
 pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
     let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));

@@ -1,5 +1,5 @@
-//! Planted mistakes: each is one edit of a shipped file or of the example cell, and is named; the untouched files
-//! give none.
+//! Planted mistakes: each is one edit of a shipped file or of the example cell, and must be named; the unchanged
+//! files give no message.
 
 use super::sum::mixed_names;
 use super::*;
@@ -18,7 +18,7 @@ const FILES: [(&str, &str); 8] = [
 ];
 const STATE_FILE: &str = include_str!("../../config/kuka/CELLSTAT.xml");
 
-/// All texts, by name; the cell's file is "cell".
+/// Returns all texts, by name; the cell's file is "cell".
 fn texts() -> Vec<(&'static str, String)> {
     let mut all: Vec<_> = FILES.iter().map(|(name, text)| (*name, (*text).to_owned())).collect();
     all.extend([(STATES, STATE_FILE.to_owned()), ("cell", CELL.to_owned())]);
@@ -37,7 +37,7 @@ fn found(texts: &[(&'static str, String)]) -> Vec<Difference> {
     differences(&files, &cell)
 }
 
-/// One edit of one file.
+/// Returns all texts with one edit of one file.
 fn edited(file: &str, from: &str, to: &str) -> Vec<(&'static str, String)> {
     let mut all = texts();
     let text = &mut all.iter_mut().find(|(name, _)| *name == file).expect("a file").1;
@@ -51,7 +51,7 @@ fn untouched_files_give_no_difference() {
     assert_eq!(found(&texts()), []);
 }
 
-/// File, the text that ships, the text in its place, and what the message names.
+/// File, the shipped text, the text that replaces it, and the expected part of the message.
 const MISTAKES: [(&str, &str, &str, &str); 74] = [
     // Outputs: numbers, order, counts.
     (CONFIG, "CELL_OUT[1]=17", "CELL_OUT[1]=1", "CELL_OUT[1]: is 1, which [io.outputs] lacks"),
@@ -72,7 +72,7 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
         "spray = 18\nfan = 23\n",
         "CELL_OUT_N: is 5, and [io.outputs] of the cell's file names 6",
     ),
-    // What a stop switches off.
+    // Outputs that a stop switches off.
     (CONFIG, "CELL_OFF[4]=21", "CELL_OFF[4]=22", "NO STOP SWITCHES TOOL OFF"),
     (CONFIG, "CELL_OFF[2]=18", "CELL_OFF[2]=19", "NO STOP SWITCHES SPRAY OFF"),
     (CONFIG, "CELL_OFF_N=4", "CELL_OFF_N=3", "NO STOP SWITCHES TOOL OFF"),
@@ -218,7 +218,7 @@ fn each_planted_mistake_is_named() {
     assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
 }
 
-/// The line is that of the edit.
+/// The difference names the line of the edit.
 #[test]
 fn a_difference_names_its_line() {
     let all = found(&edited(CONFIG, "CELL_OFF_MS[4]=0", "CELL_OFF_MS[4]=1000"));
@@ -252,7 +252,7 @@ fn the_sum_follows_each_value_and_refuses_an_edited_program() {
         let other = sum(&named(&edited(CONFIG, from, to))).expect("a sum");
         assert_ne!(other, untouched, "{from} → {to}");
     }
-    // KSS writes its own line ends, and counts the revision.
+    // KSS writes its own line ends, and increments the revision.
     let ends: Vec<_> = named(&texts())
         .into_iter()
         .map(|(name, text)| (name, text.replace('\n', "\r\n").replace("&REL 1\r", "&REL 12\r")))

@@ -2,7 +2,8 @@
 
 use super::{Event, Report, State, step};
 
-/// The state that a journal leads to: the table's own steps, their effects left undone.
+/// Returns the state to which a journal leads: the steps of the table are computed, but their effects are not
+/// performed.
 pub fn fold(journal: impl IntoIterator<Item = Event>) -> State {
     journal.into_iter().fold(State::NEW, |state, event| step(state, event).0)
 }

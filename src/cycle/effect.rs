@@ -1,24 +1,24 @@
-//! The effects of a step. The loop performs them in their order, and does nothing else.
+//! The effects of a step. The loop performs them in order, and performs nothing else.
 
 use super::{Deadline, Id, Request, Robot, Switch, Trouble};
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
-/// One thing to do. The event that led to it is in the journal before.
+/// One effect to perform. The event that caused it is written to the journal first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Effect {
     /// Perform the act and report its answer under this id. An act that is no longer [`State::due`](super::State)
     /// is abandoned: a computation or a capture may be dropped; switches have happened and stay in order.
     Do {
-        /// The id that the answer names.
+        /// The id that the answer must contain.
         id: Id,
         /// The act.
         act: Act,
     },
-    /// Report [`Report::Deadline`](super::Report) with this id after the time that is set for it.
+    /// Report [`Report::Deadline`](super::Report) with this id after the time that is configured for this deadline.
     Arm {
-        /// The id that the report names.
+        /// The id that the report contains.
         id: Id,
         /// Which time.
         deadline: Deadline,
@@ -54,9 +54,9 @@ pub enum Effect {
 pub enum Act {
     /// Ask the robot whether it is at standstill; nothing else. Answered by `Stands`.
     Stand,
-    /// Cameras, disk, handshake, checksums. `Done`.
+    /// Test cameras, disk, handshake, checksums. `Done`.
     SelfTest,
-    /// Open an epoch with a number above this and above the controller's. No motion. `Epoch`.
+    /// Open an epoch with a number above `above` and above the controller's number. No motion. `Epoch`.
     OpenEpoch {
         /// The last epoch that this table knows.
         above: u32,
@@ -73,27 +73,29 @@ pub enum Act {
     Switch(Switch),
     /// Check the whole path by its gate, then stream it within the window. `Progress`, then `Stands`.
     Move(Motion),
-    /// A 3D shot and the localization from it. `Graded`.
+    /// Take a 3D shot and locate the panel in it. `Graded`.
     Locate,
-    /// The corner picture from this view and the correction from it. `Graded` or `LookOn`.
+    /// Take the corner picture from this view and compute the correction. `Graded` or `LookOn`.
     Refine {
         /// Which corner pose, from 0.
         view: u8,
     },
-    /// The corner picture from this view, wet or dry. `Graded` or `LookOn`; accept renews the localization.
+    /// Take the corner picture from this view, wet or dry, and verify the place. `Graded` or `LookOn`; accept
+    /// renews the localization.
     Verify {
         /// Which corner pose, from 0.
         view: u8,
     },
-    /// The picture of the dry panel. `Done`.
+    /// Take the picture of the dry panel. `Done`.
     DryPicture,
     /// Watch the film and judge it. `Filmed`.
     Film,
-    /// The grade of what the last contact path did, by the poses that the robot reported. `Graded`.
+    /// Grade the result of the last contact path, from the poses that the robot reported. `Graded`.
     Assess,
-    /// Plan a path over what this pass must still abrade. `Planned`, `PlannedForReview`, or `Graded` with reject.
+    /// Plan a path over the grids that this pass must still abrade. `Planned`, `PlannedForReview`, or `Graded` with
+    /// reject.
     Plan {
-        /// Which pass, from 1; 0 is an air-run, over all grids.
+        /// The number of the pass, from 1; 0 is an air-run, over all grids.
         pass: u8,
     },
 }
@@ -101,18 +103,19 @@ pub enum Act {
 /// A path and the epoch it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Motion {
-    /// The epoch; when it has ended, nothing of the path is sent.
+    /// The epoch; after its end, no command of the path is sent.
     pub epoch: u32,
     /// Which path.
     pub path: Path,
-    /// The plan of a contact path, or of the same in air; 0 for others.
+    /// The plan of a contact path, or of this path in the air; 0 for other paths.
     pub plan: u64,
-    /// Waypoints of that path; 1 for others: one target, points on the way are not counted.
+    /// Number of waypoints of the path; 1 for other paths: they have one target, and intermediate points are not
+    /// counted.
     pub waypoints: u32,
 }
 
 impl Motion {
-    /// The plan's number as people and records name it.
+    /// Returns the plan's number in the form for people and records.
     pub fn plan_word(&self) -> String {
         format!("{:016x}", self.plan)
     }
@@ -122,7 +125,7 @@ impl Motion {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Path {
-    /// To the park pose, by axes.
+    /// To the park pose, as a motion of the axes.
     Park,
     /// To a corner pose of the flange camera, in air.
     Corner {
@@ -133,7 +136,7 @@ pub enum Path {
     Approach,
     /// Landing, abrasion and leaving, with the tool running; ends in air.
     Contact,
-    /// The same path lifted off the panel, with the tool off.
+    /// The contact path lifted off the panel, with the tool off.
     Air,
     /// From the air point after the last contact, clear of the panel.
     Retract,
@@ -162,12 +165,12 @@ pub enum Outcome {
     Stopped,
     /// By an abort.
     Aborted,
-    /// Unknown until the robot was asked; a person cleared it.
+    /// The outcome was unknown until the robot was asked; then a person cleared it.
     Cleared,
 }
 
 impl Outcome {
-    /// The word on the page.
+    /// Returns the word for the page.
     pub fn word(self) -> &'static str {
         self.into()
     }
@@ -177,14 +180,14 @@ impl Outcome {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {
-    /// Not in this state.
+    /// The request is not possible in this state.
     NotNow,
     /// The robot is not ready.
     Robot(Robot),
     /// Held for review: accept it, or confirm that the panel is dry and locate again.
     Review,
-    /// Held until the panel is dried: confirm that it is.
+    /// Held until the panel is dried: confirm that it is dry.
     Undried,
-    /// A reset came to this.
+    /// A reset failed with this trouble.
     Failed(Trouble),
 }

@@ -3,7 +3,7 @@
 use super::Switch;
 use serde::{Deserialize, Serialize};
 
-/// Number of one effect. A report names the effect that it answers; numbers are never used again.
+/// Number of one effect. A report contains the number of the effect that it answers; numbers are never used again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Id(pub u64);
 
@@ -11,7 +11,7 @@ pub struct Id(pub u64);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Event {
-    /// A person, or systemd for one, wants something.
+    /// A request of a person, or of systemd on behalf of a person.
     Asked(Request),
     /// The cell reports its condition.
     Told(Report),
@@ -21,13 +21,13 @@ pub enum Event {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
-    /// Stopped or Complete → Idle: self-test, everything off, no motion.
+    /// Stopped or Complete → Idle: self-test, everything is switched off, no motion.
     Reset,
     /// Idle → a cycle on the dry panel that now lies in the fixture.
     Start {
-        /// Abrasions of this cycle, at most.
+        /// Maximum number of abrasions in this cycle.
         max_passes: u8,
-        /// Moves of the corner loop, at most.
+        /// Maximum number of moves of the corner loop.
         max_moves: u8,
         /// After an abrasion the panel is dried, and a new dry picture is the reference of the next film.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -35,14 +35,14 @@ pub enum Request {
     },
     /// Idle → the planned path over all grids in the air: no water, no tool, no contact.
     AirRun {
-        /// Moves of the corner loop, at most.
+        /// Maximum number of moves of the corner loop.
         max_moves: u8,
     },
-    /// Leave what is going on; ends in Held.
+    /// Leave the work in progress; ends in Held.
     Hold,
-    /// Held → on, through Verify.
+    /// Held → continue, through Verify.
     Unhold {
-        /// A person confirms that the panel is dry: it is located again.
+        /// A person confirms that the panel is dry; the panel is then located again.
         dried: bool,
     },
     /// Held for review → on: a person accepts the result as good.
@@ -56,7 +56,8 @@ pub enum Request {
 }
 
 impl Request {
-    /// Whether a person decides it upon what the cell shows, so that it is good for that step alone.
+    /// Whether the request is a decision of a person that is based on the state shown. Such a decision is valid
+    /// only for this step.
     pub fn is_decision(self) -> bool {
         matches!(self, Request::Unhold { .. } | Request::Accept | Request::Clear)
     }
@@ -66,9 +67,9 @@ impl Request {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Report {
-    /// The program starts. Whatever was going on is over.
+    /// The program starts. All earlier activity is over.
     Boot,
-    /// An act is done, or could not be.
+    /// An act was performed, or could not be performed.
     Answered {
         /// The act.
         id: Id,
@@ -77,7 +78,7 @@ pub enum Report {
     },
     /// Time is up.
     Deadline {
-        /// The effect that armed it.
+        /// The id of the effect that armed the deadline.
         id: Id,
         /// Which time.
         which: Deadline,
@@ -96,17 +97,18 @@ pub enum Report {
     FullOverride(bool),
     /// Something went wrong that is not the answer to an act.
     Trouble(Trouble),
-    /// The program starts on a store in which something is not what it wrote there.
+    /// The program starts with a store whose content differs from what the program wrote.
     StoreChanged,
-    /// The program starts on a store that was restored from a backup.
+    /// The program starts with a store that was restored from a backup.
     StoreRestored,
-    /// The link has ended the epoch by itself: a refusal, a wrong count, silence, a stop by the controller's program. The
-    /// abort frame has been sent and is not yet answered.
+    /// The link has ended the epoch without a command of the table: after a refusal, a wrong count, silence, or a
+    /// stop by the controller's program. The abort frame has been sent and is not yet answered.
     EpochOver {
         /// Why it ended; `None` if the robot's condition states it.
         trouble: Option<Trouble>,
     },
-    /// What this switch had proven is not so any more, by the output or the feedback that proved it (R21).
+    /// The state that this switch had reached is no longer proven: the output or feedback that proved it has
+    /// changed (R21).
     Contrary(Switch),
     /// The feedbacks prove that tool and water are off.
     OutputsOff,
@@ -125,29 +127,29 @@ pub enum Answer {
         /// Waypoints executed.
         done: u32,
     },
-    /// A gate's word on a localization, a corner or a plan.
+    /// A gate's grade of a localization, a corner or a plan.
     Graded(Grade),
     /// The corner is seen, and another view is needed: of the next corner, or because this one was not at its
     /// expected place. The next corner pose is ready.
     #[serde(alias = "displaced")]
     LookOn,
-    /// The film was watched to its end, or not.
+    /// The result of the film; it may be invalid if the film was not watched to its end.
     Filmed(Film),
-    /// A path over what is still to be abraded.
+    /// A path over the grids that must still be abraded.
     Planned {
         /// First eight bytes of the path's hash.
         plan: u64,
-        /// Its waypoints; none when nothing is left to do.
+        /// Number of the path's waypoints; 0 if nothing is left to do.
         waypoints: u32,
     },
-    /// A path that a person must look at before it is used.
+    /// A planned path that a person must check before it is used.
     PlannedForReview {
         /// First eight bytes of the path's hash.
         plan: u64,
         /// Its waypoints.
         waypoints: u32,
     },
-    /// It could not be done.
+    /// The act could not be performed.
     Failed(Trouble),
 }
 
@@ -157,9 +159,9 @@ pub enum Answer {
 pub enum Grade {
     /// Good.
     Accept,
-    /// A person must look.
+    /// A person must check the result.
     Review,
-    /// Not to be used.
+    /// The result must not be used.
     Reject,
 }
 
@@ -175,7 +177,8 @@ pub enum Film {
     Invalid,
 }
 
-/// Which time. Arming one replaces an armed one of the same kind; the answer to an act disarms `Answer`.
+/// The kinds of deadlines. Arming a deadline replaces an armed one of the same kind; the answer to an act disarms
+/// `Answer`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deadline {
@@ -185,11 +188,11 @@ pub enum Deadline {
     Stop,
     /// The rinse.
     Rinse,
-    /// The spray that wets the panel.
+    /// The time of the spray that wets the panel.
     Spray,
-    /// From water off to a drained cell.
+    /// The time from water off until the cell is drained.
     Drain,
-    /// From light on to steady light.
+    /// The time from light on until the light is steady.
     Settle,
     /// The localization's validity, `token_s`.
     Token,
@@ -206,7 +209,7 @@ pub enum Robot {
     Ready,
     /// No connection.
     LinkLost,
-    /// Another boot id or program than before.
+    /// The controller has another boot id or program than before.
     Restarted,
     /// Emergency stop.
     EmergencyStop,
@@ -216,12 +219,12 @@ pub enum Robot {
     DrivesOff,
     /// T1 or T2.
     NotAutomatic,
-    /// Its programs are others than those with which the cell was accepted.
+    /// The controller's programs differ from those with which the cell was accepted.
     OtherPrograms,
 }
 
 impl Robot {
-    /// The word that users script against.
+    /// Returns the keyword that users' scripts rely on.
     pub fn word(self) -> &'static str {
         self.into()
     }
@@ -233,19 +236,19 @@ impl Robot {
 pub enum Trouble {
     /// A camera gave no picture (C2–C4, C9).
     Camera,
-    /// Its pictures are unusable (C6–C8, P10).
+    /// The camera's pictures are unusable (C6–C8, P10).
     Picture,
     /// A computation could not be made.
     Computing,
-    /// A feedback is not what it should be: tool, extraction, water, lens, light (R21).
+    /// A feedback does not have its expected value: tool, extraction, water, lens, light (R21).
     Feedback,
-    /// The compliant tool: its link, force, contact or stroke is not as it should be.
+    /// The link, force, contact or stroke of the compliant tool is not as expected.
     Force,
     /// The robot ran out of waypoints (R6).
     Starved,
     /// The robot is far behind its plan (R5).
     Slow,
-    /// The gate refused a path that was planned to pass it (P13–P15).
+    /// The gate refused a path that was planned so that it should pass (P13–P15).
     Gate,
     /// The robot refused a command (R20).
     Refused,
@@ -253,19 +256,19 @@ pub enum Trouble {
     Short,
     /// Acknowledgements out of order (R12).
     Sequence,
-    /// What came is not the protocol (R7–R11).
+    /// The received data do not match the protocol (R7–R11).
     Protocol,
-    /// The override is not the one that contact is planned for.
+    /// The override differs from the one for which contact is planned.
     Override,
-    /// The arm is not where it was sent (R18).
+    /// The arm is not at its commanded position (R18).
     Deviation,
-    /// The store does not write (S1, S2).
+    /// The store cannot write (S1, S2).
     Store,
-    /// The store's disk is full; what must be kept of a retract and a hold still finds its place (S1).
+    /// The store's disk is full; records that are required for a retract and a hold still have room (S1).
     DiskFull,
     /// No answer by the deadline.
     Late,
-    /// An answer that does not fit its act.
+    /// The type of the answer does not match the act.
     Unexpected,
 }
 

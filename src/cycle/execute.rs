@@ -13,7 +13,7 @@ use super::{
 use crate::verdict::Verdict;
 
 impl Turn {
-    /// What the state is about.
+    /// Returns the aim of the present state.
     pub fn aim(&self) -> Aim {
         let state = &self.state;
         match state.at {
@@ -130,13 +130,13 @@ impl Turn {
         }
     }
 
-    /// The water is proven off: from now on it drains.
+    /// Sets the water as proven off: from now on the water drains.
     fn water_is_off(&mut self) {
         self.facts().water_may_run = false;
         self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) };
     }
 
-    /// No corner pose follows this one.
+    /// Whether no corner pose follows this one.
     fn is_last(&self, view: u8) -> bool {
         view >= self.state.job.max_moves && self.rules.keep(Rule::MoveLimit)
     }
@@ -200,7 +200,7 @@ impl Turn {
         }
     }
 
-    /// On to the next phase, to a person, or to the end.
+    /// Continues after a grade: with the next phase, with a hold for a person, or with the end of the cycle.
     fn graded(&mut self, grade: Grade, next: Phase) {
         self.graded_in(grade, (next, next));
     }
@@ -218,7 +218,8 @@ impl Turn {
         };
     }
 
-    /// What follows a contact path: its grade, and only then what would follow without one.
+    /// Returns the phase after a contact path: its grading first, and only then the phase that would follow without
+    /// grading.
     fn after_contact(&self, left: bool, otherwise: Phase) -> Phase {
         if self.rules.keep(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }
     }
@@ -252,7 +253,7 @@ impl Turn {
         }
     }
 
-    /// The dust is washed off: the film follows, or the drying for its new dry picture.
+    /// Continues after the dust is washed off: with the film, or with the drying for the film's new dry picture.
     pub fn rinsed(&mut self) {
         if self.state.job.dries && self.rules.keep(Rule::DryAfterAbrasion) {
             self.hold(Why::Drying, Phase::Wet);
@@ -274,7 +275,7 @@ impl Turn {
         };
     }
 
-    /// The localization is too old: contact ends; elsewhere Verify renews it when it is needed.
+    /// Handles a localization that is too old: contact ends; in other phases Verify renews it when it is needed.
     pub fn token_over(&mut self) {
         self.facts().token = None;
         let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);

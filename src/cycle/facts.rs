@@ -11,23 +11,23 @@ use serde::{Deserialize, Serialize};
 pub struct Facts {
     /// The robot's condition.
     pub robot: Robot,
-    /// The controller's override is the one that contact is planned for.
+    /// Whether the controller's override is the one for which contact is planned.
     #[serde(default)]
     pub full_override: bool,
     /// The robot has reported standstill since the last Reset or Clear.
     pub standing: bool,
-    /// The self-test passed, since the last Reset.
+    /// Whether the self-test has passed since the last Reset.
     pub tested: bool,
     /// Whether the controller accepts commands of [`State::epoch`](super::State).
     pub epoch: Epoch,
-    /// Base and tool as echoed in this epoch.
+    /// Base and tool as the controller echoed them in this epoch.
     pub frames: Option<Frames>,
     /// The path at the end of which the arm is.
     pub arm: Option<Path>,
-    /// The pad may touch the panel.
+    /// Whether the pad may be touching the panel.
     pub touching: bool,
-    /// The tool, or water, was switched on and is not proven off: not by its feedback, and not by a person who cleared the
-    /// cell. Outlives a lost link and the program.
+    /// The tool, or for `water_may_run` the water, was switched on and is not proven off, neither by its feedback
+    /// nor by a person who cleared the cell. This stays after a lost link and after the end of the program.
     #[serde(default)]
     pub tool_may_run: bool,
     /// As `tool_may_run`.
@@ -133,7 +133,7 @@ impl Facts {
         token: None,
     };
 
-    /// Neither rinse nor spray runs.
+    /// Whether neither rinse nor spray runs.
     pub fn water_off(&self) -> bool {
         matches!(self.water, Water::Draining { .. } | Water::Drained)
     }
@@ -169,7 +169,7 @@ impl Facts {
         [tool, extraction, water, lens, light].into_iter().flatten()
     }
 
-    /// What an act changes is unknown until it is answered.
+    /// Marks the facts that an act changes as unknown until the act is answered.
     pub(super) fn ask(&mut self, act: Act) {
         match act {
             Act::Move(motion) => {
@@ -177,7 +177,7 @@ impl Facts {
                 self.touching |= motion.path == Path::Contact;
             }
             Act::OpenEpoch { .. } => self.epoch = Epoch::Changing,
-            // Its outputs go off before it is answered.
+            // The outputs of the epoch go off before the act is answered.
             Act::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
             Act::SetFrames(_) => self.frames = None,
             Act::Switch(switch) => match switch {
@@ -193,8 +193,8 @@ impl Facts {
         }
     }
 
-    /// The epoch is over: the controller switches off by its own clock what was on, each output after its time, and the
-    /// next epoch has neither base nor tool.
+    /// Ends the epoch: the controller, with its own timers, switches off the outputs that were on. The next epoch
+    /// has neither base nor tool.
     pub(super) fn end_epoch(&mut self, epoch: Epoch) {
         (self.epoch, self.frames) = (epoch, None);
         if self.tool != Tool::Off {
@@ -211,20 +211,22 @@ impl Facts {
         }
     }
 
-    /// What this switch had proven is not so any more, and is proven again before it is needed. What was off may run.
+    /// Marks the state that this switch had proven as unknown; it is proven again before it is needed. A tool or
+    /// water that was off may now run.
     pub(super) fn doubt(&mut self, switch: Switch) {
         self.ask(Act::Switch(switch));
         self.tool_may_run |= switch == Switch::ToolOff;
         self.water_may_run |= switch == Switch::WaterOff;
     }
 
-    /// What outlives the robot's link and the program.
+    /// Returns the facts that stay valid after a loss of the robot's link and after the end of the program.
     pub(super) fn lasting(&self) -> Facts {
         let Facts { touching, tool_may_run, water_may_run, .. } = *self;
         Facts { touching, tool_may_run, water_may_run, ..Facts::UNKNOWN }
     }
 
-    /// The robot is not ready: arm and outputs may be moved by hand, and the localization is void.
+    /// Discards facts when the robot is not ready: arm and outputs may be moved by hand, and the localization is
+    /// void.
     pub(super) fn forget(&mut self) {
         let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
         let epoch = if lost { Epoch::Closed } else { self.epoch };

@@ -1,9 +1,10 @@
-//! The interlocks: what each act needs, in the order in which it is brought about, and what brings it about.
+//! The interlocks: the needs of each act, in the order in which they are brought about, and the acts that bring
+//! them about.
 
 use super::rules::Rule;
 use super::{Act, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
 
-/// Something that must hold.
+/// A condition that must be satisfied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Need {
     Standing,
@@ -26,10 +27,10 @@ pub(super) enum Need {
     FullOverride,
 }
 
-/// A need and the rule that makes it one.
+/// A need, with the rule that requires it.
 pub(super) type Row = (Rule, Need);
 
-/// What an act needs. This is the whole list of the cell's interlocks.
+/// Returns the needs of an act. This is the whole list of the cell's interlocks.
 pub(super) fn needs(act: Act) -> Vec<Row> {
     use Need as N;
     use Rule as R;
@@ -79,7 +80,7 @@ pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
     needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
 }
 
-/// What Stopping and Holding bring about while a motion is under way: nothing comes before its end, which switches
+/// The needs that Stopping and Holding bring about while a motion is in progress: its end comes first and switches
 /// off tool and water.
 pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
 
@@ -91,11 +92,11 @@ pub(super) const LEAVING_TOOL: [Row; 3] =
 /// What Stopping and Holding bring about. Water is shut while the epoch still accepts commands.
 pub(super) const LEAVING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
-/// What Clearing brings about.
+/// The needs that Clearing brings about.
 pub(super) const CLEARING: [Row; 3] =
     [(Rule::StandsFirst, Need::Standing), (Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff)];
 
-/// What Resetting brings about.
+/// The needs that Resetting brings about.
 pub(super) const RESETTING: [Row; 6] = [
     (Rule::StandsFirst, Need::Standing),
     (Rule::ToolOff, Need::ToolOff),
@@ -105,18 +106,18 @@ pub(super) const RESETTING: [Row; 6] = [
     (Rule::SelfTest, Need::Tested),
 ];
 
-/// What Starting brings about.
+/// The needs that Starting brings about.
 pub(super) const STARTING: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
 
-/// What Unholding brings about.
+/// The needs that Unholding brings about.
 pub(super) const UNHOLDING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
 
 /// What Unholding brings about if the panel had been located.
 pub(super) const UNHOLDING_LOCATED: [Row; 3] =
     [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
 
-/// What Completing brings about.
+/// The needs that Completing brings about.
 pub(super) const COMPLETING: [Row; 5] = [
     (Rule::WaterOff, Need::WaterOff),
     (Rule::ToolOff, Need::ToolOff),
@@ -126,7 +127,7 @@ pub(super) const COMPLETING: [Row; 5] = [
 ];
 
 impl Need {
-    /// As the end of a sentence that begins with "needs".
+    /// Returns the need as the end of a sentence that begins with "needs".
     fn words(self) -> &'static str {
         match self {
             Need::Standing => "a robot at rest",
@@ -183,7 +184,7 @@ impl Need {
         Some(match self {
             Need::Standing => Act::Stand,
             Need::Tested => Act::SelfTest,
-            // Whether one is open is not known for sure: it is ended first.
+            // It is not certain whether an epoch is open, so it is ended first.
             Need::Epoch if state.facts.epoch == Epoch::Changing => Act::EndEpoch { epoch: state.epoch },
             Need::Epoch => Act::OpenEpoch { above: state.epoch },
             Need::EpochEnded => Act::EndEpoch { epoch: state.epoch },
@@ -201,14 +202,14 @@ impl Need {
             Need::ExtractionOff => Act::Switch(Switch::ExtractionOff),
             Need::ExtractionFlowing => Act::Switch(Switch::ExtractionOn),
             Need::Token => Act::Verify { view: state.job.verified },
-            // A person at the pendant; `Turn::proceed` holds the cycle until then.
+            // Only a person at the pendant can change the override; `Turn::proceed` holds the cycle until then.
             Need::FullOverride => return None,
         })
     }
 }
 
 impl State {
-    /// The motion along this path in the epoch that is open.
+    /// Returns the motion along this path in the open epoch.
     pub(super) fn motion(&self, path: Path) -> Motion {
         let (plan, waypoints) =
             if matches!(path, Path::Contact | Path::Air) { (self.job.plan, self.job.waypoints) } else { (0, 1) };

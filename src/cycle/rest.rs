@@ -1,4 +1,4 @@
-//! The state at rest in which the cycle is after the end of a process.
+//! The state at rest after the end of a process, from the state of the cycle at that time.
 
 use super::{At, Cause, Job, State};
 

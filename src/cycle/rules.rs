@@ -1,21 +1,21 @@
 //! The rules of the table by name, so that a test can disable each one and see that the random walks then fail.
 
-/// Each rule has its place in the code beside its name.
+/// The rules of the table. In the code, each rule is named at the place where it is applied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(test, derive(strum::EnumIter))] // a new rule is taken out in turn, too
 pub(super) enum Rule {
     // Interlocks: rows of `interlocks::needs`.
-    /// No shot of the scanner with the arm in view.
+    /// No shot of the scanner while the arm is in view.
     ArmOutOfView,
     /// A corner picture is taken from its corner pose.
     AtView,
     /// Light off for 3D and corner pictures.
     LightOff,
-    /// Light on and settled for pictures of the film.
+    /// Light on and steady for pictures of the film.
     LightSettled,
     /// No picture through a guarded lens.
     LensClear,
-    /// No water on an open lens.
+    /// No water while the lens is not guarded.
     LensGuarded,
     /// No water unless the arm is parked.
     ParkedForWater,
@@ -29,40 +29,40 @@ pub(super) enum Rule {
     Extraction,
     /// The tool starts at the approach point, in air, and contact begins there.
     StartsInAir,
-    /// No contact before the tool is proven running.
+    /// No contact before the tool is proven to run.
     ToolRunning,
-    /// No tool and no contact at another override than contact is planned for.
+    /// No tool and no contact with another override than the one for which contact is planned.
     FullOverride,
-    /// No approach and no contact without a live localization.
+    /// No approach and no contact without a valid localization.
     Token,
-    /// No straight motion before base and tool were echoed in this epoch.
+    /// No straight motion before the controller has echoed base and tool in this epoch.
     Frames,
     /// No command outside an open epoch.
     Epoch,
     /// A motion ends when the robot reports standstill; no state is at rest before that.
     StandsFirst,
-    /// Everything off in Idle and Complete.
+    /// Everything is switched off in Idle and Complete.
     AllOff,
     /// No Idle without a self-test.
     SelfTest,
-    // What is believed: `step`.
-    /// An answer counts only for the act that it names.
+    // The reports that the table accepts as true: `step`.
+    /// An answer counts only for the act whose id it contains.
     AnswersMatch,
-    /// What is being changed is unknown.
+    /// A fact that is being changed is unknown.
     AskedIsUnknown,
-    /// What leads to motion is refused while the robot is not ready.
+    /// A request that leads to motion is refused while the robot is not ready.
     RobotReady,
-    /// A robot that is not ready ends the work.
+    /// If the robot becomes not ready, the work ends.
     ConditionAborts,
-    /// An output or feedback that is contrary to what it proved voids that.
+    /// If an output or feedback contradicts the state that it proved, this proof is void.
     ContraryDoubts,
-    /// An emergency stop voids the localization, and what was known of arm and outputs.
+    /// A robot that is not ready voids the localization, and the knowledge of arm and outputs.
     LossForgets,
     /// A motion is committed to the store before it begins.
     IntentFirst,
     /// Waypoints are executed in order.
     Sequence,
-    /// A motion is done with its last waypoint.
+    /// A motion is finished only when its last waypoint is executed.
     WholePath,
     /// An act that is not answered in time is a fault.
     AnswerDeadline,
@@ -72,32 +72,32 @@ pub(super) enum Rule {
     TroubleLeaves,
     /// An abort is sent to the robot.
     AbortIsSent,
-    /// An epoch that the link has ended is not open.
+    /// An epoch that the link has ended counts as not open.
     LinkEndsEpoch,
-    /// A new program rests.
+    /// A program that starts is at rest.
     BootRests,
-    // What follows what: `execute`.
+    // The order of the phases: `execute`.
     /// A rejected result ends the cycle without contact.
     RejectEnds,
-    /// A doubtful result waits for a person.
+    /// A doubtful result is held for a person.
     ReviewHolds,
     /// A film without a result ends the cycle.
     InvalidEnds,
     /// An air-run makes no contact, and needs no water to determine where to go.
     AirRun,
-    /// A dry picture before the first water.
+    /// A dry picture is taken before the first water.
     DryPicture,
     /// If the recipe's reference is a dry picture, a new one of the dried panel is taken after each abrasion.
     DryAfterAbrasion,
-    /// Verify just before each contact.
+    /// Verify immediately before each contact.
     VerifyFirst,
-    /// Nothing follows a contact path before what it did is graded.
+    /// After a contact path, nothing else is done before the result is graded.
     AssessFirst,
-    /// A new localization does not replace the review of what a contact path did.
+    /// A new localization does not replace a person's review of a contact path's result.
     ContactStays,
     /// Contact ends when the localization is too old.
     TokenInContact,
-    /// A hold is left through Verify.
+    /// A hold ends through Verify.
     UnholdVerifies,
     /// After a spray, no 3D shot before a person confirms that the panel is dry.
     DriedFirst,
@@ -107,7 +107,7 @@ pub(super) enum Rule {
     PassLimit,
 }
 
-/// The rules in force: all of them, except in tests.
+/// The active rules: all of them, except in tests.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rules {
     without: Option<Rule>,
@@ -117,12 +117,12 @@ impl Rules {
     /// Every rule.
     pub const ALL: Rules = Rules { without: None };
 
-    /// Whether this rule is in force.
+    /// Whether this rule is active.
     pub fn keep(self, rule: Rule) -> bool {
         self.without != Some(rule)
     }
 
-    /// All but this one.
+    /// Returns all rules except this one.
     #[cfg(test)]
     pub fn without(rule: Rule) -> Self {
         Rules { without: Some(rule) }

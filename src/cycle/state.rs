@@ -4,7 +4,7 @@ use super::{Act, Facts, Id, Motion, Robot, Trouble};
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
-/// All that the table remembers.
+/// All data that the table stores between events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     /// The PackML state, with the phase inside Execute.
@@ -13,23 +13,23 @@ pub struct State {
     pub job: Job,
     /// What the cell reported.
     pub facts: Facts,
-    /// The one act that is under way.
+    /// The one act in progress.
     pub due: Option<Due>,
     /// The motion that has begun and for which the robot has not yet reported standstill.
     pub intent: Option<Intent>,
     /// The last epoch that was opened.
     pub epoch: u32,
-    /// The last id that was given.
+    /// The last id that was assigned.
     pub last_id: Id,
-    /// Reports that answered nothing.
+    /// Number of reports that did not match any expected report.
     pub dropped: u64,
-    /// How often `at` has changed. A person decides upon what one step shows.
+    /// Number of changes of `at`. A person's decision is based on the state shown at one step.
     #[serde(default)]
     pub step: u64,
 }
 
 impl State {
-    /// Before the first event of a new store.
+    /// The state before the first event of a new store.
     pub const NEW: State = State {
         at: At::Stopped,
         job: Job {
@@ -63,13 +63,13 @@ pub enum At {
     Stopped,
     /// Everything off and tested, without motion.
     Resetting,
-    /// Ready for a Start.
+    /// Ready for the request Start.
     Idle,
     /// The arm parks.
     Starting,
     /// The cycle.
     Execute(Phase),
-    /// The way to Held: water off, epoch ended.
+    /// On the way to Held: water off, epoch ended.
     Holding(Hold),
     /// At rest inside a cycle.
     Held(Hold),
@@ -90,12 +90,12 @@ pub enum At {
         /// Its verdict.
         verdict: Verdict,
     },
-    /// The way to Stopped: water off, epoch ended.
+    /// On the way to Stopped: water off, epoch ended.
     Stopping {
         /// The deadline of the whole stop.
         until: Id,
     },
-    /// The way to Aborted: the abort frame at once, which shuts the water too; whatever comes back.
+    /// On the way to Aborted, whatever the answer is. The abort frame is sent at once; it also shuts the water.
     Aborting {
         /// Why.
         cause: Cause,
@@ -113,12 +113,12 @@ pub enum At {
 }
 
 impl At {
-    /// The PackML word that users script against.
+    /// Returns the PackML name that users' scripts rely on.
     pub fn word(self) -> &'static str {
         self.into()
     }
 
-    /// Nothing is under way; the process may leave.
+    /// Whether nothing is in progress, so that the process may end.
     pub fn rests(self) -> bool {
         matches!(self, At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. })
     }
@@ -129,7 +129,7 @@ impl At {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
-    /// A 3D shot of the dry panel, from which its place.
+    /// A 3D shot of the dry panel, from which its place is determined.
     Locate,
     /// The corner loop.
     Refine {
@@ -142,15 +142,15 @@ pub enum Phase {
     Wet,
     /// The film is watched.
     Inspect,
-    /// A path over what failed.
+    /// Planning of a path over the failed grids.
     Plan,
-    /// A look at the corner just before contact.
+    /// A picture of the corner immediately before contact.
     Verify,
     /// Approach, tool on, contact, leaving.
     Abrade,
     /// Tool off in air, clear of the panel.
     Retract,
-    /// What the contact path did is graded. Nothing is done to the panel before that.
+    /// The result of the contact path is graded. Nothing is done to the panel before.
     Assess {
         /// The path was cut short, so that the rest must still be planned.
         left: bool,
@@ -160,7 +160,7 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// The word that users script against.
+    /// Returns the name that users' scripts rely on.
     pub fn word(self) -> &'static str {
         self.into()
     }
@@ -185,7 +185,8 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// What a contact path did waits for a person. No new measurement of the panel replaces that result.
+    /// Whether the result of a contact path waits for a person. No new measurement of the panel replaces this
+    /// result.
     pub fn is_of_contact(self) -> bool {
         matches!(self, Hold { why: Why::Review, resume: Phase::Assess { .. } })
     }
@@ -205,7 +206,7 @@ pub enum Why {
     TokenOver,
     /// The dust is washed off: dry the panel and confirm it, so that a new dry picture is taken.
     Drying,
-    /// Something went wrong that a person can mend.
+    /// Something went wrong that a person can correct.
     Trouble(Trouble),
 }
 
@@ -223,18 +224,18 @@ pub enum Cause {
     StopTimedOut,
     /// The program ended while a motion was open.
     Interrupted,
-    /// Something in the store is not what the program wrote there.
+    /// The content of the store differs from what the program wrote there.
     StoreChanged,
-    /// The store was restored from a backup: what the cell did since then is not in it.
+    /// The store was restored from a backup: it does not contain the actions of the cell since the backup.
     StoreRestored,
     /// The program ended while tool or water was on.
     OutputsOn,
 }
 
 impl Cause {
-    /// The cause of an abort under way in which the robot comes to this condition. An emergency stop outranks all
-    /// but a store that was changed; another condition outranks a trouble, which it may have brought about: a
-    /// command is refused since the drives are off.
+    /// Returns the cause of an abort in progress after the robot has changed to this condition. An emergency stop
+    /// outranks every cause except a changed or restored store. Another condition outranks a trouble, which may be
+    /// its consequence: a command is refused because the drives are off.
     pub(super) fn or(self, robot: Robot) -> Cause {
         let by_robot = Cause::Robot(robot);
         match (self, robot) {
@@ -249,23 +250,25 @@ impl Cause {
 /// One cycle's limits and counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Job {
-    /// Begun and not concluded.
+    /// Whether the cycle has begun and is not concluded.
     pub running: bool,
-    /// An air-run: it touches nothing.
+    /// Whether the cycle is an air-run, which does not touch the panel.
     #[serde(default)]
     pub air: bool,
-    /// After an abrasion a person dries the panel, and a new dry picture is the reference of the next film.
+    /// Whether, after an abrasion, a person dries the panel, so that a new dry picture is the reference of the next
+    /// film.
     #[serde(default)]
     pub dries: bool,
     /// Abrasions, at most.
     pub max_passes: u8,
-    /// Moves of the corner loop, at most.
+    /// Maximum number of moves of the corner loop.
     pub max_moves: u8,
     /// Abrasions planned.
     pub pass: u8,
-    /// What follows the dry picture: Wet, or after a relocation what was left: Plan or Rinse.
+    /// The phase after the dry picture: Wet, or after a new localization the phase that was interrupted: Plan or
+    /// Rinse.
     pub after_dry: Phase,
-    /// The path planned last.
+    /// The number of the last plan.
     pub plan: u64,
     /// Its waypoints.
     pub waypoints: u32,
@@ -274,10 +277,10 @@ pub struct Job {
     pub verified: u8,
 }
 
-/// An act that is under way.
+/// An act in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Due {
-    /// The id that its answer names.
+    /// The id that its answer must contain.
     pub id: Id,
     /// The act.
     pub act: Act,
@@ -286,7 +289,7 @@ pub struct Due {
 /// An open motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Intent {
-    /// The id of its act.
+    /// The id of the motion's act.
     pub id: Id,
     /// The motion.
     pub motion: Motion,

@@ -8,7 +8,8 @@ use super::{
 };
 use crate::verdict::Verdict;
 
-/// The next state and what is to be done now, in order. Effects are drained before the next event.
+/// Returns the next state and the effects to perform now, in order. All effects are performed before the next
+/// event.
 pub fn step(state: State, event: Event) -> (State, Vec<Effect>) {
     step_with(Rules::ALL, state, event)
 }
@@ -117,7 +118,7 @@ impl Turn {
         }
     }
 
-    /// Time is up, if it is still waited for.
+    /// Handles the end of a deadline, if the table still waits for it.
     fn elapsed(&mut self, id: Id, which: Deadline) {
         let facts = &mut self.state.facts;
         match (which, self.state.at) {
@@ -137,7 +138,7 @@ impl Turn {
         }
     }
 
-    /// The robot's condition changed; one that is not ready ends the work.
+    /// Handles a change of the robot's condition; a robot that is not ready ends the work.
     fn condition(&mut self, robot: Robot) {
         self.state.facts.robot = robot;
         if robot == Robot::Ready {
@@ -150,7 +151,8 @@ impl Turn {
         match self.state.at {
             At::Stopped | At::Aborted { .. } => {}
             At::Idle | At::Complete { .. } if robot != Robot::EmergencyStop => self.state.at = At::Stopped,
-            // Nothing moves, and a person opens the guard to dry the panel or to mend the trouble.
+            // The hold continues: nothing moves, and a person may open the guard to dry the panel or to correct the
+            // trouble.
             At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
             // If the robot is gone, nothing can answer the abort frame. Its intent stays open until the robot has
             // been asked.
@@ -181,7 +183,7 @@ impl Turn {
         }
     }
 
-    /// Trouble that no act reports: it matters while something is under way.
+    /// Handles trouble that is not the answer of an act: it matters only while something is in progress.
     fn unasked(&mut self, trouble: Trouble) {
         match self.state.at {
             at if at.rests() => self.drop(),
@@ -197,7 +199,8 @@ impl Turn {
         }
     }
 
-    /// The link has ended the epoch by itself. Whatever the cycle is doing, it has none any more; what it did in it ends.
+    /// Handles an epoch that the link has ended without a command of the table. Whatever the cycle is doing, there
+    /// is no open epoch any more, and the work in this epoch ends.
     fn epoch_over(&mut self, trouble: Option<Trouble>) {
         if self.rules.keep(Rule::LinkEndsEpoch) {
             self.state.facts.end_epoch(Epoch::Changing);
@@ -207,7 +210,7 @@ impl Turn {
         match self.state.at {
             at if at.rests() => {}
             At::Aborting { .. } => {}
-            // What it is about to bring about.
+            // The state is already bringing about the end of the epoch.
             At::Stopping { .. } | At::Holding(_) if ends && trouble.holds() => {}
             _ => self.trouble(trouble),
         }
@@ -233,7 +236,7 @@ impl Turn {
         }
     }
 
-    /// Everything changes at once: the abort frame goes out, whatever was under way.
+    /// Aborts at once: the abort frame is sent, whatever was in progress.
     pub fn abort(&mut self, cause: Cause) {
         (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };

@@ -1,8 +1,8 @@
-//! What is switched. Which outputs and feedbacks that are is the cell's matter.
+//! The switches of the cell. The cell's file assigns the outputs and feedbacks to them.
 
 use serde::{Deserialize, Serialize};
 
-/// An output and what it should be.
+/// An output and its commanded state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names say it")]
@@ -16,9 +16,9 @@ pub enum Switch {
     LightOff,
     /// Cameras can see.
     LensClear,
-    /// Shut or purged: no drop reaches a lens.
+    /// The lens guard is shut or purged: no drop reaches a lens.
     LensGuard,
-    /// On and proven by its flow.
+    /// The extraction is on and proven by its flow.
     ExtractionOn,
     ExtractionOff,
 }

@@ -1,23 +1,23 @@
-//! A step while it is computed: the state, the effects so far, and the way from an aim to the next act.
+//! A step during its computation: the state, the effects so far, and the way from an aim to the next act.
 
 use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};
 use super::{Act, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble};
 use crate::verdict::Verdict;
 
-/// What a state is about.
+/// The aim of a state.
 pub(super) enum Aim {
-    /// Nothing, or only time.
+    /// To do nothing, or only to wait for time to pass.
     Rest,
-    /// This act, once its needs hold.
+    /// To perform this act, once its needs are satisfied.
     Do(Act),
-    /// This act at once.
+    /// To perform this act at once.
     Now(Act),
-    /// The next state, once these hold.
+    /// To enter the next state, once these needs are satisfied.
     Reach(&'static [Row], At),
 }
 
-/// One step under way.
+/// A step in progress.
 pub(super) struct Turn {
     pub rules: Rules,
     pub state: State,
@@ -25,7 +25,7 @@ pub(super) struct Turn {
 }
 
 impl Turn {
-    /// The cycle's result; its localization is void.
+    /// Concludes the cycle with its result; the cycle's localization is void.
     pub fn conclude(&mut self, verdict: Verdict) {
         self.state.facts.token = None;
         if self.state.job.running {
@@ -54,14 +54,14 @@ impl Turn {
         self.state.last_id
     }
 
-    /// Arms a deadline that is not an act's.
+    /// Arms a deadline that does not belong to an act.
     pub fn arm(&mut self, deadline: Deadline) -> Id {
         let id = self.fresh();
         self.effects.push(Effect::Arm { id, deadline });
         id
     }
 
-    /// Does what is next, unless something is under way.
+    /// Performs the next act, unless one is in progress.
     pub fn proceed(&mut self) {
         while self.state.due.is_none() {
             if self.lacks_override() {
@@ -80,14 +80,15 @@ impl Turn {
         }
     }
 
-    /// The cycle is about to touch the panel, or does, at another override than contact is planned for. Neither
-    /// time nor an act mends that: a person does.
+    /// Whether the cycle touches the panel, or is about to, with another override than the one for which contact is
+    /// planned. Neither time nor an act can correct this: a person must.
     pub fn lacks_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
         touches && !self.state.facts.full_override && self.rules.keep(Rule::FullOverride)
     }
 
-    /// Performs the first act that this one still needs, or itself. Only time is missing: nothing yet.
+    /// Performs the first act that the given act still needs, or the given act itself if all needs are satisfied.
+    /// If only time must pass, nothing is performed yet.
     fn perform_first(&mut self, mut act: Act) {
         loop {
             match self.unmet(&needs(act)) {
@@ -127,7 +128,7 @@ impl Turn {
         }
     }
 
-    /// What is known of the cell.
+    /// Returns the facts of the cell, which may be changed.
     pub fn facts(&mut self) -> &mut Facts {
         &mut self.state.facts
     }

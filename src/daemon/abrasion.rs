@@ -28,17 +28,17 @@ use crate::verdict::{Check, Limit, Reason, SetBy, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The plan and what was done of all of them.
+/// The last plan, and the work done by all plans of the cycle.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Abrasion {
     /// The taught region's surface, once it is known.
     taught: Option<Arc<Fit>>,
-    /// The same as today's scan shows it, on which paths are planned.
+    /// The surface of the region in today's scan, on which paths are planned.
     fit: Option<Arc<Fit>>,
     plan: Option<(u64, Plan)>,
-    /// In how many passes a grid was touched, and the last of them.
+    /// For each grid the number of passes that touched it, and the last of these passes.
     touched: BTreeMap<GridId, (usize, u8)>,
-    /// The last pass in which a grid was abraded whole.
+    /// The last pass in which a grid was abraded completely.
     done: BTreeMap<GridId, u8>,
     /// The limit of abrasions of a grid, from the last plan's recipe.
     most_passes: usize,
@@ -47,18 +47,18 @@ pub(super) struct Abrasion {
     /// The removal by the passes of this cycle so far, if it is known.
     removed: Option<RemovalMap>,
     /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show
-    /// them as they are now.
+    /// their present appearance.
     sanded: Option<Arc<Mask>>,
     /// The places at which the tool was, or may have been, in earlier cycles of this panel.
     pub earlier: Vec<EarlierPass>,
-    /// The cycle is an air-run.
+    /// Whether the cycle is an air-run.
     pub is_air: bool,
-    /// The gate's word on what the last contact path did; `None` while it is under way, and before the first.
+    /// The gate's grade of the last contact path; `None` while the path is in progress, and before the first one.
     pub executed_grade: Option<Grade>,
 }
 
 impl Abrasion {
-    /// What a later phase's result depends on, as text. The surface follows from what was taught.
+    /// Returns the data on which a later phase's result depends, as text. The surface follows from the taught data.
     pub(super) fn inputs(&self) -> String {
         let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } = self;
         let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
@@ -71,11 +71,11 @@ impl Abrasion {
 
     /// Returns the same on the surface of the other one, if that has a surface.
     pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
-        // What was done before in the same way was done on the surface of the same scan.
+        // If the same work was done before, it was done on the surface of the same scan.
         Abrasion { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
     }
 
-    /// The plan with this number.
+    /// Returns the plan with this number, if it is the last one.
     pub fn plan(&self, number: u64) -> Option<&Plan> {
         self.plan.as_ref().filter(|(known, _)| *known == number).map(|(_, plan)| plan)
     }
@@ -85,8 +85,8 @@ impl Abrasion {
         self.plan.as_ref().map(|(_, plan)| plan)
     }
 
-    /// Of the plan with this number: from which waypoint on each grid is reached, when each waypoint is, s, and what it
-    /// wears of the disc, mm².
+    /// For the plan with this number, returns the first waypoint at which each grid is reached, the time of each
+    /// waypoint, s, and the wear of the disc, mm².
     pub fn contact(&self, cycle: &CycleSetup, number: u64) -> Option<(Vec<Reached>, Vec<f64>, f64)> {
         let (plan, fit) = (self.plan(number)?, self.fit.as_ref()?);
         let radius_mm = cycle.recipe.path().disc_diameter_mm() / 2.0;
@@ -104,7 +104,8 @@ impl Abrasion {
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 
-    /// The motion of the plan with this number begins, and may touch all that it plans, whatever the robot reports later.
+    /// Notes that the motion of the plan with this number begins. It may touch the whole planned area, whatever the
+    /// robot reports later.
     pub fn begins_contact(&mut self, cycle: &CycleSetup, number: u64) {
         let Some(plan) = self.plan(number) else { return };
         let touched = touching::taught_pixels(plan, &cycle.panel, cycle.recipe.path());
@@ -115,17 +116,17 @@ impl Abrasion {
         self.sanded = Some(Arc::new(Mask { inside, ..touched }));
     }
 
-    /// A new dry picture shows all that was sanded so far as it is now.
+    /// Notes that a new dry picture shows the present appearance of everything that was sanded so far.
     pub fn is_shown_dry(&mut self) {
         self.sanded = None;
     }
 
-    /// The taught pixels that no dry picture of this cycle shows as they are now.
+    /// Returns the taught pixels whose present appearance no dry picture of this cycle shows.
     pub fn sanded(&self) -> Option<Arc<Mask>> {
         self.sanded.clone()
     }
 
-    /// Once the panel is localized as well as it will be: its surface, and the arm's reach of every grid. `found` is
+    /// Determines the panel's surface and the arm's reach of every grid, once the localization is final. `found` is
     /// the localization's own grade.
     pub fn survey(
         &mut self,
@@ -161,7 +162,7 @@ impl Abrasion {
         Ok(Answer::Graded(both))
     }
 
-    /// Today's surface, or before the panel was surveyed the taught one.
+    /// Returns today's surface, or the taught one before the panel was surveyed.
     fn fitted(
         &mut self,
         cycle: &CycleSetup,
@@ -173,7 +174,7 @@ impl Abrasion {
         }
     }
 
-    /// The taught surface; a refusal leaves its picture.
+    /// Returns the taught surface; if the surface is refused, its picture is recorded.
     fn as_taught(
         &mut self,
         cycle: &CycleSetup,
@@ -201,7 +202,7 @@ impl Abrasion {
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let failed: Vec<GridId> = match (pass, perception.inspections.last()) {
-            // An air-run has no film and shows the whole region.
+            // An air-run has no film, and its path covers the whole region.
             (0, _) => cycle.panel.region.ids().collect(),
             (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
             (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
@@ -253,11 +254,11 @@ impl Abrasion {
 
     fn is_worn(&self, grid: &GridId, pass: u8, most: usize) -> bool {
         let last = self.touched.get(grid).map(|(_, last)| *last);
-        // An air-run abrades nothing; the rest of a pass that was left belongs to that pass.
+        // An air-run abrades nothing; the rest of an interrupted pass belongs to the same pass.
         pass > 0 && self.times(grid) >= most && last != Some(pass)
     }
 
-    /// How often a grid was abraded, in this cycle and in earlier ones that count.
+    /// Returns how often a grid was abraded, in this cycle and in earlier cycles that count.
     fn times(&self, grid: &GridId) -> usize {
         self.touched.get(grid).map_or(0, |(times, _)| *times) + self.before(grid).count()
     }
@@ -268,7 +269,7 @@ impl Abrasion {
         self.earlier.iter().filter(move |earlier| earlier.grid.as_ref().is_none_or(|known| *known == grid))
     }
 
-    /// What of earlier cycles counts for these grids, in words.
+    /// Describes the passes of earlier cycles that count for these grids.
     fn counted_before(&self, grids: &[GridId]) -> Vec<String> {
         let words = |grid: &GridId, earlier: &EarlierPass| {
             let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
@@ -296,7 +297,8 @@ impl Abrasion {
         Box::new(check.rejects(PASSES_USED, || message))
     }
 
-    /// A plan over these grids, the tool turned as the arm reaches best, with every gate's word.
+    /// Plans over these grids, with the tool turned so that the arm reaches them best, and lets every gate judge
+    /// the plan.
     fn over(
         &self,
         cycle: &CycleSetup,
@@ -329,12 +331,12 @@ impl Abrasion {
         }
     }
 
-    /// Keeps a plan: its number, and its waypoints after the air point of the approach.
+    /// Stores a plan; returns its number, and the number of its waypoints after the air point of the approach.
     fn keep(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
         let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose())).collect();
         let hash = content_hash(text.join("\n").as_bytes());
-        // Sixty-four bits of hexadecimal digits always are a number.
+        // Sixteen hexadecimal digits always give a number of 64 bits.
         let number = hash.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or_default();
         self.plan = Some((number, plan));
         (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
@@ -377,13 +379,13 @@ impl Abrasion {
         (notes, abraded.swept_mm2)
     }
 
-    /// In how many passes each grid was touched.
+    /// Returns the number of passes that touched each grid.
     pub fn passes(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
         self.touched.iter().map(|(grid, (times, _))| (*grid, *times))
     }
 }
 
-/// A path that cannot be laid or reached at all.
+/// Returns the check for a path that cannot be planned or reached at all.
 fn refused(reason: Reason) -> Box<Check> {
     Box::new(Check::new("a path over these grids", "", None).gives(Some(reason), Severity::Reject))
 }

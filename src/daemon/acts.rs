@@ -1,5 +1,5 @@
-//! How an act of the table begins, and what must come from the robot or from computing before it is answered. The acts that
-//! move the arm are in `moves`.
+//! Begins the acts of the table, and handles the reports of the robot and the computed results that must arrive
+//! before an act is answered. The acts that move the arm are in `moves`.
 
 use super::answers::reason;
 use super::computing::{Found, Work, Worked};
@@ -20,7 +20,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl Running<'_> {
-    /// Begins an act; what needs no waiting is answered at once.
+    /// Begins an act; an act that needs no waiting is answered at once.
     pub(super) fn begin(&mut self, id: Id, act: Act) -> Result<(), DaemonError> {
         self.pending = None;
         self.computing.abandon();
@@ -77,7 +77,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Has the film's next picture looked at.
+    /// Requests the evaluation of the film's next picture.
     fn watch_on(&mut self, id: Id, act: Act) {
         self.computing.submit(Work::next_picture(id, act, self.state.job.pass, self.cycle.clone()));
         self.wait(id, act, Waits::Computing);
@@ -110,7 +110,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Records what was noted.
+    /// Records the notes.
     pub(super) fn keep(&mut self, notes: Vec<Note>) -> Result<(), RecordError> {
         for note in notes {
             match note {
@@ -121,7 +121,7 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// The self-test's end: what the thread found wrong, and what the loop sees itself.
+    /// Ends the self-test: combines the faults that the thread found with those that the loop itself sees.
     fn tested(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
         let robot = self.state.facts.robot;
         let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, words::robot(robot)));
@@ -167,8 +167,8 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// A finding that is not a stage's: a trouble of the cell, in words, which a person looks at. It is no
-    /// judgement of the panel.
+    /// Records a finding that does not come from a stage: a trouble of the cell, in words, for a person. The
+    /// finding is no judgement of the panel.
     pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::new(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))

@@ -20,14 +20,14 @@ const MAX_CYCLES: usize = 50;
 /// Shortest interval between checks of the cell, for the requests of all fronts.
 const MIN_CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
-/// An alarm as a person names it.
+/// The identification of an alarm by a person.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AlarmId {
-    /// Its cycle; `None` for what arose between cycles.
+    /// The alarm's cycle; `None` for an alarm between cycles.
     pub cycle: Option<CycleId>,
     /// Its code.
     pub code: String,
-    /// When it was raised, ms since 1970.
+    /// The time at which the alarm was raised, ms since 1970.
     pub raised_unix_ms: i64,
 }
 
@@ -37,12 +37,12 @@ pub struct Alarms {
     people: Arc<People>,
     standing: StandingAlarms,
     looked: Mutex<Option<Instant>>,
-    /// What is wrong with a connection to the plant, by its name.
+    /// The troubles of the connections to the plant, by the connection's name.
     troubles: Mutex<BTreeMap<&'static str, String>>,
 }
 
 impl Alarms {
-    /// Alarms of the store that these people have.
+    /// Creates the alarms for the store that `people` uses.
     pub fn new(people: Arc<People>) -> Self {
         Alarms { people, standing: StandingAlarms::default(), looked: Mutex::default(), troubles: Mutex::default() }
     }

@@ -1,4 +1,4 @@
-//! What a phase found, as the table hears it and as the record keeps it.
+//! The result of a phase, in the form for the table and in the form for the record.
 
 use super::error::DaemonError;
 use super::ports::{CameraFault, Figure, Record};
@@ -8,7 +8,7 @@ use crate::record::Kind;
 use crate::stages::{Drawing, rejected, undone};
 use crate::verdict::{Judgement, Reason, Verdict};
 
-/// What cannot be computed without what an earlier act leaves.
+/// The answer if the result of a required earlier act is missing.
 pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
 /// A drawing for the record. It decides nothing: if it could not be drawn, the bare picture is used.
@@ -28,7 +28,7 @@ pub(super) fn figure_alone(drawing: Drawing) -> Figure {
     figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
 }
 
-/// A gate's word for the table.
+/// Converts a gate's judgement to a grade for the table.
 pub(super) fn grade(judgement: &Judgement) -> Grade {
     match judgement.verdict {
         Verdict::Accept => Grade::Accept,
@@ -51,7 +51,8 @@ pub(super) fn blind(
     Ok(Answer::Failed(Trouble::Camera))
 }
 
-/// A picture that cannot be read: after the scan the panel is rejected by it, before contact and in a film a person looks.
+/// Records a picture that cannot be evaluated. After the scan this rejects the panel; before contact and in a film
+/// a person must look.
 pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
     let found = if kind == Kind::Refine { rejected(kind, pass, reason) } else { undone(kind, pass, reason) };
     record.finding(&found)?;

@@ -10,16 +10,16 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-/// Restart delay after a panic.
+/// Delay before a restart after a panic.
 const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// Polling interval.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
-/// After a failure it is tried again after one second, then two, four, and so on up to this.
+/// Maximum delay before a retry. After a failure the delay is one second, then two, four, and so on.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(60);
-/// The program's end waits so long for what still blocks.
+/// Maximum time for which the program's end waits for blocking work.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How far they step back.
+/// Amount by which the priority of the background threads is lowered.
 const NICE: i32 = 5;
 
 /// Gives the calling thread a lower priority than the loop and the robot's link.
@@ -31,15 +31,15 @@ pub(super) fn step_back() {
     let _ = rustix::process::setpriority_process(None, NICE);
 }
 
-/// A thread with a runtime of its own.
+/// The description of a thread with its own runtime.
 pub(super) struct Plan {
     /// The thread's name.
     pub name: &'static str,
-    /// What it does, for the log.
+    /// The task of the thread, for the log.
     pub what: &'static str,
-    /// Threads that may wait for the disk, for hosts' names and the like.
+    /// Number of threads that may wait for the disk, for hosts' names and similar.
     pub blocking: usize,
-    /// Room for calls inside of calls; `None` is the system's usual one.
+    /// Stack size for nested calls; `None` is the system's usual size.
     pub stack_bytes: Option<usize>,
 }
 
@@ -75,7 +75,7 @@ impl Background {
         Ok(Background { end: Some(end), thread: Some(builder.spawn(work)?) })
     }
 
-    /// Starts one that works in rounds, and ends between any two steps of them.
+    /// Starts a thread that works in rounds; it can end between any two steps of a round.
     ///
     /// # Errors
     /// As [`Background::start`].
@@ -113,12 +113,12 @@ fn run_apart(
     }
 }
 
-/// What is done in rounds towards a server that may be away.
+/// Work in rounds with a server that may be unavailable.
 pub(super) trait Rounds {
-    /// One round; whether there is more to do at once.
+    /// Performs one round; returns whether more work is ready at once.
     async fn round(&mut self) -> Result<bool, String>;
 
-    /// After a failure all connections are made anew.
+    /// Discards all connections after a failure, so that they are made again.
     fn forget(&mut self);
 
     /// Reports the result of a round; returns true if the error changed.

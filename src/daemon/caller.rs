@@ -1,4 +1,5 @@
-//! Who requests something: the operating system's user at the other end of a connection, by number and name.
+//! Identifies the origin of a request: the operating system's user at the other end of a connection, by number and
+//! name.
 
 use crate::disk;
 use crate::record::{Front, Who};
@@ -24,7 +25,7 @@ pub(super) fn named(who: Who) -> Who {
     }
 }
 
-/// A user in a line of the log: `anna (uid 1001)`.
+/// Formats a user for a line of the log: `anna (uid 1001)`.
 pub(super) fn in_log(who: &Who) -> String {
     match (&who.user, who.uid) {
         (Some(user), Some(uid)) => format!("{user} (uid {uid})"),

@@ -1,15 +1,15 @@
-//! Acts that see and compute, each as one piece of work that receives what it needs and returns what it found.
+//! The acts that need cameras or computation. Each is one piece of work that receives its inputs and returns its
+//! result.
 //!
-//! A [`Work`] owns copies of the artifacts that it reads or changes, and notes what is to be recorded instead of
-//! recording it. So work that was abandoned in the meantime is dropped completely: no part of its [`Worked`] is
-//! installed or recorded. Work is done one piece at a time, in the order in which it was submitted, since all work
-//! shares the cameras. The queue is emptied on its own thread while the loop continues to answer, or by the loop
-//! itself if time stops meanwhile.
+//! A [`Work`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
+//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its
+//! [`Worked`] is installed or recorded. Work is done one piece at a time, in the order in which it was submitted,
+//! since all work shares the cameras. The queue is processed on its own thread while the loop continues to answer,
+//! or by the loop itself if time stops meanwhile.
 //!
 //! A film is watched in steps of one picture, and its state stays here. By the wall clock one step follows the
 //! other automatically, at the latest `LOOK_AGAIN` after a step without a new picture, whatever the robot and the
-//! loop do. In lock step the
-//! loop requests each step, so that virtual time decides which picture is seen.
+//! loop do. In lock step the loop requests each step, so that virtual time decides which picture is seen.
 
 mod memory;
 mod work;
@@ -36,28 +36,28 @@ use worker::Worker;
 /// and work that hangs prevents every later act.
 const WORK_TIMEOUT: Duration = Duration::from_secs(180);
 
-/// How far computing steps back behind the loop and the robot's link.
+/// Amount by which the priority of computing is lowered below that of the loop and the robot's link.
 pub(super) const NICE: i32 = 19;
 
-/// Pause after a step of a film that found no new picture.
+/// Pause after a step of a film in which no new picture was found.
 const PICTURE_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
-/// The queue of work, and who empties it.
+/// The queue of work, with the executor that processes it.
 pub struct Computing<'p> {
     /// Whether time stops while something is computed. By the wall clock a film continues automatically.
     lock_step: bool,
-    /// The piece of work that is still waited for.
+    /// The number of the piece of work whose result is still awaited.
     due: Arc<AtomicU64>,
     executor: Executor<'p>,
 }
 
-/// No piece of work has this number.
+/// A number that no piece of work has.
 const NONE_DUE: u64 = u64::MAX;
 
 enum Executor<'p> {
     /// The loop itself, when it accepts a result.
     Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, SceneKey)> },
-    /// A thread of its own.
+    /// A separate thread.
     Thread {
         queue: Sender<Work>,
         /// `None` means that the film was abandoned.
@@ -99,7 +99,7 @@ impl<'p> Computing<'p> {
         supervisor: &Supervisor,
         view: LiveView,
     ) -> Result<Self, DaemonError> {
-        // A thread is of its pool for good.
+        // A thread belongs to its pool permanently, so the pool is never dropped.
         let alone = (!lock_step).then(|| own_threads(1)).flatten();
         Box::leak(Box::new(alone));
         let (queue, taken) = mpsc::channel();
@@ -170,7 +170,7 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// The result that is ready.
+    /// Takes the result that is ready.
     pub(super) fn take_result(&mut self) -> Option<Worked> {
         match &mut self.executor {
             Executor::Inline { worker, queue, remembers } => {
@@ -196,10 +196,11 @@ impl<'p> Computing<'p> {
     }
 }
 
-/// Gives the calling thread a pool of this many threads for parallel computations, itself among them; 0 is one for
-/// each processor. They have its priority. Rayon's global pool inherits the priority of its first caller: a loop
-/// that waits for it is late for the robot while other programs use the processors. `None` if the thread has a pool
-/// already or the system gives none: then the global pool computes.
+/// Gives the calling thread a pool of `count` threads for parallel computations, including itself; 0 means one
+/// thread for each processor. All threads of the pool have the priority of the calling thread. Rayon's global pool
+/// inherits the priority of its first caller: a loop that waits for it is late for the robot while other programs
+/// use the processors. Returns `None` if the thread already has a pool or the system provides no threads: then the
+/// global pool computes.
 fn own_threads(count: usize) -> Option<rayon::ThreadPool> {
     let name = |_| "computing".to_owned();
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()
@@ -221,7 +222,7 @@ impl Thread {
         {
             tracing::warn!("computing runs at the loop's priority: {error}");
         }
-        // They step back as this one does.
+        // The threads of the pool have the same lowered priority as this one.
         let _own = (!self.lock_step).then(|| own_threads(0));
         for work in taken {
             if self.work(work).is_err() {

@@ -14,8 +14,8 @@ use crate::eki::CommandId;
 use crate::record::ContactPath;
 
 impl Running<'_> {
-    /// Commits that a motion may begin. Before contact the whole path is counted as worn of the disc: what is cut short
-    /// by a crash must not be forgotten.
+    /// Commits that a motion may begin. Before contact the whole path is counted as wear of the disc: the wear must
+    /// not be lost if a crash interrupts the path.
     pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
         if motion.path != Path::Contact {
             return Ok(self.ports.record.keep(RecordCommand::OpenIntent(*motion))?);
@@ -27,7 +27,7 @@ impl Running<'_> {
             self.setup().into_iter().for_each(|cycle| abrasion.begins_contact(cycle, motion.plan));
             self.abrasion = abrasion;
         }
-        // Of a plan that is not known nothing is sent.
+        // If the plan is not known, nothing is sent.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
         self.underway = Underway::new(reached_s, self.cell.limits.window_s());
         self.underway.reserved_mm2 = wears_mm2;
@@ -38,7 +38,7 @@ impl Running<'_> {
         Ok(self.ports.record.keep(RecordCommand::OpenContact { motion, path, permitted })?)
     }
 
-    /// Lets more waypoints go, once the record has that they may.
+    /// Permits the robot more waypoints, once this permission is recorded.
     pub(super) fn permit_more(&mut self, sent: Sent, done: u32) -> Result<(), DaemonError> {
         let is_contact = sent.path() == Path::Contact;
         let Some(wanted) = self.underway.wanted(done).filter(|_| is_contact) else { return Ok(()) };
@@ -62,7 +62,7 @@ impl Running<'_> {
         Ok(self.ports.record.keep(RecordCommand::CloseIntent { motion, outcome, done })?)
     }
 
-    /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
+    /// Records the result of a contact path, from the poses that the robot reported, and its wear of the disc.
     fn abraded(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
         let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
         let found = self
@@ -71,7 +71,7 @@ impl Running<'_> {
         self.abrasion = abrasion;
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.keep(notes)?;
-        // In place of what was counted beforehand.
+        // This replaces the wear that was counted before the path began.
         Ok(self.ports.record.keep(RecordCommand::WearDisc(worn_mm2 - reserved_mm2))?)
     }
 }
@@ -80,7 +80,8 @@ impl Running<'_> {
 mod tests {
     use super::*;
 
-    /// By hand: a waypoint each 0.2 s and a window of 1 s, so 20 of them in four windows; more from 10 ahead downwards.
+    /// Calculated by hand: a waypoint each 0.2 s and a window of 1 s, so 20 waypoints in four windows. More are
+    /// permitted when 10 or fewer are left.
     #[test]
     fn waypoints_are_permitted_some_windows_ahead() {
         let mut underway = Underway::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);
@@ -93,7 +94,8 @@ mod tests {
         assert_eq!(underway.wanted(99), None);
     }
 
-    /// Long ways between waypoints: they are counted, or the arm would wait for them.
+    /// If the motions between waypoints last long, a minimum number of waypoints is permitted; otherwise the arm
+    /// would wait for them.
     #[test]
     fn some_are_permitted_whatever_they_last() {
         let underway = Underway::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);

@@ -1,10 +1,10 @@
 //! A single point of control: which side may command the cell, by a selector switch at the cell (ISO 10218-2).
 //!
-//! The input `local_control` of `[io.feedbacks]` is on while the switch is at local. Stop, Abort and Hold are taken
-//! from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear need a person
-//! at the cell: they are taken at local, from the page, the socket or a command. What else begins something is
-//! taken from the selected side alone. A cell without that input has no selection, and every front commands as its
-//! accounts permit.
+//! The input `local_control` of `[io.feedbacks]` is on while the switch is at local. Stop, Abort and Hold are
+//! accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear need
+//! a person at the cell: they are accepted at local, from the page, the socket or a command. Every other request
+//! that begins something is accepted only from the selected side. A cell without that input has no selection, and
+//! every front commands as its accounts permit.
 
 use super::wiring::reads;
 use crate::cycle::Request;
@@ -12,22 +12,22 @@ use crate::eki::State;
 use crate::record::Front;
 use crate::verdict::Reason;
 
-/// The selector switch, and what it must permit first.
+/// The state of the selector switch, and whether a first start was permitted.
 #[derive(Debug, Default)]
 pub(super) struct Control {
-    /// The bit of the state message's `In`.
+    /// The switch's bit in `In` of the state message.
     bit: Option<u32>,
-    /// A person at the cell has started a cycle since the program started and since the last Clear.
+    /// Whether a person at the cell has started a cycle since the program started and since the last Clear.
     is_started: bool,
 }
 
 impl Control {
-    /// The switch at this bit of the state message's `In`, if the cell has one.
+    /// Creates the control for a switch at this bit of `In` in the state message; `None` if the cell has no switch.
     pub fn new(bit: Option<u32>) -> Self {
         Control { bit, is_started: false }
     }
 
-    /// Why a request is not taken from this front.
+    /// Returns why a request is refused from this front; `None` if it is accepted.
     pub fn refusal(&self, request: Request, front: Front, state: Option<&State>) -> Option<Reason> {
         let bit = self.bit?;
         if matches!(request, Request::Stop | Request::Abort | Request::Hold) {
@@ -56,7 +56,8 @@ impl Control {
         })
     }
 
-    /// Remembers what was taken: a first start, or a clear after which the next start is the first one again.
+    /// Updates the state after an accepted request: a first start, or a Clear, after which the next start counts as
+    /// the first one again.
     pub fn has_taken(&mut self, request: Request) {
         match request {
             Request::Start { .. } | Request::AirRun { .. } => self.is_started = true,
@@ -66,8 +67,8 @@ impl Control {
     }
 }
 
-/// Whether a request by this way comes from a person at the cell, as far as the program can know: who uses the page
-/// or the socket from elsewhere meets the switch that a person at the cell has set.
+/// Whether a request from this front comes from a person at the cell, as far as the program can know. A person who
+/// uses the page or the socket from elsewhere is limited by the switch, which a person at the cell has set.
 fn is_at_cell(front: Front) -> bool {
     match front {
         Front::Socket | Front::Page | Front::Command | Front::Signal | Front::Program => true,
@@ -104,7 +105,7 @@ mod tests {
             }
         }
         control.has_taken(START);
-        // After the first one the selected side starts, and no other.
+        // After the first start, only the selected side may start.
         assert_eq!(refused(&control, START, Front::Line, false), None);
         assert_eq!(refused(&control, START, Front::Line, true).as_deref(), Some("not_selected"));
         assert_eq!(refused(&control, START, Front::Page, false).as_deref(), Some("not_selected"));

@@ -66,7 +66,7 @@ impl Perception {
         let grade = grade(&found.judgement);
         record.finding(&found)?;
         self.place = Some(corrected);
-        // What is rejected is not looked at again from nearer.
+        // A rejected corner is not viewed again from nearer.
         if correction.wants_another_view && grade != Grade::Reject {
             return Ok(Answer::LookOn);
         }
@@ -101,7 +101,7 @@ impl Perception {
         }
         let grade = grade(&verification.judgement);
         let goes_on = grade == Grade::Accept && self.corners.is_missing(cycle);
-        // A view that others follow need not have seen all.
+        // A view that is followed by others does not need to have seen all corners.
         let needed = (!goes_on).then_some(self.corners.held().len());
         record.finding(&verification.finding(pass, needed))?;
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
@@ -123,7 +123,7 @@ impl Perception {
         Ok(found)
     }
 
-    /// A picture that shows no corner is shown as it is.
+    /// Records a picture in which no corner was found, without a drawing on it.
     fn unseen_corner(
         &self,
         (kind, pass): (Kind, u8),

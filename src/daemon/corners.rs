@@ -11,25 +11,25 @@ use super::setup::CycleSetup;
 use crate::stages::corners::{Sighting, most};
 use crate::verdict::Reason;
 
-/// The corners of a loop; indices count the taught ones.
+/// The corners of a corner loop, as indices of the taught corners.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Corners {
-    /// In the order of the views.
+    /// The chosen corners, in the order of the views.
     chosen: Vec<usize>,
-    /// The one that the camera is sent to.
+    /// The corner to which the camera is sent.
     aimed: usize,
-    /// No other's move passes the gate.
+    /// Whether the move to every other corner is refused by the gate.
     no_more: bool,
-    /// The last picture of each.
+    /// The last picture of each corner.
     pub(super) seen: Vec<Sighting>,
-    /// Those by which the place was corrected, once that is done.
+    /// The corners with which the panel's place was corrected; empty before the correction.
     held: Vec<usize>,
     /// Those with moves that did not pass the gate since the loop began, and why.
     left_out: Vec<(usize, String)>,
 }
 
 impl Corners {
-    /// The taught corner that the camera is sent to, or was last.
+    /// Returns the taught corner to which the camera is being sent, or was sent last.
     pub fn aimed(&self) -> usize {
         self.aimed
     }
@@ -44,24 +44,25 @@ impl Corners {
         all.into_iter().filter(|index| !self.chosen[..view].contains(index)).collect()
     }
 
-    /// Begins to choose a corner for a view.
+    /// Begins the choice of a corner for a view.
     pub fn begin_choice(&mut self, view: u8) {
         if view == 0 {
             self.left_out.clear();
         }
     }
 
-    /// The move to this corner does not pass the gate.
+    /// Notes that the move to this corner does not pass the gate.
     pub fn leave_out(&mut self, corner: usize, why: &str) {
         self.left_out.push((corner, why.to_owned()));
     }
 
-    /// Those by which the place was corrected, in the order of the views; none before that is done.
+    /// Returns the corners with which the panel's place was corrected, in the order of the views; none before the
+    /// correction.
     pub fn held(&self) -> &[usize] {
         &self.held
     }
 
-    /// Why corners were left out, in words.
+    /// Describes why corners were left out.
     pub fn left_out(&self) -> Vec<String> {
         self.left_out.iter().map(|(corner, why)| format!("corner {}: {why}", corner + 1)).collect()
     }
@@ -73,20 +74,21 @@ impl Corners {
         (self.aimed, self.no_more) = (corner, false);
     }
 
-    /// No candidate's move passes the gate: the corners chosen before are all there are.
+    /// Ends a choice without a result: no candidate's move passes the gate, so that only the corners chosen before
+    /// remain.
     pub fn end_choice(&mut self, view: u8) {
         self.chosen.truncate(usize::from(view).max(1));
         self.no_more = true;
     }
 
-    /// Goes round to the corner of a view that follows the chosen ones.
+    /// Sets the aim to the corner of a view; after the last chosen corner, the views begin again at the first one.
     pub fn go_round(&mut self, view: u8) {
         if let Some(&corner) = self.chosen.get(usize::from(view) % self.chosen.len().max(1)) {
             self.aimed = corner;
         }
     }
 
-    /// How many corners are to be seen.
+    /// Returns the number of corners that must be seen.
     fn wanted(&self, cycle: &CycleSetup) -> usize {
         let all =
             if self.held.is_empty() { most(cycle.recipe.corner(), cycle.corners.len()) } else { self.held.len() };

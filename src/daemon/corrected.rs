@@ -10,7 +10,7 @@ use crate::eki::{Command, CommandId, MoveLin, QueueError, Report, State};
 use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
 use crate::path::Kinematics;
 
-/// The robot behind the correction of its arm.
+/// A robot port that corrects the commands for the robot's arm.
 pub(super) struct Corrected<'r> {
     robot: &'r mut dyn RobotPort,
     /// The arm, if it has a correction.
@@ -24,7 +24,7 @@ pub(super) struct Corrected<'r> {
 }
 
 impl<'r> Corrected<'r> {
-    /// Behind the correction of this arm.
+    /// Creates the port with the correction of this arm.
     pub fn new(robot: &'r mut dyn RobotPort, arm: &cell::Arm) -> Self {
         Corrected {
             robot,
@@ -47,7 +47,7 @@ impl<'r> Corrected<'r> {
         self.joints = Some(joints);
     }
 
-    /// The points as the controller has to be sent them, and the axes at the last of them.
+    /// Returns the corrected points for the controller, and the axes at the last of them.
     fn sent(&self, points: Vec<MoveLin>) -> Result<(Vec<MoveLin>, Option<Joints>), QueueError> {
         let Some(arm) = &self.arm else { return Ok((points, None)) };
         let stands = self.ahead.map(|(_, joints)| joints).or(self.joints);
@@ -64,7 +64,7 @@ impl<'r> Corrected<'r> {
         Ok((sent, Some(at)))
     }
 
-    /// Sends a path, or one line, in the controller's numbers.
+    /// Sends a path, or one line, with corrected numbers for the controller.
     fn path(&mut self, points: Vec<MoveLin>, send: impl FnOnce(Vec<MoveLin>) -> RobotCommand) -> RobotAnswer {
         let (points, end) = match self.sent(points) {
             Ok(sent) => sent,
@@ -141,7 +141,7 @@ mod tests {
     use crate::eki::{MoveJ, SetTcp, TcpKind};
     use std::collections::VecDeque;
 
-    /// What crosses the wire.
+    /// The data that are sent over the link in both directions.
     #[derive(Default)]
     struct Wire {
         sent: Vec<Command>,
@@ -203,7 +203,7 @@ mod tests {
         let sent = lines(&wire);
         assert!((sent[0].y_mm + 0.48).abs() < 1e-3 && (sent[1].y_mm - 49.52).abs() < 1e-3, "{sent:?}");
         assert!((sent[0].a_deg + 0.057_296).abs() < 1e-4, "{sent:?}");
-        // The axes at the first place, as the controller computes them for what it was sent.
+        // The axes at the first point, as the controller computes them from the command that it received.
         let drawn = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|p| panic!("{p}")).arm());
         let (_, joints) = drawn.sent_flange(&sent[0].to_rigid(), &Joints::from(HOME)).expect("in reach");
         wire.reports.push_back(Report::State(Box::new(eki_state(joints.degrees(), sent[0]))));

@@ -1,4 +1,4 @@
-//! Armed deadlines. Arming one replaces an armed one of the same kind.
+//! The armed deadlines. Arming a deadline replaces an armed one of the same kind.
 
 use crate::cycle::{Deadline, Id, Report};
 use crate::eki::Time;
@@ -47,7 +47,7 @@ impl Deadlines {
         deadlines
     }
 
-    /// The earliest that is over, which then is no longer armed.
+    /// Returns the earliest deadline that is over, and disarms it.
     pub fn over(&mut self, now: Time) -> Option<Report> {
         let first =
             self.armed.iter().enumerate().filter(|(_, armed)| armed.at <= now).min_by_key(|(_, armed)| armed.at);

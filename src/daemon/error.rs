@@ -7,7 +7,7 @@ use crate::supervision::ThreadFault;
 /// Why a cycle cannot begin, or had to end when no verdict is possible.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
-    /// An input or output without a name.
+    /// A required input or output has no name in the cell's file.
     #[error("the cell's file has no \"{name}\" in [{table}]; a cycle needs it")]
     NotWired {
         /// The table.
@@ -15,7 +15,7 @@ pub enum DaemonError {
         /// The name.
         name: &'static str,
     },
-    /// A key that a cycle needs.
+    /// A key that a cycle needs is not stated.
     #[error("the cell's file does not state {key}; a cycle needs it")]
     NotStated {
         /// The key.
@@ -27,16 +27,16 @@ pub enum DaemonError {
     /// A corner was taught in an area where nothing may be measured.
     #[error("a taught corner: {0}")]
     CornerOutsideOfLens(String),
-    /// Recipe and tool do not agree on a force.
+    /// Recipe and tool state forces that do not agree.
     #[error(transparent)]
     Force(#[from] ForceMismatch),
-    /// The system gives no thread to compute on.
+    /// The system provides no thread for computing.
     #[error("the thread that computes cannot start: {0}")]
     Thread(std::io::Error),
     /// A thread of the program failed; the robot was commanded to stop.
     #[error(transparent)]
     Broken(#[from] ThreadFault),
-    /// The store does not write.
+    /// The store cannot write.
     #[error(transparent)]
     Record(#[from] RecordError),
 }

@@ -21,11 +21,11 @@ const CONTRARY_FOR_MS: u32 = 500;
 pub(super) struct Contrary(Option<(Switch, u32)>);
 
 impl Contrary {
-    /// What has been contrary for too long, as of this state.
+    /// Returns the switch whose feedback contradicts its state for too long, as of this state of the robot.
     pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
         let contrary = facts.proven().find(|switch| !wiring.proof(*switch).is_told(state));
-        // A clock that was set back counts anew.
+        // If the clock was set back, the time is counted again from the beginning.
         let last = self.0.filter(|(last, since_ms)| Some(*last) == contrary && *since_ms <= now_ms);
         self.0 = contrary.map(|switch| (switch, last.map_or(now_ms, |(_, since_ms)| since_ms)));
         let (switch, since_ms) = self.0?;
@@ -33,7 +33,7 @@ impl Contrary {
     }
 }
 
-/// What a switch brings about, and the names of the output and the feedback that proved it.
+/// Describes the effect of a switch, and the names of the output and the feedback that proved it.
 fn words(switch: Switch) -> (&'static str, Output) {
     match switch {
         Switch::ToolOn => ("the tool runs", Output::Tool),

@@ -20,27 +20,28 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Films that are remembered, at most: each has a time for every pixel. What is new after that is looked at each time.
+/// Maximum number of remembered films: each contains a time for every pixel. Any further film is evaluated each
+/// time.
 const MAX_FILMS: usize = 1_000;
-/// A film of more pictures is looked at as they come.
+/// Maximum number of pictures of a remembered film; a longer film is evaluated as its pictures arrive.
 const MAX_PICTURES: usize = 1_000;
 
-/// What a film that was watched to its end came to.
+/// The result of a film that was watched to its end.
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
     pub film: Film,
     pub inspection: Arc<Inspection>,
     /// Its last picture.
     pub last: Option<Arc<ColorPicture>>,
-    /// What is to be recorded.
+    /// The notes to be recorded.
     pub notes: Vec<Note>,
 }
 
-/// Films that were watched before. Clones are the same memory; it serves cycles of one setup.
+/// The memory of films that were watched before. Clones share the same memory; it is valid for cycles of one setup.
 #[derive(Debug, Clone)]
 pub(super) struct FilmMemory {
     known: Arc<Mutex<Known>>,
-    /// What becomes of a note that is remembered.
+    /// Converts a note to the form in which it is remembered.
     keeps: fn(Note) -> Note,
 }
 
@@ -54,7 +55,7 @@ struct Known {
 /// A picture, its time, s, and its phase.
 type Shot = (Arc<ColorPicture>, f64, Phase);
 
-/// The panel that is filmed.
+/// The panel in a film.
 #[derive(Debug, Clone)]
 pub(super) struct Filmed {
     /// The panel's pose.
@@ -66,7 +67,7 @@ pub(super) struct Filmed {
 /// A film that is being watched.
 #[derive(Debug)]
 pub(super) enum Watching {
-    /// Looked at as its pictures come.
+    /// The pictures are evaluated as they arrive.
     AtOnce(Box<film::Filming>),
     /// Looked at when its last picture has come.
     AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
@@ -96,7 +97,7 @@ impl Watching {
         Ok(Watching::AtOnce(Box::new(filming)))
     }
 
-    /// The camera begins to film at this time.
+    /// Notes the time at which the camera begins to film.
     pub fn begins(&mut self, time_s: f64) {
         match self {
             Watching::AtOnce(filming) => filming.begins(time_s),
@@ -165,7 +166,7 @@ impl Watching {
 }
 
 impl FilmMemory {
-    /// A memory of nothing; of each note that is remembered this is kept.
+    /// Creates an empty memory; `keeps` converts each note to the form in which it is remembered.
     pub fn new(keeps: fn(Note) -> Note) -> Self {
         FilmMemory { known: Arc::default(), keeps }
     }
@@ -190,7 +191,8 @@ impl Filmed {
     }
 }
 
-/// What a film depends on but for its place: its pictures, and their times after the first wet one.
+/// Returns the data on which a film depends, except its place: its pictures, and their times after the first wet
+/// one.
 fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
     let one = |(picture, time_s, phase): &Shot| {
@@ -201,7 +203,7 @@ fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     format!("{late_s:?}{}", shots.iter().map(one).collect::<String>())
 }
 
-/// A number that other masks of the taught pixels do not have, and no mask.
+/// Returns a number that differs for different masks of the taught pixels and for no mask.
 pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
     let mut hasher = DefaultHasher::new();
     mask.map(|mask| &mask.inside).hash(&mut hasher);
@@ -216,7 +218,7 @@ fn picture_hash(picture: &ColorPicture) -> u64 {
     hasher.finish()
 }
 
-/// The film with these pictures.
+/// Evaluates the film with these pictures.
 fn looked_at(
     (cycle, panel): (&CycleSetup, &Filmed),
     shots: &[Shot],
@@ -254,7 +256,7 @@ fn judged(
     Ok(Judged { film, inspection: filmed.inspection, last: filmed.last, notes })
 }
 
-/// What a film of the panel at this place is watched with.
+/// Returns the parameters for watching a film of the panel at this place.
 fn watched<'a>(cycle: &'a CycleSetup, panel: &'a Filmed) -> film::Setup<'a> {
     film::Setup {
         panel: &cycle.panel,

@@ -15,6 +15,6 @@ pub fn give_back_free_memory() {
     tracing::debug!("free memory was given back: {is_any}, in {:.1} ms", begun.elapsed().as_secs_f64() * 1e3);
 }
 
-/// Other C libraries give it back by themselves, or cannot.
+/// Does nothing: other C libraries return memory automatically, or cannot return it.
 #[cfg(not(target_env = "gnu"))]
 pub fn give_back_free_memory() {}

@@ -1,4 +1,4 @@
-//! What every front beside the loop works with: the page, the plant and the office see one cell.
+//! The shared parts of all fronts of the service: page, plant and office see the same cell.
 
 use super::alarms::Alarms;
 use super::gateway::Gateway;
@@ -6,16 +6,16 @@ use super::people::People;
 use super::setup_source::SetupSource;
 use std::sync::Arc;
 
-/// Clones are the same ones.
+/// The shared parts of the fronts. Clones share the same parts.
 #[derive(Clone)]
 pub struct FrontParts {
     /// The destination of requests.
     pub gateway: Gateway,
-    /// Who may log in, and the store as fronts have it.
+    /// The persons who may log in, and the fronts' access to the store.
     pub people: Arc<People>,
     /// The alarms of the cell.
     pub alarms: Arc<Alarms>,
-    /// Recipes, calibrations and what else is set up.
+    /// Recipes, calibrations and the rest of the set-up.
     pub setup: Arc<dyn SetupSource>,
 }
 

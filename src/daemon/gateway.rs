@@ -1,4 +1,4 @@
-//! The service as its fronts see it: a front hands over what is requested and by whom, and waits for one reply.
+//! The service from the view of its fronts: a front passes on a request and its origin, and waits for one reply.
 
 use super::caller;
 use super::lending::SharedCameras;
@@ -13,7 +13,7 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-/// The loop replies within this time, or something is wrong with it.
+/// Time limit for the loop's reply; a longer time means that the loop is faulty.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
@@ -24,17 +24,19 @@ pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + S
 pub struct Gateway {
     queue: RequestSender,
     loader: Arc<Loader>,
-    /// The cameras, once the service has opened them.
+    /// The service's cameras, after they are opened.
     pub(super) cameras: Option<SharedCameras>,
 }
 
 impl Gateway {
-    /// Requests go to this queue; starts are prepared by this loader; these cameras are lent while the cell rests.
+    /// Creates a gateway. Requests go to this queue, this loader prepares starts, and these cameras are lent while
+    /// the cell rests.
     pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
         Gateway { queue, loader, cameras }
     }
 
-    /// Has a request answered. It runs on a runtime of tokio that has a blocking thread for the loader.
+    /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
+    /// loader.
     pub async fn request(&self, what: What, who: Who) -> Reply {
         let (what, who) = match what {
             // The state is requested many times a second, and the user's name is read from a file.
@@ -81,7 +83,7 @@ impl Gateway {
         }
     }
 
-    /// Reads what a cycle needs, on a thread of its own: the disk may be slow.
+    /// Reads the files that a cycle needs, on a separate thread, because the disk may be slow.
     async fn prepare(&self, start: StartRequest) -> Result<PreparedCycle, Reply> {
         let loader = self.loader.clone();
         match tokio::task::spawn_blocking(move || loader(start)).await {

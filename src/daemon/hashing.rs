@@ -1,4 +1,4 @@
-//! Passwords are hashed one at a time.
+//! Hashes passwords, one at a time.
 
 use std::thread;
 use tokio::sync::{Semaphore, oneshot};

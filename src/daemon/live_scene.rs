@@ -8,10 +8,10 @@ use crate::geometry::{Camera, OrganizedCloud, Panel, Rigid};
 use crate::path::Plan;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// No more points of a scan are shown.
+/// Maximum number of points of a scan that are shown.
 const MAX_POINTS: usize = 150_000;
 
-/// The newest cycle's scene. Clones are the same one.
+/// The newest cycle's scene. Clones share the same scene.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LiveScene(Arc<Mutex<Inside>>);
 
@@ -23,12 +23,12 @@ struct Inside {
     paths: Vec<ScenePath>,
 }
 
-/// A path that was planned.
+/// A planned path.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ScenePath {
     /// The plan's number.
     pub plan: u64,
-    /// Which pass, from 1; 0 of an air-run.
+    /// The number of the pass, from 1; 0 for an air-run.
     pub pass: u8,
     /// The tool's point at each waypoint in the panel's frame, mm, and whether the disc is on the panel there.
     pub waypoints: Vec<([f32; 3], bool)>,
@@ -44,7 +44,7 @@ impl LiveScene {
         (inside.points.clone(), inside.paths.clone())
     }
 
-    /// A scan of this cycle's panel. What was shown of another cycle goes.
+    /// Shows a scan of this cycle's panel; the scene of another cycle is removed.
     pub(super) fn scanned(
         &self,
         cycle: &Arc<CycleSetup>,
@@ -55,7 +55,7 @@ impl LiveScene {
         self.lock_cycle(cycle).points = Some(packed);
     }
 
-    /// A path over this cycle's panel; the same plan is shown once.
+    /// Shows a path over this cycle's panel; the same plan is shown only once.
     pub(super) fn planned(&self, cycle: &Arc<CycleSetup>, (number, pass): (u64, u8), plan: &Plan) {
         let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| {
             let at = waypoint.panel_from_tool.origin().mm;
@@ -88,8 +88,9 @@ impl LiveScene {
     }
 }
 
-/// The points of a scan in the panel's frame, every nth of each row and column: three little-endian 32-bit floats, mm, then
-/// red, green, blue and a byte of nothing, so that a graphics processor reads them as they are.
+/// Returns the points of a scan in the panel's frame, every nth of each row and column. A point has three
+/// little-endian 32-bit floats, mm, then red, green, blue and an unused byte. A graphics processor can read this
+/// format directly.
 fn points(scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) -> Vec<u8> {
     let (width, height) = (scan.width(), scan.height());
     let step =
@@ -138,7 +139,7 @@ mod tests {
     fn a_large_scan_is_thinned_evenly() {
         let count = 600 * 500;
         let scan = OrganizedCloud::new(600, 500, vec![[1.0; 3]; count], vec![[0; 3]; count]).expect("counts agree");
-        // By hand: every second one of each row and column.
+        // Calculated by hand: every second point of each row and column.
         assert_eq!(points(&scan, &moved()).len(), 16 * 300 * 250);
     }
 }

@@ -15,10 +15,10 @@ use std::time::{Duration, Instant};
 
 /// Shortest time between two pictures.
 const MIN_PICTURE_INTERVAL: Duration = Duration::from_millis(450);
-/// Who has looked within this time is still looking on.
+/// A person who has requested a picture within this time counts as still watching.
 const VIEWER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The newest picture. Clones are the same one.
+/// The newest picture. Clones share the same picture.
 #[derive(Debug, Clone, Default)]
 pub struct LiveView(Arc<Mutex<Inside>>, LiveScene);
 
@@ -30,10 +30,10 @@ struct Inside {
     looked: Option<Instant>,
 }
 
-/// A picture, and what is drawn on it.
+/// A picture, with the data that are drawn on it.
 #[derive(Debug)]
 pub struct LiveFrame {
-    /// What it shows: the name of the camera's picture or of the drawing.
+    /// The name of the camera's picture or of the drawing.
     pub name: String,
     /// The picture.
     pub picture: Arc<ColorPicture>,
@@ -41,12 +41,12 @@ pub struct LiveFrame {
     pub film: Option<LiveFilm>,
 }
 
-/// A film under way.
+/// A film in progress.
 #[derive(Debug)]
 pub struct LiveFilm {
-    /// Seconds since its first picture.
+    /// Seconds since the film's first picture.
     pub seen_s: f64,
-    /// The pixels that broke so far. What turns out to be a glint is taken back at the end.
+    /// The pixels that broke so far. Pixels that turn out to be a glint are removed at the end.
     pub broken: Mask,
     /// The grids that failed so far.
     pub failed: Vec<GridId>,
@@ -74,7 +74,7 @@ impl LiveView {
         (inside.number, inside.frame.clone())
     }
 
-    /// What is known of the newest cycle in three dimensions.
+    /// Returns the three-dimensional scene of the newest cycle.
     pub(super) fn scene(&self) -> &LiveScene {
         &self.1
     }

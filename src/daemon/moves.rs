@@ -33,7 +33,7 @@ const AXIS_PERCENT: u8 = 20;
 
 impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
-        // What is refused on its way was not executed, whatever the path before it was.
+        // A motion that is refused before it is sent was not executed, whatever happened on the previous path.
         (self.sent, self.left_at) = (None, 0);
         if !self.tool_lets_go(id, motion.path)? {
             return Ok(());
@@ -52,7 +52,7 @@ impl Running<'_> {
             let poses: Vec<Joints> = self.cell.ready.into_iter().chain([self.cell.park]).collect();
             return self.by_axes(id, motion, &poses);
         }
-        // From outside of the box a line comes in by way of the ready pose.
+        // If the tip is outside of the box, a line leads through the ready pose.
         let tip: Option<Rigid<Base, Tool>> = self.robot_state.map(|state| state.base_from_tcp.to_rigid());
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
@@ -69,7 +69,8 @@ impl Running<'_> {
         self.by_lines(id, motion)
     }
 
-    /// Whether the cell first warns of this motion: horn or lamp are on for a time before the first motion after a rest.
+    /// Whether the cell must first warn of this motion: horn or lamp are on for a time before the first motion
+    /// after a rest.
     fn warns(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
         let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
@@ -77,8 +78,8 @@ impl Running<'_> {
         Ok(true)
     }
 
-    /// While the cell warns: the time counts from the first state that reports the output on, and the motion begins
-    /// when it is over.
+    /// Continues the warning: the time counts from the first state that reports the output as on, and the motion
+    /// begins when this time is over.
     pub(super) fn warning(
         &mut self,
         (id, motion): (Id, Motion),
@@ -141,7 +142,8 @@ impl Running<'_> {
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
         let tool = self.robot_state.map(|state| state.flange_from_tool.to_rigid());
-        // From the end of a path the way home may begin nearer to obstacles than they may be come to.
+        // At the end of a path, the arm may be nearer to obstacles than other motions may come. The way home may
+        // begin there.
         if !self.leaves_an_unknown_place(poses)? || !self.joints_are_good(poses, (tool, None))? {
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
@@ -260,7 +262,7 @@ impl Running<'_> {
             Path::Park => None,
             Path::Corner { .. } => {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
-                // The camera is the tool here.
+                // For this motion the camera is the tool.
                 let to = Rigid::claim(*self.perception.corner_pose(cycle)?.isometry());
                 Some(routes::view(standing, from, to))
             }
@@ -301,7 +303,7 @@ impl Running<'_> {
         self.waits_or_fails(id, Act::Move(motion), sent.map(|_| Waits::PathEnd))
     }
 
-    /// Commands up to this one are executed.
+    /// Handles the report that the commands up to this one are executed.
     pub(super) fn executed(&mut self, done: CommandId) -> Result<(), DaemonError> {
         let Some(sent) = &mut self.sent else { return Ok(()) };
         let waypoints = sent.waypoints(done);
@@ -376,7 +378,7 @@ fn move_j(joints: Joints) -> Command {
     Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(AXIS_PERCENT) })
 }
 
-/// A path's motions as commands.
+/// Converts a path's motions to commands.
 pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
     let command = |motion: &LinearMotion| {
         let LinearMotion { pose, blend_mm, contact, speed_m_s } = *motion;
@@ -385,7 +387,7 @@ pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
     motions.iter().map(command).collect()
 }
 
-/// A path's speeds as a command.
+/// Converts a path's speeds to a command.
 pub(super) fn speeds(PathSpeed { speed_m_s, acceleration_m_s2 }: PathSpeed) -> SetAccSpeed {
     let (axis_speed_percent, axis_acceleration_percent) = (AXIS_PERCENT, AXIS_PERCENT);
     SetAccSpeed { speed_m_s, acceleration_m_s2, axis_speed_percent, axis_acceleration_percent }

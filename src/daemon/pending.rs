@@ -1,4 +1,4 @@
-//! An act that is under way, and what it waits for.
+//! An act in progress, and the event for which it waits.
 
 use super::wiring::Proof;
 use crate::cycle::{Act, Id};
@@ -12,7 +12,7 @@ pub(super) struct Pending {
     pub waits: Waits,
 }
 
-/// What is waited for.
+/// The events for which an act can wait.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Waits {
     /// The robot at rest.
@@ -21,28 +21,30 @@ pub(super) enum Waits {
     Epoch,
     /// The end of the epoch, with tool and water proven off; the number of executed waypoints, once it is reported.
     EpochEnd { done: Option<u32> },
-    /// Base and tool, executed and echoed.
+    /// Waits until base and tool are executed and echoed.
     Frames(CommandId),
-    /// Outputs that are set, and the feedback.
+    /// Waits until outputs are set and the feedback proves them.
     Feedback { last: CommandId, proof: Proof },
-    /// That the cell has warned of the motion for long enough, from the first state on in which the output is on.
+    /// Waits until the cell has warned of the motion for long enough, counted from the first state in which the
+    /// output is on.
     Warned {
-        /// The command that switches it on.
+        /// The command that switches the warning output on.
         last: CommandId,
-        /// Until then; `None` before it is on.
+        /// The end of the warning; `None` before the output is on.
         until: Option<Time>,
     },
-    /// The stop that ended the epoch before the command could be sent; without one the act has failed.
+    /// Waits for the report of the stop that ended the epoch before the command could be sent. If there is no such
+    /// stop, the act has failed.
     NoEpoch {
-        /// States of the robot until then.
+        /// Number of states of the robot until the act has failed.
         states: u8,
     },
-    /// The pose from which a line may begin.
+    /// Waits for the pose from which a line may begin.
     Ready(CommandId),
     /// The end of a path.
     PathEnd,
     /// What is computed.
     Computing,
-    /// In lock step: the robot's next state, and with it the time of the film's next picture.
+    /// In lock step: waits for the robot's next state, and with it for the time of the film's next picture.
     Film,
 }

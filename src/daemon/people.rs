@@ -13,19 +13,19 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Wrong log-ins that have a line of their own in the audit trail, a minute.
+/// Maximum number of wrong log-ins per minute that have their own line in the audit trail.
 const MAX_LINES: MostLines = MostLines { done: 0, refused: 20 };
 
-/// What came of a name and a password.
+/// The result of a log-in with a name and a password.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LogIn {
     /// They are right.
     Right(Account),
-    /// They are not, or the account is disabled; in these words for the audit trail.
+    /// The name or the password is wrong, or the account is disabled; with the words for the audit trail.
     Wrong(&'static str),
     /// Log-in to the account is blocked for this many more seconds. The password was not checked.
     Pauses(f64),
-    /// No account has this name's form, or the program is ending.
+    /// The name does not have the form of an account's name, or the program is ending.
     Unknown,
 }
 
@@ -37,19 +37,19 @@ pub(super) fn stamp(account: &Account) -> String {
     digest.chars().take(16).collect()
 }
 
-/// Accounts, pauses and the audit trail of one store.
+/// The accounts, log-in pauses and audit trail of one store.
 #[derive(Debug)]
 pub struct People {
     store: StoreAccess,
     hashing: Hashing,
     lockout: Mutex<Lockout>,
-    /// Lines of the audit trail about wrong log-ins.
+    /// The limit of lines about wrong log-ins in the audit trail.
     wrong_log_ins: Mutex<LineLimit>,
     begun: Instant,
 }
 
 impl People {
-    /// Of the store in this folder, which need not exist yet.
+    /// Creates the people of the store in this folder, which need not exist yet.
     pub fn new(folder: PathBuf) -> Self {
         People {
             store: StoreAccess::new(folder),
@@ -60,18 +60,18 @@ impl People {
         }
     }
 
-    /// Seconds on a clock that does not jump.
+    /// Returns seconds of a monotonic clock.
     pub fn now_s(&self) -> f64 {
         self.begun.elapsed().as_secs_f64()
     }
 
-    /// Who tried wrong passwords lately.
+    /// Returns the recent attempts with wrong passwords.
     fn lockout(&self) -> MutexGuard<'_, Lockout> {
-        // Every change is made whole under the lock.
+        // A poisoned lock is harmless: every change under it is complete.
         self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// For how many seconds more this account's password may not be tried, after wrong ones.
+    /// Returns the remaining seconds in which this account's password may not be tried, after wrong ones.
     pub fn pauses_s(&self, name: &str) -> Option<f64> {
         self.lockout().pauses_s((name, true), self.now_s())
     }
@@ -100,8 +100,8 @@ impl People {
         }
     }
 
-    /// Keeps a line about a wrong log-in, or counts it if there are many, so that attempts do not fill the disk. On
-    /// the calling thread.
+    /// Writes a line about a wrong log-in, or only counts it if there are many, so that attempts do not fill the
+    /// disk. Runs on the calling thread.
     pub fn audit_wrong_log_in(&self, entry: &AuditEntry) {
         let now_ms = (self.now_s() * 1_000.0) as u64;
         let (left_out, is_kept) = {
@@ -128,8 +128,9 @@ impl People {
         }
     }
 
-    /// Judges a name and a password, and counts a wrong one. On the calling thread, which computes for a while and
-    /// has the turn of [`People::hashing`]: only so does each attempt know what came of those before it.
+    /// Judges a name and a password, and counts a wrong one. It computes on the calling thread for a while. The
+    /// caller must have the turn of [`People::hashing`], so that each attempt takes the results of earlier attempts
+    /// into account.
     pub fn tried(&self, name: &str, password: &str) -> LogIn {
         let account = self.account(name);
         let who = (name, account.is_some());
@@ -148,12 +149,12 @@ impl People {
         }
     }
 
-    /// Works with passwords, one at a time.
+    /// Runs work with passwords, one piece at a time.
     pub async fn hashing<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         self.hashing.run(work).await
     }
 
-    /// Judges a name and a password in its turn, and counts a wrong one.
+    /// Judges a name and a password when it is their turn, and counts a wrong one.
     pub async fn log_in(self: &std::sync::Arc<Self>, name: &str, password: String) -> LogIn {
         if accounts::checked_name(name).is_err() {
             return LogIn::Unknown;
@@ -172,7 +173,7 @@ mod tests {
     use super::*;
     use std::sync::Arc;
 
-    /// Attempts that come at one time are judged one after the other, and the sixth one is not judged any more.
+    /// Simultaneous attempts are judged one after the other, and the sixth one is not judged any more.
     #[tokio::test]
     async fn of_six_wrong_passwords_at_one_time_the_sixth_is_not_looked_at() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -191,7 +192,8 @@ mod tests {
         assert!(matches!(again, LogIn::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
     }
 
-    /// A thousand wrong log-ins within a minute are twenty lines; the rest is counted once the minute is over.
+    /// A thousand wrong log-ins within a minute give twenty lines; the others are only counted, and their number is
+    /// written when the minute is over.
     #[test]
     fn a_flood_of_wrong_log_ins_is_a_few_lines() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -23,22 +23,22 @@ use std::time::Instant;
 /// The place of the panel and the result of its film.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Perception {
-    /// By the 3D scan.
+    /// The panel's pose from the 3D scan.
     pub(super) located: Option<Rigid<Base, Panel>>,
-    /// How well that is known, 95 %, mm.
+    /// The uncertainty of the pose from the 3D scan, 95 %, mm.
     pub(super) located_mm: Option<f64>,
-    /// By the corners too.
+    /// The panel's pose after the correction with the corners.
     pub(super) place: Option<Rigid<Base, Panel>>,
     /// The taught corners that are viewed, and their results.
     pub corners: Corners,
     /// The panel at its found place and everything else in the scan, as obstacles for the arm.
     obstacles: Option<Arc<Obstacles>>,
-    /// The points of the panel's region in that scan.
+    /// The points of the panel's region in the scan that located the panel.
     todays_points: Arc<Vec<TodaysPoint>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
-    /// The last picture of the last of them.
+    /// The last picture of the last film.
     pub film_picture: Option<Arc<ColorPicture>>,
 }
 
@@ -46,13 +46,13 @@ pub(super) struct Perception {
 #[derive(Debug)]
 pub(super) struct Filming {
     filming: Watching,
-    /// The panel in it.
+    /// The panel in the film.
     pub panel: Filmed,
-    /// When its first picture was taken, by the camera's clock, s.
+    /// The time of the film's first picture, by the camera's clock, s.
     first_s: Option<f64>,
-    /// From its first picture to its last one, s.
+    /// Time from the film's first picture to its last one, s.
     pub seen_s: f64,
-    /// From a decoded picture to its result.
+    /// Times from a decoded picture to its result, ms.
     elapsed_ms: Vec<f64>,
 }
 
@@ -86,18 +86,18 @@ impl Perception {
         self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
     }
 
-    /// What the arm keeps off on its way to a corner.
+    /// Returns the obstacles that the arm avoids on its way to a corner.
     pub fn obstacles(&self) -> Option<&Arc<Obstacles>> {
         self.obstacles.as_ref()
     }
 
-    /// The points of its region in the scan in which it was located.
+    /// Returns the points of the panel's region in the scan in which the panel was located.
     pub fn todays_points(&self) -> &Arc<Vec<TodaysPoint>> {
         &self.todays_points
     }
 
-    /// What of the panel's place a later phase's result depends on, as text. Obstacles follow from the scan by
-    /// which the panel was located.
+    /// Returns the data of the panel's place on which a later phase's result depends, as text. Obstacles follow
+    /// from the scan by which the panel was located.
     pub(super) fn place_inputs(&self) -> String {
         let Perception { located, located_mm, place, corners, .. } = self;
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")
@@ -112,13 +112,14 @@ impl Perception {
         format!("{} {failed:?}", self.place_inputs())
     }
 
-    /// Films, and but for a new localization the dry picture, are those of another one.
+    /// Copies the films of another perception, and also its dry picture unless `without_dry`, as for a new
+    /// localization.
     pub(super) fn keep_films_of(&mut self, other: &Perception, without_dry: bool) {
         self.dry = if without_dry { None } else { other.dry.clone() };
         (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
     }
 
-    /// Adds what a film that was watched on its own left.
+    /// Adds the results of a film that was watched separately.
     pub fn take_film(&mut self, film: Perception) {
         self.inspections.extend(film.inspections);
         if film.film_picture.is_some() {
@@ -183,7 +184,7 @@ impl Perception {
         Ok(Answer::Graded(grade(&found.judgement)))
     }
 
-    /// The picture of the dry panel.
+    /// Takes the picture of the dry panel.
     pub fn dry_picture(
         &mut self,
         eyes: &mut dyn CameraPort,
@@ -199,7 +200,8 @@ impl Perception {
         }
     }
 
-    /// Begins to watch, and the camera to film; of the taught pixels `sanded` were sanded since the dry picture was taken.
+    /// Begins to watch the film, and starts the camera's film; `sanded` are the taught pixels that were sanded
+    /// after the dry picture was taken.
     pub fn film(
         &self,
         cycle: &CycleSetup,
@@ -260,7 +262,7 @@ impl Perception {
         if since_s < cycle.demands().filmed_s() {
             return Ok(Ok(filming));
         }
-        // A camera that is lost now has delivered all that is needed.
+        // If the camera is lost now, it has already delivered all the pictures that are needed.
         let dropped = eyes.end_film().inspect_err(|error| tracing::warn!("the film's end: {error}")).ok();
         self.finish(cycle, (filming, dropped), pass, record).map(Err)
     }

@@ -8,14 +8,15 @@ use crate::recipe;
 use crate::verdict::Reason;
 use std::time::Duration;
 
-/// A reading that is older than the tool's deadlines by this much is none: the thread of its link does not work.
+/// A reading that is older than the tool's deadlines by more than this time does not count: the thread of the
+/// tool's link does not work.
 const MAX_READING_DELAY: Duration = Duration::from_millis(150);
 /// Time by which the force may lag behind its set-point.
 const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
 /// The tool is commanded anew once its attitude changes its share of the weight by this much, N.
 const ATTITUDE_N: f64 = 0.2;
 
-/// Memory of the tool.
+/// The state of the tool's pressing.
 #[derive(Debug, Default)]
 pub(super) struct Pressing {
     last: Option<(Time, Reading)>,
@@ -24,10 +25,10 @@ pub(super) struct Pressing {
     contact: Option<Contact>,
 }
 
-/// A contact path under way.
+/// A contact path in progress.
 #[derive(Debug)]
 struct Contact {
-    /// Of each waypoint of the plan, whether it is on the panel.
+    /// For each waypoint of the plan, whether the disc is on the panel.
     on_panel: Vec<bool>,
     force_n: f64,
     landing_n: f64,
@@ -39,7 +40,7 @@ struct Contact {
 }
 
 impl Pressing {
-    /// A contact path begins: of each waypoint whether it is on the panel.
+    /// Begins a contact path; `on_panel` states for each waypoint whether the disc is on the panel.
     pub fn begin(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
         let (Some(force_n), Some(landing_n)) = (settings.force_n(), settings.landing_n()) else { return };
         self.contact = Some(Contact {
@@ -102,7 +103,7 @@ impl Pressing {
         self.last.map(|(_, reading)| Weight::from(tool).contact_n(reading.force_n, downwards))
     }
 
-    /// Why the contact path under way must end now.
+    /// Returns why the contact path in progress must end now.
     pub fn ends(&mut self, tool: &CompliantTool, downwards: f64, now: Time) -> Option<Reason> {
         if let Some(why) = self.is_not_there(tool, now) {
             return Some(why);
@@ -113,13 +114,13 @@ impl Pressing {
         watch.see((&reading, contact_n), expected, &limits(tool), at)
     }
 
-    /// Why no motion towards the panel may begin.
+    /// Returns why no motion towards the panel may begin.
     pub fn refuses(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
         let unready = || self.last.and_then(|(_, reading)| unready(&reading, tool.stroke_mm));
         self.is_not_there(tool, now).or_else(unready)
     }
 
-    /// The path under way is over.
+    /// Notes that the path in progress is over.
     pub fn is_over(&mut self) {
         self.contact = None;
     }
@@ -152,7 +153,8 @@ impl Contact {
             Aim::Landing => self.landing_n,
             Aim::Pressing => self.force_n,
         };
-        // Out of the air it comes at once, with the landing force; back into it likewise.
+        // From the air to the landing, the force changes at once, to the landing force; back to the air, it also
+        // changes at once.
         let was_held = self.aim == Aim::HeldBack;
         let ramp_s = if aim == Aim::HeldBack || was_held && aim == Aim::Landing { 0.0 } else { self.ramp_s };
         if aim != self.aim {
@@ -162,7 +164,8 @@ impl Contact {
         if aim == Aim::HeldBack {
             return Press::held_back(tool.min_force_n);
         }
-        // Within the tool's forces at every attitude: else neither cell nor cycle had been taken.
+        // The value is within the tool's forces at every attitude: otherwise the cell or the cycle would not have
+        // been accepted.
         let actuator_n = |contact_n: f64| Weight::from(tool).actuator_n(contact_n, downwards);
         Press { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
     }

@@ -1,5 +1,5 @@
-//! How far something was sent, in a file beside the store's database. A file that is gone or damaged costs nothing
-//! but sending again.
+//! Stores the progress of a transfer in a file in the folder of the store's database. If the file is lost or
+//! damaged, the only consequence is that data are sent again.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -15,12 +15,12 @@ use super::request::{StartRequest, What};
 use crate::cycle::Request;
 use serde::{Deserialize, Serialize};
 
-/// The longest line, with its end: a recipe and its escapes. Only a start is that long.
+/// Maximum length of a line, with its end: a recipe and its escapes. Only a start may be that long.
 pub const MAX_BYTES: usize = 256 * 1_024;
-/// The longest of any other line.
+/// Maximum length of any other line.
 pub(super) const MAX_SHORT_BYTES: usize = 4 * 1_024;
 
-/// Whether a line that begins so may be as long as a start.
+/// Whether a line with this beginning may be as long as a start.
 pub(super) fn may_be_long(beginning: &[u8]) -> bool {
     let word = b"\"start\"";
     let searched = &beginning[..beginning.len().min(MAX_SHORT_BYTES)];
@@ -61,13 +61,13 @@ pub enum ProtocolError {
     /// Too long.
     #[error("the line is longer than {most} bytes")]
     TooLong {
-        /// The longest that is read.
+        /// Maximum length of a line, bytes.
         most: usize,
     },
     /// The line took too long.
     #[error("the line did not come whole in time; write it at once")]
     Slow,
-    /// Others needed the place.
+    /// Other connections needed the resources of this one.
     #[error(
         "too many connections are open, and this one was silent for longest; write the line at once, and try again"
     )]
@@ -75,13 +75,13 @@ pub enum ProtocolError {
     /// It broke off.
     #[error("the line has no end")]
     NoEnd,
-    /// It is not what is allowed.
+    /// The line is not an allowed request.
     #[error("not understood: {problem}")]
     NotUnderstood {
         /// What is wrong.
         problem: String,
     },
-    /// The program requests it of itself alone.
+    /// Only the program itself may make this request.
     #[error("this cannot be requested through the socket")]
     NotForClients,
 }
@@ -146,7 +146,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The same line comes of what was read; so each is byte for byte what it was.
+    /// A request that is read and written again gives the same line, byte for byte.
     #[test]
     fn each_request_reads_back() {
         let start =
@@ -183,7 +183,7 @@ mod tests {
         assert_eq!(request_line(&What::Leave), Err(ProtocolError::NotForClients));
     }
 
-    /// Each with a word that its message must hold.
+    /// Each line, with a word that its error message must contain.
     #[test]
     fn hostile_lines_ask_for_nothing() {
         let deep = format!("{}1{}\n", "[".repeat(100_000), "]".repeat(100_000));
@@ -201,7 +201,7 @@ mod tests {
             (b"{\"ask\":\"hold\"}{\"ask\":\"abort\"}\n", "trailing"),
             (b"{\"ask\":\"unhold\",\"dried\":\"yes\"}\n", "boolean"),
             (b"{\"ask\":\"unhold\",\"dried\":1}\n", "boolean"),
-            // What a person decides names what it was decided upon.
+            // A person's decision must name the step on which it is based.
             (b"{\"ask\":\"unhold\",\"dried\":true}\n", "step"),
             (b"{\"ask\":\"accept\"}\n", "step"),
             (b"{\"ask\":\"clear\"}\n", "step"),
@@ -222,7 +222,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever comes, it is read or refused; a cut line is refused.
+        /// Any bytes are either read or refused; a line that was cut is refused.
         #[test]
         fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..200), cut in 0_usize..28) {
             let _ = read_request(&bytes);

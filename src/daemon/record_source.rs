@@ -8,9 +8,9 @@ use crate::store::PersonSigns;
 pub struct RecordPdf {
     /// The PDF.
     pub pdf: Vec<u8>,
-    /// The signed page that names its SHA-256.
+    /// The signed page, which contains the SHA-256 of the PDF.
     pub page: Vec<u8>,
-    /// The signature of that.
+    /// The signature of the signed page.
     pub signature: Vec<u8>,
 }
 

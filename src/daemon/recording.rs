@@ -1,4 +1,4 @@
-//! The store as the loop's record.
+//! Records the loop's data in the store.
 
 use super::ports::{Figure, Finding, Keeper, Note, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture};
 use crate::cycle::Event;
@@ -11,12 +11,12 @@ use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
+/// Minimum free disk space for the begin of a cycle, MB: room for its pictures and the journal of its worst day.
 pub const FLOOR_MB: u64 = 1_000;
-/// Pictures of a clip that are compressed at once.
+/// Number of pictures of a clip that are compressed at the same time.
 const BATCH_PICTURES: usize = 8;
 
-/// A cycle's pages in a store; between cycles only the journal is written.
+/// Writes a cycle's pages into a store; between cycles only the journal is written.
 #[derive(Debug)]
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
@@ -36,22 +36,23 @@ struct RequestPosition {
     findings: u64,
 }
 
-/// What is known of the cycle between two writings.
+/// The data of the cycle between two writes.
 #[derive(Debug, Default)]
 struct Pages {
     budget: Budget,
-    /// What the next finding names.
+    /// The pictures to which the next finding refers.
     pictures: Vec<Picture>,
     shots: Vec<KeptFile>,
-    /// The clip so far, its files named by their hashes, and its last pictures, which are not kept yet.
+    /// The clip so far, with its files named by their hashes; `waiting` contains its last pictures, which are not
+    /// stored yet.
     clip: Vec<ClipEntry>,
     waiting: Vec<(Arc<ColorPicture>, f64, Phase)>,
-    /// Findings of the cycle so far.
+    /// Number of findings of the cycle so far.
     findings: u64,
 }
 
 impl<'a> StoreRecord<'a> {
-    /// Writes to this cycle, or to none.
+    /// Creates a record that writes to this cycle, or to none.
     pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
         StoreRecord { store, cycle: cycle.into(), line: None, pages: Pages::default(), is_full_told: false }
     }
@@ -61,7 +62,7 @@ impl<'a> StoreRecord<'a> {
         self.store.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
     }
 
-    /// Keeps the clip's pictures that wait, compressed side by side.
+    /// Stores the clip's waiting pictures, which are compressed in parallel.
     fn keep_waiting(&mut self) -> Result<(), RecordError> {
         let waiting = std::mem::take(&mut self.pages.waiting);
         let compressed: Vec<_> = waiting.par_iter().map(|(picture, ..)| write_color_jpeg(picture)).collect();
@@ -72,7 +73,7 @@ impl<'a> StoreRecord<'a> {
         Ok(())
     }
 
-    /// Ends the clip: its list is kept and named like a picture. One without a wet picture is none.
+    /// Ends the clip: its list is stored and named like a picture. A clip without a wet picture is not stored.
     fn keep_clip(&mut self) -> Result<(), RecordError> {
         self.keep_waiting()?;
         let entries = std::mem::take(&mut self.pages.clip);
@@ -94,7 +95,7 @@ pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
     Ok(Box::new(move |picture| writer.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))
 }
 
-/// The disk is full, what to delete, and how much.
+/// Returns the reason that the disk is full, with the files to delete and the space that is needed.
 fn full(store: &Store) -> Reason {
     Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.full()))
 }
@@ -163,7 +164,8 @@ impl StoreRecord<'_> {
         self.keep_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
-        // What is no number was not measured; a fit that failed must not stop the record of its rejection.
+        // A value that is not a finite number counts as not measured. A failed fit must not prevent the record of
+        // its rejection.
         let dropped = self.store.dropped_pictures();
         if dropped > 0 {
             kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());

@@ -14,9 +14,9 @@ use std::sync::Arc;
 pub enum Exit {
     /// The table accepted it.
     Done,
-    /// Not now, or not so.
+    /// The request is refused: it is not possible now, or not in this form.
     Refused,
-    /// Not with a cell in this condition.
+    /// The condition of the cell does not allow the request.
     Fault,
 }
 
@@ -43,11 +43,11 @@ pub struct Reply {
     pub phase: Option<String>,
     /// The panel of the cycle that runs or ran last.
     pub panel: Option<String>,
-    /// Its abrasions so far.
+    /// The cycle's number of abrasions so far.
     pub pass: Option<u8>,
-    /// Seconds of the film that is under way.
+    /// Seconds of the film in progress.
     pub film_s: Option<f64>,
-    /// Waypoints executed of the path that is under way.
+    /// Number of executed waypoints of the path in progress.
     pub waypoint: Option<u32>,
     /// All of them.
     pub of: Option<u32>,
@@ -56,27 +56,27 @@ pub struct Reply {
     /// Position of the arm's axes, degrees, while the arm is at rest and the link to it works.
     #[serde(default)]
     pub axes_deg: Option<[f64; 6]>,
-    /// The robot's last epoch.
+    /// The last epoch of the robot.
     pub epoch: Option<u32>,
-    /// The step of the cycle's table that this reply shows; accept, unhold and clear name it.
+    /// The step of the cycle's table that this reply shows; the requests accept, unhold and clear must name it.
     #[serde(default)]
     pub step: Option<u64>,
-    /// The cycle that runs, or ran last since the service started.
+    /// The cycle that runs, or the last one since the service started.
     pub cycle_id: Option<i64>,
-    /// Its verdict, once it has one.
+    /// The verdict of the cycle, once it exists.
     pub verdict: Option<Verdict>,
     /// Its recording, if it has one.
     pub recording: Option<Recorded>,
     /// The action that was done, if the state does not show it.
     pub done: Option<String>,
-    /// Why it was refused, or why the cell is in this state.
+    /// Why the request was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
-    /// For the operator's page and the plant: it goes through no socket.
+    /// Data for the operator's page and the plant, which are not sent through a socket.
     #[serde(skip)]
     pub extras: Extras,
 }
 
-/// What only the operator's page and the plant show.
+/// The data that only the operator's page and the plant show.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Extras {
     /// The state of the cycle's table.
@@ -85,9 +85,9 @@ pub struct Extras {
     pub possible: Vec<&'static str>,
     /// The panel's grids; none before the first cycle.
     pub grids: Arc<[GridId]>,
-    /// How long the film is watched, s.
+    /// Planned duration of the film, s.
     pub film_total_s: Option<f64>,
-    /// Whether the cycle waits for a person's word on a result.
+    /// Whether the cycle waits for a person's decision on a result.
     pub is_review: bool,
 }
 

@@ -23,7 +23,7 @@ use tokio::sync::oneshot;
 pub struct Request {
     /// What is requested.
     pub what: What,
-    /// Who requests it, and through which front.
+    /// The person or program that makes the request, and its front.
     pub who: Who,
     /// The channel for the reply; `None` if no client waits for one.
     pub reply: Option<oneshot::Sender<Reply>>,
@@ -35,7 +35,8 @@ impl Request {
         Request { what, who, reply: None }
     }
 
-    /// SIGTERM or SIGINT. The first one stops the cell, the second one aborts; the service ends once the cell is at rest.
+    /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cell, the second one aborts; the
+    /// service ends once the cell is at rest.
     pub fn signal() -> Self {
         Request::new(What::Leave, Who::by(Front::Signal))
     }
@@ -43,13 +44,13 @@ impl Request {
 
 /// What is requested.
 pub enum What {
-    /// The present state. It is answered at once.
+    /// To report the present state. This is answered at once.
     State,
-    /// A cycle, as a front names it. The loop sees it as `Begin` or `Unprepared`.
+    /// To start a cycle, as a front requests it. The loop receives it as `Begin` or `Unprepared`.
     Start(StartRequest),
     /// A cycle; its files have been read.
     Begin(Box<PreparedCycle>),
-    /// A cycle that was refused when its files were read. The loop only records it.
+    /// A start that was refused when the cycle's files were read. The loop only records it.
     Unprepared {
         /// The recipe's file as the front named it.
         recipe: String,
@@ -58,23 +59,23 @@ pub enum What {
     },
     /// To record that a new disc was mounted. Possible while the cell is at rest.
     NewDisc,
-    /// What the table of the cycle decides about.
+    /// A request on which the table of the cycle decides.
     Table(cycle::Request),
-    /// The same, by a person who decided upon what this step of the table showed ([`cycle::State::step`]).
+    /// A person's decision for the table, based on the state at this step of the table ([`cycle::State::step`]).
     Decided {
-        /// What is requested: accept, unhold or clear.
+        /// The request: accept, unhold or clear.
         request: cycle::Request,
         /// The step.
         step: u64,
     },
-    /// What was decided upon another step than the present one. The loop only records it.
+    /// A decision that was based on another step than the present one. The loop only records it.
     Outdated {
         /// What was requested.
         request: cycle::Request,
         /// What changed since.
         reasons: Vec<Reason>,
     },
-    /// Pictures of the cell's cameras, while the cell rests without a cycle.
+    /// To take pictures with the cell's cameras, while the cell rests without a cycle.
     Shoot(ShotRequest),
     /// To end the program, if the cell is at rest.
     Leave,
@@ -113,13 +114,14 @@ impl What {
         }
     }
 
-    /// Whether it must reach the loop before everything else, however much waits.
+    /// Whether the request must reach the loop before all other waiting requests.
     pub(super) fn is_urgent(&self) -> bool {
         matches!(self, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))
     }
 }
 
-/// A cycle that is requested. The recipe comes as text, so that a front needs no file that the service can read.
+/// The request to start a cycle. It contains the recipe as text, so that a front needs no file that the service can
+/// read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartRequest {
@@ -143,10 +145,10 @@ pub struct StartRequest {
     pub own_text: OwnText,
 }
 
-/// Whether a start may bring a text that is none of the recipes' folder.
+/// Whether a start may bring a recipe text that is not in the recipes' folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OwnText {
-    /// Only a recipe of the folder, by name and content.
+    /// Only a recipe of the folder is accepted, by name and content.
     #[default]
     Refused,
     /// Any text; the record states that it is not from the folder.
@@ -170,7 +172,7 @@ pub struct PreparedCycle {
     pub request: cycle::Request,
     /// Recipe, taught panel and calibrations.
     pub setup: CycleSetup,
-    /// What the cycle's record begins with.
+    /// The data with which the cycle's record begins.
     pub start: CycleStart,
     /// How the cycle is recorded, if it is recorded.
     pub recording: Option<RecordingPlan>,

@@ -34,10 +34,10 @@ pub struct EndedCycle {
     pub recording: Option<Recording>,
 }
 
-/// The parts of the service beside its loop that requests have to do with.
+/// The parts of the service, outside of its loop, that requests use.
 #[derive(Debug)]
 pub struct ServiceParts {
-    /// Which cycle is recorded.
+    /// The switch that determines which cycle is recorded.
     pub recording: RecordingSwitch,
     /// Checks whether all threads work.
     pub supervisor: Supervisor,
@@ -68,10 +68,10 @@ const IDLE_WAIT: Duration = Duration::from_millis(20);
 /// Largest number of requests for the state that are answered in one iteration of the loop.
 const MAX_STATE_REQUESTS: usize = 64;
 
-/// Of this many steps of the table it is known what they showed: more than a cycle has between two holds.
+/// Number of the table's steps for which the state shown is remembered: more than a cycle has between two holds.
 const MAX_STEPS: usize = 64;
 
-/// What a start that the loop has taken is for.
+/// The data of a start that the loop has accepted.
 #[derive(Debug)]
 struct Ordered {
     panel: String,
@@ -85,38 +85,38 @@ pub struct RequestHandler {
     queue: RequestQueue,
     /// The channel for the reply to the request that the loop has accepted.
     waiting: Option<oneshot::Sender<Reply>>,
-    /// Whether that request is a reset.
+    /// Whether the accepted request is a reset.
     waits_for_reset: bool,
     signals: u8,
     /// The number of signals for which a request was sent to the table.
     obeyed: u8,
     /// The state that was last reported to systemd.
     told: Option<At>,
-    /// How often systemd wants to hear from the loop, and when it last did.
+    /// The interval at which systemd expects a sign of the loop, and the time of the last sign.
     watchdog: Option<(Duration, Instant)>,
     parts: ServiceParts,
-    /// The loop's own sign of life.
+    /// The loop's own sign of life for the supervisor.
     sign: Supervised,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
-    /// The panel of the cycle, and of the start that the loop has taken.
+    /// The panel of the cycle, and of the start that the loop has accepted.
     panel: Option<String>,
     ordered: Option<Ordered>,
-    /// The grids of the panel of the last cycle, and how long its film is watched, s.
+    /// The grids of the panel of the last cycle; `film_total_s` is the planned duration of its film, s.
     grids: Arc<[GridId]>,
     film_total_s: Option<f64>,
-    /// Seconds of the film that is under way.
+    /// Seconds of the film in progress.
     film_s: Option<f64>,
-    /// What was done, for the reply.
+    /// The action that was done, for the reply.
     done: Option<String>,
     /// The cycle whose page is due once the cell is at rest.
     ended: Option<CycleId>,
-    /// What was last found wrong, and what was found before something new was requested.
+    /// The problems found last; `set_aside` contains those from before the last request.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
-    /// As the loop last showed it.
+    /// The state that the loop last showed.
     state: State,
-    /// The last steps of the table, with what each showed.
+    /// The last steps of the table, each with the state that it showed.
     steps: VecDeque<(u64, String)>,
 }
 
@@ -182,7 +182,7 @@ impl RequestHandler {
         }
     }
 
-    /// What only the operator's page and the plant show.
+    /// Returns the data that only the operator's page and the plant show.
     fn extras(&self, state: &State) -> Extras {
         use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
         let start = Start { max_passes: 1, max_moves: 0, dries: false };
@@ -199,7 +199,7 @@ impl RequestHandler {
         Extras { table: Some(*state), possible, grids, film_total_s, is_review }
     }
 
-    /// Why the cell is in this state, and what was last found wrong.
+    /// Returns why the cell is in this state, and the problems found last.
     fn reasons(&self, state: &State) -> Vec<Reason> {
         words::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
     }
@@ -243,7 +243,7 @@ impl RequestHandler {
         }
     }
 
-    /// A decision goes to the table if the step that it was taken upon is the present one.
+    /// Passes a decision to the table if the step on which the decision is based is the present one.
     fn decided(&self, request: cycle::Request, step: u64, state: &State) -> What {
         if step == state.step {
             return What::Table(request);
@@ -252,7 +252,8 @@ impl RequestHandler {
         What::Outdated { request, reasons: vec![words::outdated(request, (step, was), state)] }
     }
 
-    /// Remembers what each step showed, so that a decision upon an earlier one is refused with what changed.
+    /// Remembers the state shown at each step, so that a decision based on an earlier step is refused with the
+    /// change since then.
     fn remember_step(&mut self, state: &State) {
         if self.steps.back().is_some_and(|(step, _)| *step == state.step) {
             return;
@@ -267,7 +268,7 @@ impl RequestHandler {
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, What::Table(cycle::Request::Reset));
-        // A refusal brings it back.
+        // If the request is refused, these notes are restored.
         self.set_aside = self.noted.clone();
         match &request.what {
             What::Table(asked) => {
@@ -278,7 +279,7 @@ impl RequestHandler {
             }
             What::Begin(prepared) => {
                 let setup = &prepared.setup;
-                // The table may refuse it while another cycle runs.
+                // The table may refuse the start while another cycle runs.
                 self.ordered = Some(Ordered {
                     panel: setup.panel_name().to_owned(),
                     grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),

@@ -12,7 +12,7 @@ pub struct Archive {
     pub what: ArchiveTask,
 }
 
-/// What may be done with an archive.
+/// The tasks of the archive command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ArchiveTask {
     /// Receive what cells send from the broker, keep it in PostgreSQL and a folder, and report to the cells what
@@ -22,9 +22,9 @@ pub enum ArchiveTask {
         panelprep archive run --settings /etc/panelprep/archive.toml"
     )]
     Run(RunArchive),
-    /// Prove that the archive holds what cells sent: no number without a record, every content with its hash, every
-    /// signature by its key, every signed record after the one before it, every file whole; and the same as in the
-    /// cells that are named.
+    /// Prove that the archive contains everything that cells sent: no number without a record, every content with
+    /// its hash, every signature by its key, every signed record after its predecessor, every file complete.
+    /// Compare it also with the cells that are named.
     #[command(after_help = "Example, with one cell's store on this machine and the list of another one:\n  \
                             panelprep archive check --settings /etc/panelprep/archive.toml \
                             cell-1=/var/lib/panelprep/store cell-2=cell-2.json\nThe list is what `panelprep store \
@@ -51,7 +51,7 @@ pub struct OfferRecipe {
     /// The recipe.
     #[arg(value_name = "FILE")]
     pub recipe: PathBuf,
-    /// The printed name of who approved it.
+    /// The printed name of the person who approved the recipe.
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
     pub by: String,
     /// Why.
@@ -65,7 +65,7 @@ pub struct OfferRecipe {
 /// Options of `archive account`.
 #[derive(Debug, Clone, Args)]
 pub struct ArchiveAccount {
-    /// The name by which its owner logs in.
+    /// The name with which its owner logs in.
     pub name: String,
     /// The owner's printed name; without it, the name.
     #[arg(long, value_name = "NAME")]
@@ -94,7 +94,7 @@ pub struct RunArchive {
 /// Options of `archive check`.
 #[derive(Debug, Clone, Args)]
 pub struct CheckArchive {
-    /// Cells to compare with: the cell's name, and its store's folder or the file of its list.
+    /// Cells to compare with: the cell's name, and either the folder of its store or the file of its list.
     #[arg(value_name = "CELL=STORE_OR_LIST")]
     pub cells: Vec<String>,
     /// The archive's settings.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// The parts of a backup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum BackupPart {
-    /// What was taught, cycles, the journal, pictures and scans.
+    /// The taught data, cycles, the journal, pictures and scans.
     Store,
     /// The cell's file, the calibrations and camera settings that it names, and the recipes in its folder.
     Configuration,
@@ -15,7 +15,7 @@ pub enum BackupPart {
 /// Options of `backup`.
 #[derive(Debug, Clone, Args)]
 pub struct Backup {
-    /// The archive to write; it must not be there.
+    /// The archive to write; it must not exist.
     pub archive: PathBuf,
     /// This part alone.
     #[arg(long, value_enum)]
@@ -25,7 +25,7 @@ pub struct Backup {
 /// Options of `restore`.
 #[derive(Debug, Clone, Args)]
 pub struct Restore {
-    /// What `panelprep backup` wrote.
+    /// An archive that `panelprep backup` wrote.
     pub archive: PathBuf,
     /// This part alone.
     #[arg(long, value_enum)]
@@ -34,7 +34,7 @@ pub struct Restore {
     /// be given for each.
     #[arg(long, value_enum, value_name = "PART")]
     pub replace: Vec<BackupPart>,
-    /// Also write files that the cell's file names outside of its folder.
+    /// Also write files that are named in the cell's file and are outside of its folder.
     #[arg(long)]
     pub outside: bool,
 }

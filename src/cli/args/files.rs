@@ -10,7 +10,8 @@ pub struct Doctor {
     /// Folder with the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from it or to be copied to it.
     #[arg(long, value_name = "FOLDER")]
     pub kuka: Option<PathBuf>,
-    /// Take 3D shots with a Zivid for ten minutes and follow its temperature: only then is it known to be warm.
+    /// Take 3D shots with a Zivid for ten minutes and observe its temperature: only after this is it certain that
+    /// the camera is warm.
     #[arg(long)]
     pub warm_up: bool,
 }
@@ -18,10 +19,11 @@ pub struct Doctor {
 /// Options of `check`.
 #[derive(Debug, Clone, Args)]
 pub struct Check {
-    /// The files. KRL files that belong together are named together.
+    /// The files. KRL files that belong together must be named in one command.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7: what it lacks is an error.
+    /// The lowest version of KUKA System Software for which the KRL files are written, 8.2 to 8.7: use of a
+    /// function that it lacks is an error.
     #[arg(long, value_name = "VERSION")]
     pub kss: Option<crate::krl::Kss>,
     /// The purpose for which a cell's file must be complete, with the files that it names; without it, a cycle with
@@ -37,7 +39,7 @@ pub enum PurposeName {
     Files,
     /// One function of the robot at a time.
     Robot,
-    /// `cycle`, `air-run` and `run`: calibrations and camera settings must be there and right.
+    /// `cycle`, `air-run` and `run`: calibrations and camera settings must exist and be valid.
     Cycle,
 }
 
@@ -54,11 +56,11 @@ pub struct Teach {
     /// is drawn in a browser between them.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
     pub live: Option<PathBuf>,
-    /// Draw the region, its grids and what is masked on the scan's picture, in a browser on this computer; they are
-    /// written into the recipe's file, its comments stay.
+    /// Draw the region, its grids and the masked areas on the scan's picture, in a browser on this computer. They
+    /// are written into the recipe's file, whose comments are kept.
     #[arg(long)]
     pub draw: bool,
-    /// With --live: the region is in the recipe already.
+    /// With --live: the region is already in the recipe.
     #[arg(long, requires = "live", conflicts_with = "draw")]
     pub no_draw: bool,
     /// Address of the page to draw on: a loopback address; port 0 uses a free one.
@@ -101,7 +103,7 @@ pub struct Locate {
     /// File for the located pose, as `--json` prints it: the input for `--located` of other commands.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Folder for a picture of the place found.
+    /// Folder for a picture of the panel at the place found.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -112,7 +114,7 @@ pub struct Refine {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
-    /// A pose, or what `locate` printed.
+    /// A pose, or the output of `locate`.
     #[arg(long, value_name = "POSE.json")]
     pub located: PathBuf,
     /// A corner picture; repeatable in the order of teaching, each with its `--flange`.
@@ -142,16 +144,16 @@ pub struct Inspect {
     /// dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: what the disc may have touched
-    /// is held against its wet look alone. A grid that is not named is taken as untouched.
+    /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: the area that the disc may
+    /// have touched is compared only with its wet appearance. A grid that is not named is considered untouched.
     #[arg(long, value_name = "GRIDS", value_delimiter = ',')]
     pub abraded: Vec<String>,
-    /// Folder with the true mask, to score against; it changes no result. A clip that was labelled is its own
-    /// truth. Without `--clip` a labelled set: a folder of clips, each with its own `truth` or labelled itself, is
-    /// scored as a whole.
+    /// Folder with the true mask for a score; it changes no result. A clip that was labelled contains its own
+    /// truth. Without `--clip`, the folder is a labelled set: a folder of clips, each with its own `truth` or its
+    /// own labels, which is scored as a whole.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
-    /// Folder for the mask, the overlay, the film strip and the page to sign; of a set, for its plots.
+    /// Folder for the mask, the overlay, the film strip and the page to sign; for a set, folder for its plots.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -169,7 +171,7 @@ pub struct Tune {
     /// dry picture shows it elsewhere, the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Folder with the true mask of the clip's end; a clip that was labelled is its own truth.
+    /// Folder with the true mask of the clip's end; a clip that was labelled contains its own truth.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
 }
@@ -177,10 +179,10 @@ pub struct Tune {
 /// Options of `label`.
 #[derive(Debug, Clone, Args)]
 pub struct Label {
-    /// Folder with numbered pictures and `clip.csv`; the labels are kept in it.
+    /// Folder with numbered pictures and `clip.csv`; the labels are stored in it.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// The panel's recipe: its grids are drawn over the pictures. The panel must have been taught.
+    /// The panel's recipe, whose grids are drawn over the pictures. The panel must have been taught.
     #[arg(long, value_name = "FILE")]
     pub recipe: Option<PathBuf>,
     /// A pose, or the output of `locate` or `refine`: the place of the panel for the grids. Without it, they are
@@ -201,7 +203,7 @@ pub struct Plan {
     /// A pose, or the output of `locate` or `refine`; without it, the panel is at its nominal place.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// The grids to abrade, `r1c1,r1c2`; without it all of them.
+    /// The grids to abrade, `r1c1,r1c2`; without this option all grids.
     #[arg(long, value_name = "ID,…", value_delimiter = ',')]
     pub grids: Vec<String>,
     /// File for the plan as JSON.

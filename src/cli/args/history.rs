@@ -11,7 +11,8 @@ pub struct History {
     /// What is searched.
     #[command(flatten)]
     pub search: SearchArguments,
-    /// Cycles at most: of a search those found, of a trend, a heat map and alarms the newest.
+    /// Maximum number of cycles: for a search, of cycles found; for a trend, a heat map and alarms, the newest
+    /// cycles.
     #[arg(long, global = true, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=1_000))]
     pub limit: u16,
     /// Print comma-separated values (CSV) on standard output, for a spreadsheet.
@@ -37,16 +38,16 @@ pub struct SearchArguments {
     /// Begun at this time or later, UTC: 2026-05-31 or 2026-05-31T09:00.
     #[arg(long, value_name = "DATE")]
     pub from: Option<String>,
-    /// Begun before this time, UTC; a day without a time counts wholly.
+    /// Begun before this time, UTC; a date without a time includes the whole day.
     #[arg(long, value_name = "DATE")]
     pub to: Option<String>,
     /// How the cycle ended.
     #[arg(long, value_name = "VERDICT")]
     pub verdict: Option<EndName>,
-    /// Words that are all in the reasons of the verdict, in codes or sentences.
+    /// Words that must all occur in the reasons of the verdict, in codes or sentences.
     #[arg(long, value_name = "WORDS")]
     pub text: Option<String>,
-    /// Cycles before this one: the next page of a search.
+    /// Only cycles before this one: the next page of a search.
     #[arg(long, value_name = "N")]
     pub before: Option<i64>,
 }
@@ -69,28 +70,29 @@ pub enum EndName {
 /// Questions to the history.
 #[derive(Debug, Clone, Subcommand)]
 pub enum HistoryTask {
-    /// One cycle at a glance: part, verdict, grids, residuals and errors, times, disc.
+    /// Summary of one cycle: part, verdict, grids, residuals and errors, times, disc.
     Show {
         /// The number of the cycle.
         cycle: i64,
     },
-    /// Two cycles side by side: with what they ran, every check with its difference and limit, every grid.
+    /// Two cycles side by side: their inputs, every check with its difference and limit, every grid.
     Compare {
         /// The number of one cycle.
         first: i64,
         /// The number of the other.
         second: i64,
     },
-    /// How a number of a panel developed over its cycles, with its limits, and with hints by the rules of Western Electric.
+    /// The development of a number of a panel over its cycles, with its limits, and with hints by the rules of
+    /// Western Electric.
     #[command(after_help = format!("NAME is one of these words:\n  {}\nor the name of a check as the page of a cycle has it, in quotes.",
         crate::history::Known::words().join("\n  ")))]
     Trend {
         /// The panel, by its name in the recipe.
         panel: String,
-        /// The number: a word of the list below, or the name of a check.
+        /// The number: a keyword of the list below, or the name of a check.
         name: String,
     },
-    /// How often and after which time the film broke on each grid of a panel, over all parts of its kind.
+    /// How often the film broke on each grid of a panel, and after which time, over all parts of this kind.
     Heat {
         /// The panel, by its name in the recipe.
         panel: String,

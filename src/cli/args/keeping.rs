@@ -1,4 +1,4 @@
-//! Arguments of the commands about what is kept: the store, pages, recordings, codes.
+//! Arguments of the commands about stored data: the store, pages, recordings, codes.
 
 use super::values::parse_non_empty;
 use crate::history::languages;
@@ -9,29 +9,30 @@ use std::path::PathBuf;
 /// Options of `store`.
 #[derive(Debug, Clone, Args)]
 pub struct StoreCommand {
-    /// What to do with it.
+    /// The task for the store.
     #[command(subcommand)]
     pub what: StoreTask,
 }
 
-/// What may be done with a store.
+/// The tasks of the store command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum StoreTask {
-    /// Hold every row against the chain of hashes, the chain against its head outside of the database, and every file
-    /// against its hash: name what was changed, deleted, put in, reordered or rolled back.
+    /// Compare every row with the chain of hashes, the chain with its head outside of the database, and every file
+    /// with its hash: name what was changed, deleted, inserted, reordered or rolled back.
     #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store \
                             --rows-only\nExit codes: 0 no problem was found, 1 a problem was found, 2 there is no \
                             store to read.")]
     Verify(VerifyStore),
-    /// List what the office is to have of this cell: each end of a cycle, signature and verification by its name,
-    /// with the SHA-256 of its content. `panelprep archive check` holds the office's own list against it.
+    /// List the records that the office must have from this cell: each end of a cycle, signature and verification
+    /// by its name, with the SHA-256 of its content. `panelprep archive check` compares the office's own list with
+    /// this list.
     #[command(
         after_help = "Example, to be taken to the office:\n  panelprep store list --cell target/cell/cell.toml --json > target/cell-1.json"
     )]
     List,
-    /// Begin a new epoch of what the office is to have: records from now on get names that no earlier record of
-    /// this cell can have. For a store that was copied back by other means than `panelprep restore`, which does
-    /// this by itself.
+    /// Begin a new epoch of the records for the office: new records get names that no earlier record of this cell
+    /// can have. This is for a store that was copied back without `panelprep restore`, which begins a new epoch
+    /// automatically.
     #[command(
         after_help = "Example:\n  panelprep store renew --why 'disk image of May brought back' --cell target/cell/cell.toml"
     )]
@@ -41,7 +42,7 @@ pub enum StoreTask {
 /// Options of `store renew`.
 #[derive(Debug, Clone, Args)]
 pub struct RenewStore {
-    /// Why; it is kept in the store.
+    /// The reason; it is recorded in the store.
     #[arg(long, value_name = "WORDS", value_parser = parse_non_empty)]
     pub why: String,
 }
@@ -57,9 +58,9 @@ pub struct VerifyStore {
 /// Options of `explain`.
 #[derive(Debug, Clone, Args)]
 pub struct Explain {
-    /// The word in parentheses behind a message.
+    /// The code in parentheses after a message.
     pub code: Option<String>,
-    /// The language of meaning and remedy.
+    /// The language in which meaning and remedy are shown.
     #[arg(long, default_value = "en", value_parser = PossibleValuesParser::new(languages()))]
     pub language: String,
 }

@@ -11,7 +11,7 @@ pub struct New {
     pub what: NewFile,
 }
 
-/// The files that can be begun.
+/// The kinds of files that can be created.
 #[derive(Debug, Clone, Subcommand)]
 pub enum NewFile {
     /// A cell's file: cameras, robot, store, park pose of the arm. Tables with numbers of the sample are marked "TO
@@ -34,7 +34,7 @@ pub enum NewFile {
 /// Options of `new cell`.
 #[derive(Debug, Clone, Args)]
 pub struct NewCell {
-    /// The file to write; it must not be there.
+    /// The file to write; it must not exist.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Accept the proposed answer to each question that no option answers.
@@ -55,7 +55,7 @@ pub struct NewCell {
     /// Serial number of the GigE Vision camera.
     #[arg(long, value_name = "SERIAL", conflicts_with = "flange_camera_address")]
     pub flange_camera_serial: Option<String>,
-    /// Its address, in place of the serial number: then nothing is searched for.
+    /// Address of the GigE Vision camera, in place of the serial number: then no camera is searched for.
     #[arg(long, value_name = "ADDRESS")]
     pub flange_camera_address: Option<String>,
     /// The robot's controller.
@@ -67,7 +67,8 @@ pub struct NewCell {
     /// Axis angles of the arm's park pose, of a real cell: "a1,a2,a3,a4,a5,a6".
     #[arg(long, value_name = "ANGLES", allow_hyphen_values = true)]
     pub park_deg: Option<String>,
-    /// Least corner of the box that the tool's tip stays in, of a real cell: "x,y,z" in the robot's base.
+    /// For a real cell, the minimum corner of the box in which the tool's tip must stay: "x,y,z" in the robot's
+    /// base.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
     /// Its greatest corner.
@@ -78,7 +79,7 @@ pub struct NewCell {
 /// Options of `new recipe`.
 #[derive(Debug, Clone, Args)]
 pub struct NewRecipe {
-    /// The file to write; it must not be there.
+    /// The file to write; it must not exist.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Accept the proposed answer to each question that no option answers.
@@ -96,7 +97,7 @@ pub struct NewRecipe {
     /// Columns of grids in the region.
     #[arg(long, value_name = "N")]
     pub columns: Option<String>,
-    /// Least corner of the box in which the panel is searched, in the robot's base: "x,y,z".
+    /// Minimum corner of the box in which the panel is searched, in the robot's base: "x,y,z".
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub box_min_mm: Option<String>,
     /// Its greatest corner.

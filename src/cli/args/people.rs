@@ -1,4 +1,4 @@
-//! Arguments of the command about people at the operator's page.
+//! Arguments of the command for the accounts of the operator's page.
 
 use crate::accounts::Role;
 use clap::{Args, Subcommand};
@@ -11,7 +11,7 @@ pub struct User {
     pub what: UserTask,
 }
 
-/// What may be done with accounts.
+/// The tasks of the account command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum UserTask {
     /// Add an account. The command asks for the password; if standard input is not a terminal, its first line is
@@ -19,7 +19,7 @@ pub enum UserTask {
     Add {
         /// The name to log in with: a to z, 0 to 9, dot, hyphen, underscore.
         name: String,
-        /// What the person may do.
+        /// The role of the person, which determines the permitted actions.
         #[arg(long, value_enum)]
         role: Role,
         /// The person's printed name, as a signature shows it; without it, the name to log in with.
@@ -31,20 +31,20 @@ pub enum UserTask {
         /// The account's name.
         name: String,
     },
-    /// Change what a person may do.
+    /// Change the role of a person.
     Role {
         /// The account's name.
         name: String,
-        /// What the person may do from now on.
+        /// The new role of the person.
         #[arg(value_enum)]
         role: Role,
     },
-    /// The person may not log in any more. What the account did stays in every record.
+    /// Disable an account: the person may not log in any more. All records of the account's actions stay.
     Disable {
         /// The account's name.
         name: String,
     },
-    /// The person may log in again.
+    /// Enable an account: the person may log in again.
     Enable {
         /// The account's name.
         name: String,

@@ -6,12 +6,12 @@ use std::path::PathBuf;
 /// Options of `record`.
 #[derive(Debug, Clone, Args)]
 pub struct RecordCommand {
-    /// What to do with signed records.
+    /// The task for signed records.
     #[command(subcommand)]
     pub what: RecordTask,
 }
 
-/// What may be done with signed records.
+/// The tasks of the record command.
 #[derive(Debug, Clone, Subcommand)]
 pub enum RecordTask {
     /// Sign the record of a cycle, as the account that runs this command; also while the service runs.
@@ -24,8 +24,8 @@ pub enum RecordTask {
         panelprep record export 1 --cell target/cell/cell.toml --out target/record\n\
         All of them: panelprep record export --all --out target/records")]
     Export(ExportRecord),
-    /// Verify signed records with nothing but the public key: name what was changed, is missing, was exchanged or
-    /// rolled back.
+    /// Verify signed records with only the public key: name what was changed, is missing, was exchanged or rolled
+    /// back.
     #[command(
         after_help = "Example, after the one of `panelprep record export --help`:\n  panelprep record verify \
                             target/record --public-key target/record/public-key.pem\nAll records of a cell, up to \
@@ -49,20 +49,20 @@ pub struct SignRecord {
     /// Your printed name. Your account on this computer is written next to it.
     #[arg(long)]
     pub name: String,
-    /// What your signature means.
+    /// The meaning of your signature.
     #[arg(long, value_enum)]
     pub meaning: MeaningName,
-    /// What you add to it.
+    /// A remark that you add to the signature.
     #[arg(long, value_name = "TEXT")]
     pub remark: Option<String>,
 }
 
-/// What a signature means.
+/// The meaning of a signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MeaningName {
     /// Inspected and released.
     Released,
-    /// Inspected and not released.
+    /// The record was inspected and is not released.
     NotReleased,
     /// Reviewed.
     Reviewed,
@@ -76,7 +76,7 @@ pub struct ExportRecord {
     /// The numbers of the cycles.
     #[arg(required_unless_present = "all", conflicts_with = "all", value_name = "N")]
     pub cycles: Vec<i64>,
-    /// Every cycle that is over.
+    /// Export every cycle that is over.
     #[arg(long)]
     pub all: bool,
     /// The folder; it is made if it does not exist.
@@ -87,14 +87,14 @@ pub struct ExportRecord {
 /// Options of `record verify`.
 #[derive(Debug, Clone, Args)]
 pub struct VerifyRecord {
-    /// Records: `.json` files, each with its `.sig` beside it, or folders of them.
+    /// Records: `.json` files, each with its `.sig` in the same folder, or folders of records.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The cell's public key as PEM, or several in one file; without it, those in the folder of the cell's store.
     #[arg(long, value_name = "FILE")]
     pub public_key: Option<PathBuf>,
-    /// A head, with its `.sig` beside it: then the records must be all of the cell, from the first to the one that
-    /// it names.
+    /// A head, with its `.sig` in the same folder. The records must then be all records of the cell, from the first
+    /// to the record that the head names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
     /// The records must be all of the cell, from the first to the last one that is here. Without it, and without a

@@ -12,12 +12,13 @@ pub struct Robot {
     pub function: RobotFunction,
 }
 
-/// The functions of thesis Table 3.1. Each has an epoch of its own: base, tool and speed hold within it only.
+/// The functions of thesis Table 3.1. Each function has its own epoch: base, tool and speed are valid only within
+/// this epoch.
 #[derive(Debug, Clone, Subcommand)]
 pub enum RobotFunction {
     /// get_current_state: the state that the controller reports.
     State,
-    /// move_j: each axis to its angle.
+    /// move_j: moves each axis to its angle.
     MoveJ {
         /// A name of the cell's [poses], or the six angles A1,…,A6 in degrees.
         #[arg(value_name = "NAME|A1,…,A6", allow_hyphen_values = true)]
@@ -26,18 +27,19 @@ pub enum RobotFunction {
         #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
         axis_speed_percent: u8,
     },
-    /// move_lin: the tip in a straight line, cut into steps that the gate sees.
+    /// move_lin: moves the tip in a straight line, which is divided into steps that the gate checks.
     MoveLin {
         /// X,Y,Z,A,B,C in mm and degrees, or a POSE.json.
         #[arg(value_name = "POSE", allow_hyphen_values = true)]
         to: String,
-        /// The base that the pose is in, for example what `locate` printed; without it the robot's own.
+        /// The base in which the pose is given, for example the output of `locate`; without this option the robot's
+        /// own base.
         #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
         base: Option<String>,
-        /// What the tip is.
+        /// The point that is used as the tip.
         #[arg(long, value_enum, default_value_t)]
         tool: TipName,
-        /// Speed of the tip, mm/s; at most the cell's.
+        /// Speed of the tip, mm/s; at most the limit of the cell.
         #[arg(long, value_name = "MM/S", default_value_t = 50.0)]
         speed_mm_s: f64,
     },
@@ -56,7 +58,7 @@ pub enum RobotFunction {
     /// set_acc_speed: speeds of the motions that follow in the same epoch; shows whether the controller accepts
     /// them.
     SetSpeed {
-        /// Speed of the tip, mm/s; at most the cell's.
+        /// Speed of the tip, mm/s; at most the limit of the cell.
         speed_mm_s: f64,
         /// Acceleration of the tip, m/s².
         #[arg(long, value_name = "M/S2", default_value_t = 1.0)]
@@ -72,11 +74,12 @@ pub enum RobotFunction {
         /// On or off.
         #[arg(value_enum)]
         value: OnOff,
-        /// Wait so long before the epoch ends; the tool goes off with it.
+        /// Time to wait before the epoch ends; the end of the epoch switches the tool off.
         #[arg(long, value_name = "SECONDS", default_value_t = 0)]
         keep_s: u16,
     },
-    /// set_digin: refused, since inputs of a KRC are read-only, unless the cell's [io.mapped_inputs] names it.
+    /// set_digin: refused, because inputs of a KRC are read-only, unless the cell's [io.mapped_inputs] names the
+    /// input.
     SetIn {
         /// The number of the input.
         number: u16,
@@ -84,7 +87,7 @@ pub enum RobotFunction {
         #[arg(value_enum)]
         value: OnOff,
     },
-    /// call_subroutine: one of the controller's own list.
+    /// call_subroutine: calls a subroutine of the controller's own list.
     Call {
         /// Its index there.
         index: u16,
@@ -97,7 +100,7 @@ pub enum RobotFunction {
 /// Options of `robot prove`.
 #[derive(Debug, Clone, Args)]
 pub struct Prove {
-    /// The page, HTML; it must not be there yet, and is written anew after each answer.
+    /// The page to write, HTML; it must not exist yet, and is written again after each answer.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// The person at the controller.
@@ -105,7 +108,7 @@ pub struct Prove {
     pub by: String,
 }
 
-/// What the tip is.
+/// The point that is used as the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TipName {
     /// The flange itself.

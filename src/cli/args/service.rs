@@ -66,7 +66,8 @@ pub enum CtlAsk {
         /// The part in the cell: kept with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
-        /// Another part than in the cycles before lies in the fixture: abrasions count from zero. Kept with the cycle.
+        /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This
+        /// statement is stored with the cycle.
         #[arg(long)]
         another_part: bool,
         /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
@@ -74,14 +75,14 @@ pub enum CtlAsk {
         #[arg(long)]
         wait: bool,
     },
-    /// Leave what is going on: no further waypoint, tool off, retract.
+    /// Stop the work in progress: no further waypoint, tool off, retract.
     Hold,
     /// Continue after a hold, with a look at the corner.
     Unhold {
         /// The panel is dry: locate it again.
         #[arg(long)]
         dried: bool,
-        /// Upon what this is decided.
+        /// The state on which the decision is based.
         #[command(flatten)]
         decision: Decision,
     },
@@ -89,21 +90,21 @@ pub enum CtlAsk {
     Stop,
     /// End everything at once.
     Abort,
-    /// After an abort: the cause is gone and the pad is off the panel.
+    /// After an abort: confirm that the cause is removed and the pad is off the panel.
     Clear {
-        /// Upon what this is decided.
+        /// The state on which the decision is based.
         #[command(flatten)]
         decision: Decision,
     },
-    /// From stopped or complete to idle: everything off and tested, no motion.
+    /// From stopped or complete to idle: everything is switched off and tested, without motion.
     Reset {
         /// Wait until the cell is idle, and end with 3 if it does not become idle.
         #[arg(long)]
         wait: bool,
     },
-    /// Held for review: the result is good.
+    /// While a cycle is held for review: accept the result as good.
     Accept {
-        /// Upon what this is decided.
+        /// The state on which the decision is based.
         #[command(flatten)]
         decision: Decision,
     },
@@ -111,21 +112,23 @@ pub enum CtlAsk {
     NewDisc,
     /// The cell's status: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
-    /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
+    /// Follow the cell until this command is interrupted: prints a line for each change, with --json one object per
+    /// line.
     Watch,
 }
 
-/// Upon what a person decides.
+/// The state on which a person's decision is based.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Decision {
-    /// The step that `panelprep ctl state` showed. Once the cell has gone on, it is refused with what changed.
-    /// Without it the state is shown, and the person confirms it by typing its step.
+    /// The step that `panelprep ctl state` showed. If the cell has changed since this step, the decision is refused
+    /// and the change is reported. Without this option the state is shown, and the person confirms it by typing its
+    /// step.
     #[arg(long, value_name = "N")]
     pub step: Option<u64>,
 }
 
 impl PartArguments {
-    /// The names as they are given; none is checked yet.
+    /// Returns the names as they are given, without any check.
     pub fn names(&self) -> PartNames {
         let PartArguments { serial, order, operator } = self.clone();
         PartNames { serial, order, operator }
@@ -141,7 +144,7 @@ pub struct PartArguments {
     /// The work order.
     #[arg(long, value_name = "WORK_ORDER")]
     pub order: Option<String>,
-    /// Who operates the cell.
+    /// The person who operates the cell.
     #[arg(long, value_name = "NAME")]
     pub operator: Option<String>,
 }

@@ -9,21 +9,21 @@ use std::path::PathBuf;
 pub enum Shot {
     /// A 3D scan: organised PCD and PLY, and its colours as PNG.
     Scan,
-    /// A picture by the 3D camera's colour sensor, in the cell's own light.
+    /// A picture by the 3D camera's colour sensor, under the cell's own light.
     Picture,
-    /// Such pictures one after the other.
+    /// A sequence of pictures by the 3D camera's colour sensor, under the cell's own light.
     Film,
     /// A picture by the camera on the flange.
     Corner,
 }
 
 impl Shot {
-    /// Is it taken in the cell's own light?
+    /// Whether the shot is taken under the cell's own light.
     pub fn needs_light(self) -> bool {
         matches!(self, Shot::Picture | Shot::Film)
     }
 
-    /// Is it a 3D scan?
+    /// Whether the shot is a 3D scan.
     pub fn is_scan(self) -> bool {
         self == Shot::Scan
     }
@@ -38,7 +38,7 @@ pub struct Shoot {
     /// Folder for the files.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// How many, one after the other; a film is one.
+    /// Number of shots, one after the other; a film counts as one.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000))]
     pub count: u32,
     /// Length of a film, s.
@@ -47,7 +47,7 @@ pub struct Shoot {
     /// Largest number of pictures of a film that are requested per second.
     #[arg(long, value_name = "N", default_value_t = 5.0, value_parser = film_rate)]
     pub pictures_per_second: f64,
-    /// From this second on the film's pictures are marked as taken under the spray, those before as dry.
+    /// From this second on, the film's pictures are marked as taken under the spray, the earlier ones as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
     /// From this second on they are marked as wet; without this option, a film without spray is marked so from its

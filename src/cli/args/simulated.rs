@@ -7,19 +7,19 @@ use crate::sim::{RealArm, ScannerDistortion};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-/// How hard the films of a simulated cell are to read.
+/// How difficult the films of a simulated cell are to evaluate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum FilmName {
     /// Steady light and no glints.
     Calm,
-    /// A good cell on a common day, as the simulated cell has it: some drift, glints, drops.
+    /// The usual conditions of a good cell in the simulation: some drift, glints, drops.
     #[default]
     Usual,
-    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as the seed has it.
+    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as determined by the seed.
     Hard,
 }
 
-/// What presses the disc on in the demo.
+/// The tool that presses the disc on the panel in the demo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum ToolName {
     /// A tool with its own force, calibrated on coupons: the recipe requests a removal in µm.
@@ -32,7 +32,7 @@ pub enum ToolName {
 /// Options of `demo`.
 #[derive(Debug, Clone, Args)]
 pub struct Demo {
-    /// Everything random comes from this number.
+    /// Seed for all random values.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// The content of the cell.
@@ -41,7 +41,7 @@ pub struct Demo {
     /// Folder for pictures, files and the page.
     #[arg(long, value_name = "DIR", default_value = "target/demo")]
     pub out: PathBuf,
-    /// Cameras with this many times fewer pixels each way; 1 is full size.
+    /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
     /// Deviation of the simulated arm from its drawing at the tool, rms, mm; it is calibrated before the cycle. 0
@@ -51,7 +51,7 @@ pub struct Demo {
     /// Cameras and tool are calibrated, but the errors of the arm are not.
     #[arg(long, requires = "arm_error_mm")]
     pub uncorrected: bool,
-    /// What presses the disc on.
+    /// The tool that presses the disc on the panel.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
     /// Make the compliant tool fail on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
@@ -62,8 +62,8 @@ pub struct Demo {
     /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// Instead of one cycle, serve the simulated cell with the operator's page until it is interrupted: open the
-    /// address in a browser on this computer.
+    /// Instead of one cycle, serve the simulated cell with the operator's page until the command is interrupted:
+    /// open the address in a browser on this computer.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8090", conflicts_with = "record")]
     pub page: Option<std::net::SocketAddr>,
 }
@@ -71,7 +71,7 @@ pub struct Demo {
 /// Options of `render`.
 #[derive(Debug, Clone, Args)]
 pub struct Render {
-    /// Everything random comes from this number.
+    /// Seed for all random values.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// The content of the cell.
@@ -81,13 +81,13 @@ pub struct Render {
     /// each number. The data for teaching is the same for all of these places.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
-    /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
+    /// Also write pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
     /// Number of scans of a board to add, for `panelprep calibrate scanner`.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub board_scans: u32,
-    /// How hard its films are to read.
+    /// How difficult the films of the cell are to evaluate.
     #[arg(long, value_enum, default_value_t)]
     pub film: FilmName,
     /// Add a labelled set with this number of clips in `set`, each with other grease and every third one clean, for
@@ -97,10 +97,10 @@ pub struct Render {
     /// Length of a wet film, s.
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(5..=600))]
     pub seconds: u32,
-    /// The folder to write; it must be empty, new, or one that `render` wrote.
+    /// The folder to write; it must be empty, new, or written earlier by `render`.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Cameras with this many times fewer pixels each way; 1 is full size.
+    /// Factor by which the cameras have fewer pixels in each direction; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
     /// Deviation of the simulated arm from its drawing at the tool, rms, mm; 0 is an arm as drawn.
@@ -115,18 +115,19 @@ pub struct Render {
 /// Options of `mock-robot`.
 #[derive(Debug, Clone, Args)]
 pub struct MockRobot {
-    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with, on the cell's ports.
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without this option the files with which this program was built,
+    /// on the cell's ports.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
-    /// What goes wrong, and when: see below.
+    /// The fault that occurs, and its time: see below.
     #[arg(long, value_name = "SPEC")]
     pub fault: Option<FaultSpec>,
-    /// Execute the controller's KRL programs in place of the model of them: as they ship, or with a folder its
-    /// .src, .sub and .dat files, each in place of the one that ships by its name. What of yours is not executed is
-    /// listed.
+    /// Execute the controller's KRL programs instead of the model of them: the shipped programs, or with a folder
+    /// its .src, .sub and .dat files. Each file of the folder replaces the shipped file of the same name. Parts of
+    /// your programs that are not executed are listed.
     #[arg(long, value_name = "FOLDER")]
     pub programs: Option<Option<PathBuf>>,
-    /// Address to listen at.
+    /// Address on which the mock controller listens.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: std::net::IpAddr,
 }

@@ -3,10 +3,10 @@
 use crate::devices::acf::PlannedToolFault;
 use clap::{Args, ValueEnum};
 
-/// What the simulated cell shows.
+/// The scene that the simulated cell shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum SceneName {
-    /// The right panel, displaced, with greasy spots.
+    /// The right panel, displaced from its nominal place, with greasy spots.
     #[default]
     Good,
     /// The right panel without grease.
@@ -20,7 +20,7 @@ pub enum SceneName {
 /// The content of a simulated cell; without effect on devices of another kind.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Simulation {
-    /// Everything random in the simulated cell comes from this number.
+    /// Seed for all random values in the simulated cell.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// The content of the simulated cell.
@@ -32,7 +32,8 @@ pub struct Simulation {
     /// Deviation of the simulated arm from its drawing at the tool, rms, mm; 0 is an arm as drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
-    /// The simulated compliant tool fails on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as `silent@40`.
+    /// The simulated compliant tool fails during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, as
+    /// `silent@40`.
     #[arg(long, value_name = "FAULT")]
     pub tool_fault: Option<PlannedToolFault>,
     /// Number of parts that a simulated line brings to the simulated cell, with a request for a cycle for each;
@@ -47,7 +48,7 @@ impl Default for Simulation {
     }
 }
 
-/// Reads how far the simulated arm is off its drawing, mm.
+/// Reads the deviation of the simulated arm from its nominal geometry, mm.
 pub(super) fn arm_error(text: &str) -> Result<f64, String> {
     let allowed = || "the limits are 0 to 5 mm".to_owned();
     text.parse().ok().filter(|mm| (0.0..=5.0).contains(mm)).ok_or_else(allowed)

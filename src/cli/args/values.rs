@@ -1,4 +1,4 @@
-//! Values of options that several commands read alike.
+//! Parsers for option values that several commands read in the same way.
 
 /// Accepts a text from a person, without the blanks around it.
 ///

@@ -12,7 +12,7 @@ pub use verification::{StrikeOut, Touch, Verify};
 
 use clap::{Args, Subcommand};
 
-/// What to calibrate, or to look at again.
+/// The calibration to make, or to verify again.
 #[derive(Debug, Clone, Args)]
 pub struct Calibrate {
     /// The calibration.
@@ -48,7 +48,8 @@ pub enum What {
                       target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
-    /// The arm's own errors, from pictures of boards and from touches; without axis angles, a smooth correction.
+    /// The arm's own errors, from pictures of boards and from touches; without axis angles, the result is a smooth
+    /// correction.
     #[command(after_help = "The pictures lie in the folder of their poses file: [[poses]] with image, and \
                       base_from_flange, axes_deg = [A1, …, A6], or both. Touches: [[touches]] with such a pose and \
                       spot = 0, 1, …, or corner = [COLUMN, ROW] of the fixed board in front of the camera on the \
@@ -78,8 +79,8 @@ pub enum What {
                       0.05 --orbit-mm 5 --orbit-rev-min 10000 --out target/cell/found/removal.toml"
     )]
     Removal(Removal),
-    /// The 3D camera's own errors from scans of a flat board: noise, smooth errors, and what is the same in each
-    /// scan, which is taken off from then on.
+    /// The 3D camera's own errors from scans of a flat board: noise, smooth errors, and the error that is the same
+    /// in each scan. This last error is subtracted from later scans.
     #[command(after_help = "Hold a stiff flat board at eight or more places of the working volume, better at \
                             sixteen: near and far, also in the picture's corners, tilted by up to 30° to all \
                             sides, and turned upright in half of them. `panelprep shoot scan --count 16` takes the \
@@ -91,12 +92,13 @@ pub enum What {
                             --square-mm 30 --out target/cell3/scanner.toml --pictures target/cell3/found \
                             target/cell3/boards/scanner/*.pcd")]
     Scanner(Scanner),
-    /// The tool's point, and its axis, from poses that hold the tip at one spot.
+    /// The tool's point and its axis, from poses with the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml\n\
         With --live DIR it asks for one pose after the other at the terminal and reads each from the controller.")]
     Tcp(Tcp),
-    /// Payload and zero of a compliant tool, from its readings without contact; with --verify, whether they still hold.
+    /// Payload and zero of a compliant tool, from its readings without contact; with --verify, whether they are
+    /// still valid.
     #[command(
         after_help = "The readings: [[readings]] with base_from_flange and force_n, at least three, with the tool pointing down, level and \
         up as far as the arm allows. For --verify one is enough.\n\
@@ -124,12 +126,13 @@ pub enum What {
                             target/cell/target/scanner.toml --live target/shots"
     )]
     Verify(Verify),
-    /// Touch known corners of that board with the calibrated tool and compare; kept in the store.
+    /// Touch known corners of that board with the calibrated tool and compare; the result is kept in the store.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep calibrate touch --cell target/cell/cell.toml --board 5x4 --square-mm 40 \
         --target target/cell/target/scanner.toml --points target/cell/target/touched.toml")]
     Touch(Touch),
-    /// List the looks and touches that the store keeps, with their numbers; those that were struck out, by whom and why.
+    /// List the verifications by pictures and by touches in the store, with their numbers; also those that were
+    /// struck out, by whom and why.
     #[command(after_help = "Example:\n  panelprep calibrate history --cell target/cell/cell.toml")]
     History,
     /// Strike out a look or touch that is not evidence about the calibration. It stays in the store with the person

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// The picture of a file, and its points if it has them.
 pub struct BoardImage {
-    /// The name in messages.
+    /// The file's name in messages.
     pub name: String,
     /// SHA-256 of the file.
     pub hash: String,
@@ -63,7 +63,7 @@ impl BoardImage {
         self.detect(board, half_window_px)
     }
 
-    /// The corners as the 3D camera measured them, without its own errors; `None` for a picture.
+    /// Returns the corners as the 3D camera measured them, corrected for its own errors; `None` for a picture.
     pub fn measured(
         &self,
         (camera, errors): (&PinholeCamera, &ScanErrors),
@@ -75,12 +75,12 @@ impl BoardImage {
         Some(BoardObservation::Points(corners.into_iter().map(corrected).collect()))
     }
 
-    /// The points; `None` for a picture.
+    /// Returns the points of the shot; `None` for a picture.
     pub fn cloud(&self) -> Option<&OrganizedCloud<Camera>> {
         self.cloud.as_ref()
     }
 
-    /// In colour, to be drawn on.
+    /// Returns the picture in colour, so that results can be drawn on it.
     pub fn color(&self) -> ColorPicture {
         self.gray.to_color()
     }

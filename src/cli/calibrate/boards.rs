@@ -1,4 +1,4 @@
-//! The board that the arguments name.
+//! Reads the board that the arguments name.
 
 use super::super::fault::Fault;
 use super::args::{BoardArgs, NamedBoard};

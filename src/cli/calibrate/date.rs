@@ -1,4 +1,4 @@
-//! The clock, for calibration files.
+//! Reads the clock for calibration files.
 
 use crate::cell::Date;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -8,7 +8,7 @@ pub fn now_unix_s() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs() as i64)
 }
 
-/// The day in UTC.
+/// Returns today's date in UTC.
 pub fn today() -> Option<Date> {
     Some(Date::of_unix_s(now_unix_s()))
 }

@@ -1,4 +1,4 @@
-//! `panelprep calibrate force`: payload and zero of a compliant tool, and whether they still hold.
+//! `panelprep calibrate force`: payload and zero of a compliant tool, and whether they are still valid.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -18,7 +18,7 @@ use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
-/// Share of the tool's band by which a reading without contact may be off.
+/// Maximum error of a reading without contact, as a share of the tool's band.
 const OF_BAND: f64 = 0.5;
 
 /// Measures the force, or with `--verify` compares it with the cell's file and keeps the result in the store.
@@ -62,7 +62,7 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
     Ok(outcome)
 }
 
-/// How well the force is known by payload and zero, held against what a verification allows.
+/// Compares the uncertainty of the force, from payload and zero, with the limit of a verification.
 fn known(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
     let known_n = found.zero_95_n + STANDARD_GRAVITY_M_S2 * found.payload_95_kg;
     let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
@@ -102,12 +102,12 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     Ok(outcome)
 }
 
-/// What is demanded of the last verification of a tool's force, in N.
+/// Returns the limits for the last verification of a tool's force, in N.
 pub fn demands(files: &CellFiles, tool: &CompliantTool) -> Demands {
     Demands { limit: OF_BAND * tool.band_n, ..Demands::from_limits(files.cell.limits()) }
 }
 
-/// What a verification of the force speaks of: payload and zero as the cell's file states them.
+/// Returns the hash of the values that a verification of the force checks: payload and zero from the cell's file.
 pub fn hash(tool: &CompliantTool) -> String {
     calibration_hash(&[&format!("payload_kg {} zero_n {}", tool.payload_kg, tool.zero_n)])
 }
@@ -119,7 +119,8 @@ mod tests {
     use crate::cell::Cell;
     use crate::geometry::KukaPose;
 
-    /// After `make demo` a cycle runs on the cell that is in the repository: it states the tool that the demo measures.
+    /// After `make demo`, a cycle runs on the cell in the repository: its file states the values that the demo
+    /// measures for the tool.
     #[test]
     fn the_simulated_cell_states_what_the_demo_measures() {
         let flange_from_tool = KukaPose { z_mm: crate::sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();

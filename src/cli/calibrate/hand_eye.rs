@@ -36,12 +36,12 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     }
 }
 
-/// A picture that shows the board, with the robot's word.
+/// A picture that shows the board, with the pose that the robot reported.
 struct Look {
     board_image: BoardImage,
     detected: Detected,
     base_from_flange: Rigid<Base, crate::geometry::Flange>,
-    /// The pose came with its axes: the controller reported it.
+    /// Whether the pose includes the axes: then the controller reported it.
     has_axes: bool,
 }
 
@@ -135,7 +135,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     Ok(outcome)
 }
 
-/// Poses that hold no mount: a verdict.
+/// Returns the verdict for poses that determine no mount.
 fn refused(error: &CalibError, out: &Path) -> Outcome {
     let reason = Reason::new("no_mount", error.to_string());
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
@@ -161,7 +161,7 @@ fn station<C: Frame>(look: &Look, seen: BoardObservation<C>) -> Station<C> {
     Station { name: look.board_image.name.clone(), base_from_flange: look.base_from_flange, seen }
 }
 
-/// The pictures that show the board, and why the others do not count.
+/// Returns the pictures that show the board, and for each other picture why it does not count.
 fn looks(
     args: &Args,
     (board, arm): (&Board, Option<&InUse>),

@@ -1,5 +1,5 @@
-//! The correction of the arm by which a calibration corrects the robot's poses: the one that `--robot` names, else
-//! the cell's.
+//! The correction of the arm with which a calibration corrects the robot's poses: the correction that `--robot`
+//! names, otherwise the cell's.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -13,10 +13,10 @@ use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 use crate::path::Kinematics;
 use std::path::Path;
 
-/// A correction in use.
+/// The correction in use.
 pub struct InUse {
     arm: Kinematics,
-    /// The hash of its file.
+    /// The hash of the correction's file.
     pub hash: String,
 }
 

@@ -1,4 +1,4 @@
-//! `panelprep calibrate intrinsics`: the lens from a folder of pictures.
+//! `panelprep calibrate intrinsics`: determines the lens from a folder of pictures.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -69,7 +69,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     };
     let text = intrinsics.to_toml();
     let mut judgement = gate::intrinsics(&found);
-    // A lens that the file's own check refuses is never written.
+    // A lens that does not pass the check of its file format is never written.
     if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
         let mut reasons = vec![Reason::new("not_a_lens", format!("these numbers are no lens: {problems}"))];
         reasons.append(&mut judgement.reasons);
@@ -99,7 +99,7 @@ fn model(args: &Args) -> Option<LensModel> {
     }
 }
 
-/// Why each coefficient beyond the model was left out.
+/// Returns for each coefficient outside of the model why it was left out.
 fn left_out(found: &Calibrated) -> Vec<String> {
     if found.trials.len() == 1 {
         return found
@@ -172,7 +172,7 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
     }
 }
 
-/// Pictures that determine no lens: a verdict, and what to do.
+/// Returns the verdict for pictures that determine no lens, and what to do.
 fn no_lens(error: &CalibError, all: &[Picture], detected: &[Result<Detected, CalibError>], args: &Args) -> Outcome {
     let code = if matches!(error, CalibError::TooFewPictures { .. }) { "too_few_pictures" } else { "no_lens" };
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![Reason::new(code, error.to_string())], vec![]));
@@ -279,7 +279,7 @@ fn build_outcome(
     outcome
 }
 
-/// Each picture: whether it was used, and why not.
+/// Reports for each picture whether it was used, and if not, why.
 fn tell_images(
     outcome: &mut Outcome,
     all: &[Picture],

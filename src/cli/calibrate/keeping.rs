@@ -1,4 +1,4 @@
-//! Writes what was calibrated, with what proves it.
+//! Writes a calibration with its evidence.
 
 use super::super::disk;
 use super::super::fault::Fault;

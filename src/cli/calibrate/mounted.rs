@@ -8,12 +8,12 @@ use crate::cell::{Cell, FlangeCameraMount, Intrinsics, ScannerMount};
 use crate::geometry::{Base, Camera, Point, Rigid};
 use std::path::Path;
 
-/// What the command needs to know of a mount besides its chain.
+/// The data on a mount that the command needs in addition to its chain.
 pub trait Mounted: Arrangement {
-    /// Its rough place in the cell's file.
+    /// Returns the mount's rough pose from the cell's file.
     fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
 
-    /// Points of a 3D camera as this mount's camera sees them.
+    /// Converts points of a 3D camera to points in the frame of this mount's camera.
     fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
 
     /// A point of the base as the camera sees it, if the camera is fixed.
@@ -56,7 +56,7 @@ pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
     Ok(Some(Cell::check(&common.cell.display().to_string(), &disk::read_text(&common.cell)?)?))
 }
 
-/// The intrinsics that `--intrinsics` names.
+/// Reads the intrinsics that `--intrinsics` names.
 pub fn intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
     Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
 }

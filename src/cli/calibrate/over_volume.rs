@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
 
-/// Fewer pictures measure no volume.
+/// Minimum number of pictures for a measurement over the volume.
 const MIN_PICTURES: usize = 3;
 
 /// Looks at every picture, and keeps the worst as a verification.

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Coupons that hold no model: a verdict.
+/// Returns the verdict for coupons that determine no model.
 fn refused(message: String, args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("no_model", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);
@@ -58,7 +58,7 @@ fn refused(message: String, args: &Args) -> Outcome {
     outcome
 }
 
-/// The numbers of the file, by their keys.
+/// Returns the numbers of the file with their keys.
 fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> [(&'static str, f64); 12] {
     let force_n =
         |of: fn(f64, f64) -> f64| coupons.iter().map(|coupon| coupon.force_n).reduce(of).unwrap_or(f64::NAN);

@@ -1,4 +1,4 @@
-//! `panelprep calibrate robot`: the arm's own errors, from pictures of boards and from touches.
+//! `panelprep calibrate robot`: determines the arm's own errors, from pictures of boards and from touches.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -98,7 +98,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     Ok(outcome)
 }
 
-/// Data that hold no arm: a verdict.
+/// Returns the verdict for data that do not determine the arm.
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let reason = crate::verdict::Reason::new(code, message);
     let mut outcome = Outcome::from_judgement(&crate::verdict::Judgement::new(vec![reason], vec![]));
@@ -188,7 +188,8 @@ fn looks(
     Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
 }
 
-/// Mount and board to begin with, by the controller's poses; every board the same way round.
+/// Returns start values for mount and board, from the controller's poses; every board is numbered in the same
+/// direction.
 fn start<A: Arrangement>(
     args: &Args,
     kind: RigKind,

@@ -11,7 +11,7 @@ use crate::path::{Kinematics, reach};
 use nalgebra::{Isometry3, Vector3};
 use serde_json::json;
 
-/// Places of the working volume along each of its sides.
+/// Number of evaluated places of the working volume along each of its sides.
 const PLACES: [usize; 3] = [4, 4, 3];
 
 /// Reports the stated error over the working volume and the next pose.
@@ -103,7 +103,7 @@ fn tip(found: &RobotFound) -> Point<Flange> {
     Point::new(found.tip_mm.unwrap_or(Vector3::zeros()).into())
 }
 
-/// Poses that look at a board, within the gates.
+/// Returns poses from which a camera sees a board, within the gates.
 fn candidates(
     cell: &Cell,
     found: &RobotFound,

@@ -1,5 +1,5 @@
-//! `panelprep calibrate intrinsics --from-scan`: the lens of a 3D camera from one of its scans, each point of which
-//! lies on the ray of its pixel.
+//! `panelprep calibrate intrinsics --from-scan`: determines the lens of a 3D camera from one of its scans. Each
+//! point of the scan lies on the ray of its pixel.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -15,12 +15,12 @@ use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
-/// Half of the points lie nearer to the rays of the lens that is written, px: beyond the first a person must look,
-/// beyond the second it is no camera's cloud.
+/// Limits of the median distance between the points and the rays of the written lens, px. Above the first limit a
+/// person must look; above the second one the cloud is not from a camera.
 const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
 
-/// A flat scan lies on the rays of some lens wherever its frame is: the depths differ by this share of the distance
-/// at least.
+/// Minimum difference of the depths, as a share of the distance. A flat scan lies on the rays of some lens for
+/// every position of its frame.
 const MIN_RELIEF: f64 = 0.05;
 
 /// Reads the lens and writes the file.
@@ -68,7 +68,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let intrinsics = Intrinsics {
         serial: args.serial.clone(),
         date: date::today(),
-        // Half of the points are hidden in a median, which is no root mean square.
+        // The result is a median, which hides half of the points; it is not a root mean square.
         rms_px: None,
         provenance: provenance(vec![files::content_hash(&bytes)], vec![]),
         ..Intrinsics::from_camera(found.camera)

@@ -1,4 +1,4 @@
-//! `panelprep calibrate scanner`: the 3D camera's own errors, from scans of a flat board in many places.
+//! `panelprep calibrate scanner`: determines the 3D camera's own errors, from scans of a flat board in many places.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A scan that was read: its name, its hash, and its blocks, or why there are none.
+/// A scan that was read: its name, its hash, and its blocks or the reason why there are none.
 type Read = (String, String, Result<PlaneView, CalibError>);
 
 /// Measures the errors and writes the lens's file with them.

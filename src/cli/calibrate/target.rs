@@ -9,7 +9,7 @@ use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Board as BoardFrame, Rigid};
 use std::path::Path;
 
-/// A board that calibrations are verified with.
+/// A board with which calibrations are verified.
 pub struct Target {
     /// Which one.
     pub board: Board,
@@ -25,13 +25,13 @@ impl Target {
     pub fn read(file: &Path, named: Option<&BoardArgs>) -> Result<Self, Fault> {
         let mounted = MountedPose::<TargetMount>::check(&file.display().to_string(), &disk::read_text(file)?)?;
         let base_from_board = mounted.rigid();
-        // The check of the file lets none through without it.
+        // The check of the file accepts no target without a board.
         let Some(size) = mounted.board else {
             let missing = CalibError::Points("board and square_mm are missing".to_owned());
             return Err(Fault::file(file, missing));
         };
         let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file(file, error))?;
-        // A board that is none is refused as such, not as another one than the target's.
+        // A named board that is invalid is refused as invalid, not as a board that differs from the target's.
         let told = named.map(|named| Ok::<_, Fault>((named, boards::board(named)?))).transpose()?;
         if let Some((named, told)) = told.filter(|(_, told)| *told != board) {
             let said = BoardSize { board: named.board.clone(), square_mm: told.square_mm() };

@@ -1,4 +1,4 @@
-//! `panelprep calibrate tcp`: the tool's point and axis.
+//! `panelprep calibrate tcp`: determines the tool's point and axis.
 
 use super::super::args::Common;
 use super::super::disk;

@@ -1,4 +1,4 @@
-//! `panelprep calibrate hand-eye --image [--points]`: a camera's mount from three touched points.
+//! `panelprep calibrate hand-eye --image [--points]`: determines a camera's mount from three touched points.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -78,7 +78,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     mounted.date = date::today();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
-    // Three points have no residual: the file states none, and no uncertainty.
+    // Three points have no residual: the file states neither a residual nor an uncertainty.
     mounted.provenance = provenance(vec![board_image.hash.clone()], vec![]);
     let text = mounted.to_toml();
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;

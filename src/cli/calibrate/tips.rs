@@ -14,7 +14,8 @@ use crate::path::Kinematics;
 use crate::words;
 use std::path::Path;
 
-/// The pendant's tool is the cell's up to a calibration made anew, mm.
+/// Maximum difference between the pendant's tool and the cell's tool, mm: a new calibration changes the tool by
+/// less.
 const SAME_TOOL_MM: f64 = 3.0;
 
 /// Moves the tips to the places that axes and tool give. Without axes, a place stays as the pendant shows it, on an

@@ -1,4 +1,4 @@
-//! A verification, judged and kept in the store.
+//! Judges a verification and stores it.
 
 use super::super::disk;
 use super::super::fault::Fault;
@@ -13,7 +13,7 @@ use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
-/// A verification of now.
+/// Creates a verification with the present time.
 pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration_hash: String) -> Verification {
     Verification {
         subject: subject.to_owned(),
@@ -25,7 +25,7 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
     }
 }
 
-/// Keeps a verification in the store, judges it, and draws the trend.
+/// Stores a verification, judges it, and draws the trend.
 pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
     let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error, verification.limit);

@@ -1,4 +1,4 @@
-//! `panelprep calibrate verify` and `touch`: is the calibration still true?
+//! `panelprep calibrate verify` and `touch`: check whether the calibration is still valid.
 
 use super::super::args::Common;
 use super::super::disk;
@@ -29,7 +29,7 @@ struct Looked {
     /// The board by the 3D camera's own points, if it has them, and how much farther away they place it than the
     /// picture does, mm.
     by_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
-    /// It was taken with points, which should show the board, too.
+    /// Whether the picture was taken with points, which should also show the board.
     has_cloud: bool,
     /// Why nothing may be measured at the board's place in the picture.
     outside: Option<Reason>,
@@ -92,7 +92,7 @@ fn look(
         }
     };
     let texts = [camera.text.as_str(), mount_text.as_str()];
-    // A fixed camera before a fixed board: the robot has no part in it.
+    // For a fixed camera and a fixed board, the robot's correction has no influence.
     let calibration_hash = match args.camera {
         CameraName::Scanner => calibration_hash(&texts),
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
@@ -129,7 +129,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     }
     let seen = look(args, &files, (&target.board, window), progress)?;
     let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
-    // The panel is located by points: those of the board must be right as well.
+    // The panel is located with points: the points of the board must be right as well.
     let points_mm = seen.by_points.as_ref().map(|(by_points, _)| off_mm(by_points));
     let by_picture_mm = off_mm(&seen.look.base_from_board);
     let error_mm =

@@ -1,10 +1,11 @@
-//! A camera that the service has.
+//! The check of a camera that the service uses.
 
 use super::check::Check;
 use crate::devices::cameras::CameraError;
 use crate::geometry::ColorPicture;
 
-/// A camera that the service has, and what came of asking it for a shot; a cell that is at work is not disturbed.
+/// Judges a camera that the service uses, from the result of a request for a shot; a cell that is at work is not
+/// disturbed.
 pub(super) fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
     let holder = format!("in use by the service, which is {state}");
     match taken {

@@ -1,4 +1,4 @@
-//! Facts of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
+//! Checks of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
 
 use super::check::Check;
 use crate::calib::health::{Demands, health};
@@ -28,7 +28,7 @@ const CHECKED_BELOW: [&str; 7] = [
     "scanner.settings_2d",
 ];
 
-/// The cell's file, which was read, and the other files that it names.
+/// Checks the cell's file, which was already read, and the other files that it names.
 pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
     let name = common.cell.display().to_string();
     let mut unmet = incomplete(&files.cell, Purpose::Cycle, &disk::read_named);
@@ -41,7 +41,7 @@ pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
     unmet.into_iter().map(wrong).collect()
 }
 
-/// The store: can it be read, and does it wait for a person?
+/// Checks whether the store can be read, and whether it waits for a person.
 pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
     let folder = files.store_folder().display().to_string();
     let store = match Store::open(files.store_folder()) {
@@ -67,7 +67,7 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
     (check, Some(store))
 }
 
-/// Each taught panel: are its scan and its pictures still those that were taught, by their hashes?
+/// Checks by the hashes whether the scan and the pictures of each taught panel are still those of the teaching.
 pub(super) fn taught(store: &Store) -> Vec<Check> {
     let name = "taught panels";
     let panels = match store.panels() {
@@ -129,7 +129,7 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
 
 fn unread(name: &str, fault: &Fault) -> Check {
     let found = match fault {
-        // How it is made is the advice.
+        // The advice of the check states how the file is made.
         Fault::Calibration(CalibrationFault::CalibrationAway { file, .. }) => {
             format!("{} is not there", file.display())
         }
@@ -164,13 +164,14 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
 /// The checks of the files for the controller.
 pub(super) struct Programs {
     pub checks: Vec<Check>,
-    /// The sum that a controller with these files reports.
+    /// The checksum that a controller with these files reports.
     pub sum: Option<i32>,
 }
 
 const KUKA: &str = "controller files";
 
-/// The files as they are on the controller: right, as this program speaks, and one with the cell's file.
+/// Checks the files from the controller: they must be valid, match this program's protocol and agree with the
+/// cell's file.
 pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let nothing = |check| Programs { checks: vec![check], sum: None };
     let Some(folder) = folder else {
@@ -221,7 +222,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     }
     let sum = match program_sum(&named) {
         Ok(sum) => Some(sum),
-        // Each file that is not there has its own line above.
+        // Each missing file has its own line above.
         Err(SumError::Missing(_)) => None,
         Err(error) => {
             let advice =
@@ -237,7 +238,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     Programs { checks, sum }
 }
 
-/// The sum of the files beside the one with which the cell was accepted.
+/// Compares the checksum of the files with the one with which the cell was accepted.
 fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
     let name = format!("{KUKA}: programs");
     match kept {

@@ -1,17 +1,17 @@
 //! One line of the doctor's list.
 
-/// What is known of a thing.
+/// The status of a checked item.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::cli) enum Status {
-    /// Nothing is wrong with it.
+    /// The item was checked and nothing is wrong.
     Right,
-    /// Something is wrong with it.
+    /// Something is wrong with the item.
     Wrong,
-    /// It was not looked at, which counts as a failure.
+    /// The item was not checked, which counts as a failure.
     Open,
 }
 
-/// One thing on the list.
+/// One item on the list.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::cli) struct Check {
     /// What it is.
@@ -25,7 +25,7 @@ pub(in crate::cli) struct Check {
 }
 
 impl Check {
-    /// Whether nothing is wrong with it, by what was looked at.
+    /// Whether the item was checked and nothing is wrong with it.
     pub fn is_right(&self) -> bool {
         self.status == Status::Right
     }

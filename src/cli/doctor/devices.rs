@@ -1,4 +1,4 @@
-//! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
+//! Checks of the connected devices: cameras, the robot's ports, the service. Nothing is moved.
 
 use super::check::Check;
 use super::{machine, zivid};
@@ -12,7 +12,7 @@ use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner
 use crate::eki::LinkLoss;
 use crate::geometry::PinholeCamera;
 
-/// Both cameras, and the sockets that a network camera needs.
+/// Checks both cameras, and the sockets that a network camera needs.
 pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     let scanner = match files.cell.scanner() {
         Camera::Simulated => vec![simulated("scanner")],

@@ -1,4 +1,4 @@
-//! From a fact of the computer to a line for a person. Pure.
+//! Converts a fact of the computer to a line for a person. Pure functions.
 
 use super::check::Check;
 use crate::cell::{Mains, ZividSettings, ZividUse};
@@ -6,12 +6,12 @@ use crate::daemon::FLOOR_MB;
 use crate::devices::zivid::{Flicker, Light, Warmth};
 use crate::verdict::Reason;
 
-/// Below this there is room for a few cycles only, MB.
+/// Below this free space there is room for a few cycles only, MB.
 const SCARCE_MB: u64 = 10_000;
-/// What is written and read in the same minute may differ by as much, s.
+/// Allowed difference of the clock, s: times that are written and read in the same minute may differ by this value.
 const CLOCK_TOLERANCE_S: i64 = 60;
 
-/// Room for what a cycle leaves behind.
+/// Judges the room for the data that a cycle writes.
 pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
     let found = format!("{free_mb} MB free on the disk of the store, {folder}");
     match free_mb {
@@ -41,13 +41,14 @@ pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
 pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
     match kept {
         Some(true) => Check::right("clock", "set by a time server"),
-        // Records carry times that an inspector signs; a cell without a network may still be set by hand.
+        // Records contain times that an inspector signs; the clock of a cell without a network may still be set by
+        // hand.
         Some(false) => Check::right("clock", "not set by a time server; records carry this computer's own time"),
         None => Check::right("clock", "whether a time server sets it is not known here"),
     }
 }
 
-/// What was written last must not lie ahead.
+/// Checks that the last time written in the store is not ahead of the clock.
 pub(super) fn clock_behind(written_unix_s: i64, now_unix_s: i64) -> Check {
     let ahead_s = written_unix_s - now_unix_s;
     if ahead_s > CLOCK_TOLERANCE_S {
@@ -57,8 +58,8 @@ pub(super) fn clock_behind(written_unix_s: i64, now_unix_s: i64) -> Check {
     Check::right("clock beside the store", format!("last written {:.1} h ago", -ahead_s as f64 / 3600.0))
 }
 
-/// May a socket have the buffer that a GigE Vision camera's picture needs, which comes in one burst? `largest_bytes` is the
-/// kernel's `rmem_max`; without a size an ordinary camera's is meant.
+/// Judges whether a socket may have the buffer for a GigE Vision camera's picture, which comes in one burst.
+/// `largest_bytes` is the kernel's `rmem_max`; without a size, the size of an ordinary camera is assumed.
 pub(super) fn receive_buffer(
     largest_bytes: Option<u64>,
     needed_bytes: usize,
@@ -118,7 +119,7 @@ pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> C
     }
 }
 
-/// Does the cell's light, as it is now, go with the exposures of the camera's settings?
+/// Judges whether the cell's present light is suitable for the exposures of the camera's settings.
 pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
     let name = "light on the scene";
     let every = match light.frequency.as_str() {
@@ -180,7 +181,7 @@ pub(super) fn warmth(warmth: Warmth) -> Check {
 mod tests {
     use super::*;
 
-    /// As drivers from 550 on list themselves, and as older ones did.
+    /// The driver names of version 550 and later, and those of older versions.
     #[test]
     fn a_graphics_processor_is_found_by_its_drivers_names() {
         let listed = |names: &str| {
@@ -203,7 +204,7 @@ mod tests {
         assert!(!nodeless.is_right() && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
     }
 
-    /// By hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
+    /// Calculated by hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
     #[test]
     fn a_lamp_that_flickers_is_told_with_the_settings_that_do_not_fit() {
         let files =
@@ -241,7 +242,7 @@ mod tests {
         }
     }
 
-    /// By hand: written at 10:02, now 10:00 is two minutes ahead, more than the one allowed.
+    /// Calculated by hand: written at 10:02 and read at 10:00 is two minutes ahead, more than the allowed one.
     #[test]
     fn a_clock_that_was_set_back_is_noticed() {
         assert!(clock_behind(36_060, 36_000).is_right() && clock_behind(0, 36_000).found.contains("10.0 h ago"));

@@ -1,4 +1,4 @@
-//! Facts of the computer: this program, its disk, its clock, its sockets.
+//! Checks of the computer: this program, its disk, its clock, its sockets.
 
 use super::check::Check;
 use super::judge;
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::UNIX_EPOCH;
 
-/// This program and the libraries that it runs on.
+/// Checks this program and the libraries that it uses.
 pub(super) fn program() -> Check {
     let version = env!("CARGO_PKG_VERSION");
     match opencv::core::get_version_string() {
@@ -24,7 +24,7 @@ pub(super) fn program() -> Check {
     }
 }
 
-/// Whether a time server keeps the clock.
+/// Checks whether a time server sets the clock.
 pub(super) fn clock_is_kept() -> Check {
     let asked = Command::new("timedatectl").args(["show", "--property=NTPSynchronized", "--value"]).output();
     let said = asked.ok().filter(|output| output.status.success());
@@ -71,7 +71,7 @@ pub(super) fn recordings(store: &Path) -> Option<Check> {
     (count > 0).then(|| Check::right("recordings", found))
 }
 
-/// The drivers of graphics processors that the kernel has.
+/// Finds the drivers of graphics processors that the kernel has.
 pub(super) fn graphics_processor() -> Check {
     let devices = fs::read_to_string("/proc/devices").ok();
     judge::graphics_processor(devices.as_deref(), Path::new("/dev/nvidia-uvm").exists())

@@ -33,7 +33,7 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&examined(args, common)))
 }
 
-/// Everything that was looked at, from the bottom up.
+/// Returns all checks, in order from the basis upwards.
 pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
     let mut checks = vec![machine::program(), machine::clock_is_kept()];
     match CellFiles::read(common) {

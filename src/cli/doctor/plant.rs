@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Time limit for a server to accept a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Everything that the cell's file names.
+/// Checks all plant connections that the cell's file names.
 pub(super) fn check(cell: &Cell) -> Vec<Check> {
     let mut checks = Vec::new();
     checks.extend(cell.line().map(|line| recipe(&line.recipe)));
@@ -48,7 +48,7 @@ fn broker_files(broker: &Broker) -> Result<(), TrustError> {
     authorities(broker.ca.as_deref(), None)?;
     match &broker.login {
         BrokerLogin::Anybody => Ok(()),
-        // It begins with a certificate, and its form is the broker's matter.
+        // The file begins with a certificate; only the broker checks its form.
         BrokerLogin::Credentials(file) | BrokerLogin::Password { file, .. } => secrets(Some(file)),
     }
 }

@@ -51,7 +51,7 @@ fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
     found(tool, last, lost)
 }
 
-/// What was found, in words.
+/// Describes the tool's state in words.
 fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Check {
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));

@@ -1,4 +1,5 @@
-//! A Zivid: does it deliver, does the light go with its exposures, is it warm, and what does its SDK compute on?
+//! Checks of a Zivid: whether it delivers, whether the light is suitable for its exposures, whether it is warm, and
+//! on which device its SDK computes.
 
 use super::borrowed::borrowed;
 use super::check::Check;
@@ -64,7 +65,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     vec![graphics, Check::right("scanner", told), light, warmth]
 }
 
-/// For how long a camera is warmed up, and from one shot to the next: the maker's ten minutes.
+/// Duration of the warm-up of a camera, which is the maker's ten minutes, and interval between two shots.
 const WARM_UP: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10)];
 
 /// Takes 3D shots, which warm the camera and from which its temperature is followed.

@@ -1,4 +1,4 @@
-//! What stops a command at a calibration: one that is missing, contradicts another, or lacks what it is measured by.
+//! The faults of a calibration: it is missing, contradicts another one, or lacks the data for its measurement.
 
 use crate::requirements::CALIBRATION_ADVICE;
 use std::path::PathBuf;
@@ -23,12 +23,12 @@ pub enum CalibrationFault {
     OtherCorrection {
         /// The mount's file.
         file: PathBuf,
-        /// The hash in it.
+        /// The correction's hash in the mount's file.
         found: Option<String>,
-        /// The hash of the cell's.
+        /// The hash of the cell's correction.
         ours: Option<String>,
     },
-    /// The correction's file is not the one that was read.
+    /// The correction's file has changed since it was read.
     #[error(
         "{}: the file of [calibration] robot_correction has changed since this program read it; start it again", cell.display()
     )]
@@ -36,7 +36,7 @@ pub enum CalibrationFault {
         /// The cell's file.
         cell: PathBuf,
     },
-    /// The cell's file names a calibration that is not there.
+    /// The cell's file names a calibration that does not exist.
     #[error(
         "{}: [calibration] {key} names {}, which is not there; {}", cell.display(), file.display(), CALIBRATION_ADVICE
     )]
@@ -48,7 +48,7 @@ pub enum CalibrationFault {
         /// The calibration's file.
         file: PathBuf,
     },
-    /// The tool has a point and no axis.
+    /// The tool has a point but no axis.
     #[error(
         "{file}: the tool's axis was not measured (axis_measured is not true); a pad that is not flat grinds an edge: \
          run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
@@ -57,19 +57,19 @@ pub enum CalibrationFault {
         /// The tool's file.
         file: String,
     },
-    /// The controller's axis angles are no numbers.
+    /// The controller's axis angles are not numbers.
     #[error("the controller reports axis angles that are not numbers: the flange's pose is not known")]
     NoAxes,
-    /// A tool, or a touch, without poses.
+    /// A tool or touch calibration without poses.
     #[error("there are no poses: name their file, or read them from the controller with --live DIR")]
     NoPoses,
-    /// A live calibration without a camera.
+    /// A live calibration that names no camera.
     #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
     NoLiveCamera,
-    /// A board that is not simulated.
+    /// A board of a kind that is not simulated.
     #[error("the simulated cell has chessboards alone: --board COLUMNSxROWS with --square-mm")]
     NoSimulatedBoard,
-    /// A force without a tool that has one.
+    /// A force calibration, but the tool is a spring and has no force.
     #[error("the cell's [tool] is a spring: it has no force to be verified")]
     NoCompliantTool,
     /// A readings file without a reading.

@@ -1,11 +1,11 @@
-//! What stops a command at a clip and its labels.
+//! The faults of a clip and its labels that stop a command.
 
 use std::path::PathBuf;
 
 /// Why a clip, or its labels, cannot be used or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ClipFault {
-    /// A film would be written over another one.
+    /// A film would overwrite another film.
     #[error("{} holds a film already, clip.csv or 00001.png; name another folder", folder.display())]
     ClipIsThere {
         /// The folder.
@@ -35,10 +35,10 @@ pub enum ClipFault {
     BadLabels {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The problem of the labels.
         cause: crate::labels::FormError,
     },
-    /// A person labelled another clip, or this one before it was changed.
+    /// A person labelled another clip, or this clip before it was changed.
     #[error(
         "{}: these labels were made for other pictures than those of {}; check each break again with `panelprep \
          label --clip {}`",
@@ -50,7 +50,7 @@ pub enum ClipFault {
         /// The clip's folder.
         clip: PathBuf,
     },
-    /// A mask would be written over a person's.
+    /// A mask would overwrite the labels of a person.
     #[error(
         "{}: holds the labels of a person, and the mask of this inspection would replace theirs; name another folder for --pictures",
         folder.display()
@@ -59,7 +59,7 @@ pub enum ClipFault {
         /// The folder.
         folder: PathBuf,
     },
-    /// No picture of a film would be wet, and no test could look at it.
+    /// No picture of the film would be wet, so that no test could use it.
     #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; the limits are 0 to {seconds}")]
     NeverWet {
         /// The requested time.
@@ -76,7 +76,7 @@ pub enum ClipFault {
         /// The requested time.
         spray_from_s: f64,
     },
-    /// Phases in another order than the test's.
+    /// The phases are in another order than the test needs.
     #[error(
         "--spray-from-s is {spray_from_s}, --wet-from-s is {wet_from_s} and the film lasts {seconds} s; the spray must begin at 0 or \
          later, the wet pictures after it, and both within the film"

@@ -1,11 +1,11 @@
-//! What stops a command at a device: a controller, a camera or a tool, real or simulated.
+//! The faults of a device that stop a command: of a controller, a camera or a tool, real or simulated.
 
 use std::path::PathBuf;
 
-/// Why a device cannot be worked with.
+/// Why a device cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceFault {
-    /// Controller's files and cell's file that mean other ports.
+    /// The controller's files and the cell's file state different ports.
     #[error(
         "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, the cell's file states {cells}; make both the \
          same: PORT in the files, command_port and state_port in [robot]", folder.display()
@@ -18,16 +18,16 @@ pub enum DeviceFault {
         /// The cell's ports.
         cells: String,
     },
-    /// Nothing simulated has the fault.
+    /// No simulated tool exists that could have the fault.
     #[error("--tool-fault needs [tool] kind \"simulated\" and the robot kind \"mock\" in the cell's file")]
     NoToolThatFails,
-    /// What only a whole cycle simulates.
+    /// An option that is simulated only in a whole cycle.
     #[error("{option} is for a whole cycle; pictures and scans are taken without it, so leave it out")]
     OfACycle {
         /// The option.
         option: &'static str,
     },
-    /// The arm's errors are simulated by the mock in this program alone.
+    /// Only the mock robot in this program can simulate the arm's errors.
     #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
     ArmErrorInRehearsal,
     /// A simulated camera without a simulated world.
@@ -54,13 +54,13 @@ pub enum DeviceFault {
         /// The key.
         key: &'static str,
     },
-    /// Cameras that are not the ones in use.
+    /// The configured cameras are not those in use.
     #[error(
         "a camera's settings, or the serial number or size in its calibration, have changed since the service \
          started, and it still uses the old ones; restart it"
     )]
     CamerasChanged,
-    /// A calibration that no simulated scanner fits.
+    /// A calibration that does not fit any simulated scanner.
     #[error(
         "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest is {}×{} \
          px: render the cell's files with `panelprep render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
@@ -68,10 +68,10 @@ pub enum DeviceFault {
     NoSuchSimulatedSize {
         /// In the calibration.
         found_px: [usize; 2],
-        /// The nearest that is delivered.
+        /// The nearest size that is delivered, px.
         nearest_px: [usize; 2],
     },
-    /// A simulated controller proves nothing of a real one.
+    /// A simulated controller proves nothing about a real one.
     #[error(
         "[robot] kind is \"mock\": there is no controller to prove anything on; set kind = \"eki\" and host in the cell's file (to try \
          the command, run panelprep mock-robot and set host = \"127.0.0.1\")"

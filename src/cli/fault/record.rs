@@ -1,14 +1,14 @@
-//! What stops a command at the records of cycles and parts, and at their history.
+//! The faults of the records of cycles and parts, and of their history, that stop a command.
 
 /// Why the records cannot answer, or do not accept a part.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordFault {
-    /// A date of a search is none.
+    /// A text in a search that is not a date.
     #[error("{option}: {cause}")]
     Date {
         /// The option.
         option: &'static str,
-        /// What is wrong with it.
+        /// The problem of the date.
         cause: crate::history::DateError,
     },
     /// Conditions of a search together with another request to the history.
@@ -16,28 +16,28 @@ pub enum RecordFault {
         "conditions such as --part belong to the search, `panelprep history` without another word; leave them out here"
     )]
     SearchBesideTask,
-    /// No cycle was about this panel.
+    /// No cycle in the store treated this panel.
     #[error("no cycle in this store was about a panel {panel}; {}", panels_words(panels))]
     NoCyclesOf {
-        /// The panel as it was named.
+        /// The panel as the user named it.
         panel: String,
-        /// Those that cycles were about.
+        /// The panels that were treated by cycles.
         panels: Vec<String>,
     },
-    /// No cycle has a number of this name.
+    /// The panel's cycles have no number of this name.
     #[error(
         "no cycle of panel {panel} has a number {found}{}; write a word of this list: {}; or the name of a check as the page of a \
          cycle has it, in quotes",
         nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")), words.join(", ")
     )]
     NoSuchNumber {
-        /// As it was typed.
+        /// The name as the user typed it.
         found: String,
         /// The panel.
         panel: String,
-        /// The one that is most like it.
+        /// The existing name that is most similar.
         nearest: Option<String>,
-        /// The words of those that have one.
+        /// The keywords of the numbers that exist.
         words: Vec<&'static str>,
     },
     /// A part that may not be abraded any more.
@@ -48,9 +48,9 @@ pub enum RecordFault {
     PartUsedUp {
         /// Its serial number.
         serial: String,
-        /// How many passes are allowed.
+        /// Maximum number of passes.
         most: usize,
-        /// Which cycles, and how many passes in each.
+        /// The cycles, with the number of passes in each.
         history: String,
     },
     /// A cycle with an unsigned record.
@@ -62,12 +62,12 @@ pub enum RecordFault {
         /// The cycle.
         cycle: i64,
     },
-    /// Nothing to verify with.
+    /// There is no public key for the verification.
     #[error(
         "no public key to verify with ({problem}): name the cell's with --public-key FILE; `panelprep record export` writes it"
     )]
     NoPublicKey {
-        /// Why the cell's own store has none.
+        /// Why the cell's own store has no public key.
         problem: String,
     },
     /// A name of the part that cannot be kept as it is.

@@ -1,20 +1,20 @@
-//! What stops a command at a panel that is taught, or was.
+//! The faults of a teaching, new or existing, that stop a command.
 
 use std::path::PathBuf;
 
-/// Why a panel cannot be taught, or what was taught not be used.
+/// Why a panel cannot be taught, or why its taught data cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TeachingFault {
-    /// There is nothing to teach by.
+    /// There is no scan for the teaching.
     #[error("there is no scan to teach with: name it with --scan FILE, or take it now with --live DIR")]
     NoScan,
-    /// The terminal is closed.
+    /// The terminal is closed, so that no person can answer.
     #[error(
         "nobody answers at the terminal: the files taken so far are in the folder of --live, and can be named with \
          --scan, --corner and --flange"
     )]
     NobodyAnswers,
-    /// Options that do not go together.
+    /// The numbers of `--corner` and `--flange` options differ.
     #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
     CornerWithoutFlange {
         /// Corner pictures named.
@@ -22,7 +22,7 @@ pub enum TeachingFault {
         /// Flange poses named.
         flanges: usize,
     },
-    /// Corner pictures that show no corner: all of them.
+    /// All corner pictures in which no corner was found.
     #[error("{}", .0.join("; "))]
     Corners(Vec<String>),
     /// No corner picture for a cell that runs cycles.
@@ -39,7 +39,7 @@ pub enum TeachingFault {
         /// Corners taught.
         taught: usize,
     },
-    /// The recipe is not the one that was taught.
+    /// The recipe differs from the one with which the panel was taught.
     #[error(
         "{}: [{table}] differs from the recipe with which panel \"{panel}\" was taught (version {version}); \
          teach it again or take the change back", recipe.display()
@@ -47,19 +47,19 @@ pub enum TeachingFault {
     TaughtOtherwise {
         /// The recipe's file.
         recipe: PathBuf,
-        /// The table that differs.
+        /// The table that differs between the recipes.
         table: &'static str,
         /// The panel.
         panel: String,
         /// Its taught version.
         version: String,
     },
-    /// A corner picture in the store that measures nothing.
+    /// A taught corner picture in the store that cannot be used for measurements.
     #[error("the corner picture {number} that was taught: {cause}; then teach the panel again with it")]
     TaughtCorner {
         /// Which, from 1.
         number: usize,
-        /// What is wrong with it.
+        /// The problem of the corner picture.
         cause: String,
     },
 }

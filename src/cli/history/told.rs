@@ -1,4 +1,4 @@
-//! The history as a person reads it at a terminal: columns of words, the newest first.
+//! Formats the history for a person at a terminal: columns of words, the newest first.
 
 use crate::history::{Alarm, Comparison, HeatMap, Hits, Summary, Trend};
 use crate::record::PartNames;
@@ -9,7 +9,7 @@ use crate::words::{fixed, plain, utc};
 /// Placeholder for an empty value.
 const NOTHING: &str = "–";
 
-/// Columns as wide as their widest cell; the last one is as long as it is.
+/// Formats rows as columns; each column has the width of its widest cell, except the last one.
 fn columns(rows: &[Vec<String>]) -> Vec<String> {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let wide = |column: usize| {
@@ -41,7 +41,7 @@ fn codes(reasons: &[Reason]) -> String {
     reasons.iter().map(|reason| &*reason.code).collect::<Vec<_>>().join(", ")
 }
 
-/// The page of a search.
+/// Formats the results of a search.
 pub(super) fn hits(hits: &Hits) -> Vec<String> {
     if hits.hits.is_empty() {
         return vec!["no cycle is so".to_owned()];
@@ -65,7 +65,7 @@ pub(super) fn hits(hits: &Hits) -> Vec<String> {
     words
 }
 
-/// One cycle at a glance.
+/// Formats the summary of one cycle.
 pub(super) fn summary(summary: &Summary) -> Vec<String> {
     let PartNames { serial, order, operator } = summary.part.clone();
     let grids = |grids: &Option<Vec<String>>| match grids {
@@ -170,7 +170,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     words
 }
 
-/// A number over time.
+/// Formats the trend of a number over time.
 pub(super) fn trend(trend: &Trend) -> Vec<String> {
     let unit = if trend.unit.is_empty() { String::new() } else { format!(" [{}]", trend.unit) };
     let mut words = vec![format!("{}{unit}", trend.title)];
@@ -199,7 +199,7 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
     words
 }
 
-/// Every grid over many cycles.
+/// Formats the heat map of all grids over many cycles.
 pub(super) fn heat(map: &HeatMap) -> Vec<String> {
     let mut rows = vec![row(&["grid", "films", "breaks", "median time to break"])];
     rows.extend(map.grids.iter().map(|cell| {
@@ -209,7 +209,7 @@ pub(super) fn heat(map: &HeatMap) -> Vec<String> {
     std::iter::once(format!("first films of {} cycles", map.films)).chain(columns(&rows)).collect()
 }
 
-/// Alarms, each with what to do.
+/// Formats alarms, each with its remedy.
 pub(super) fn alarms(alarms: &[Alarm]) -> Vec<String> {
     if alarms.is_empty() {
         return vec!["no alarms".to_owned()];

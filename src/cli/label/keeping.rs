@@ -22,7 +22,7 @@ pub struct LabelFolder {
 }
 
 impl LabelFolder {
-    /// Beside the clip in this folder.
+    /// Creates the storage of labels for the clip in this folder.
     pub fn new(folder: &Path, clip_sha256: String, frame: ClipFrame) -> Self {
         LabelFolder { folder: folder.to_owned(), clip_sha256, frame }
     }
@@ -74,7 +74,7 @@ impl LabelFolder {
         }
     }
 
-    /// Copies the present labels to the first free number.
+    /// Copies the present labels to a file with the first free number.
     fn keep_former(&self) -> Result<Option<String>, Fault> {
         let file = self.folder.join(LABELS);
         if !file.exists() {
@@ -91,7 +91,7 @@ impl LabelFolder {
         }
     }
 
-    /// Writes labels, mask and times; the name under which the former labels are kept.
+    /// Writes labels, mask and times; returns the file name under which the former labels are kept.
     fn write(&self, labels: &LabelFile) -> Result<Option<String>, Fault> {
         let broken = broken(&labels.breaks, &self.frame);
         let pictures = [

@@ -20,11 +20,11 @@ use crate::requirements::{Purpose, incomplete, is_measured_with};
 use crate::store::{Store, calibration_hash};
 use std::path::{Path, PathBuf};
 
-/// What a pose without axes lacks.
+/// Message for a pose without axes: the axes that are missing, and how to add them.
 pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs the axes: add axes_deg = \
                            [A1, …, A6] next to base_from_flange, as the pendant shows them at this pose";
 
-/// A file's name in messages.
+/// Returns a file's name for messages.
 pub(super) fn name(file: &Path) -> String {
     file.display().to_string()
 }
@@ -34,12 +34,12 @@ pub struct CellFiles {
     file: PathBuf,
     /// The checked cell; its arm is corrected by the file that it names.
     pub cell: Cell,
-    /// The text of that file.
+    /// The text of the correction file.
     correction_text: Option<String>,
     store: PathBuf,
 }
 
-/// A calibration and the text it was read from.
+/// A calibration and the text from which it was read.
 pub struct Calibrated<T> {
     /// The value.
     pub value: T,
@@ -47,9 +47,9 @@ pub struct Calibrated<T> {
     pub uncertainty_mm: Option<f64>,
     /// For a lens, the area of its picture in which it is calibrated; empty for others.
     pub extent: LensExtent,
-    /// Of the 3D camera: its own errors; what is assumed for others.
+    /// For the 3D camera, its own errors; for other calibrations, the assumed errors.
     pub scan_errors: ScanErrors,
-    /// The text of its file.
+    /// The text of the calibration's file.
     pub text: String,
 }
 
@@ -76,7 +76,7 @@ impl CellFiles {
         Ok(CellFiles { cell: files.cell.corrected(numbers), correction_text: Some(text), ..files })
     }
 
-    /// The arm's correction as its file is now, with its text.
+    /// Reads the present content of the arm's correction file, with its text.
     fn correction_now(&self) -> Result<Option<(String, CorrectionNumbers)>, Fault> {
         let file = self.cell.calibration().robot_correction.as_ref();
         let Some(file) = file else { return Ok(None) };
@@ -97,7 +97,7 @@ impl CellFiles {
         Ok(self.correction_text.as_deref())
     }
 
-    /// The hash of the arm's correction, by which calibrations name it.
+    /// Returns the hash of the arm's correction, by which calibrations refer to it.
     pub fn correction_hash(&self) -> Option<String> {
         self.correction_text.as_ref().map(|text| content_hash(text.as_bytes()))
     }
@@ -209,7 +209,7 @@ impl CellFiles {
         Ok(Calibrated { value: camera, uncertainty_mm: None, extent, scan_errors, text })
     }
 
-    /// A mount's robot poses were corrected as this cell corrects them.
+    /// Checks that a mount's robot poses were corrected with the same correction as this cell's.
     fn measured_with_this_arm<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
         let ours = self.correction_hash();
         if is_measured_with(mount, ours.as_deref()) {
@@ -219,7 +219,7 @@ impl CellFiles {
         Err(CalibrationFault::OtherCorrection { file: name.into(), found, ours }.into())
     }
 
-    /// A mount that was measured with this arm, with its file's name and text.
+    /// Reads a mount that was measured with this arm's correction; returns it with its file's name and text.
     fn mounted<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
         let mount = MountedPose::<M>::check(&name, &text)?;
@@ -240,7 +240,7 @@ impl CellFiles {
         self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
     }
 
-    /// The whole file of the fixed 3D camera.
+    /// Reads the whole file of the fixed 3D camera.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -248,7 +248,7 @@ impl CellFiles {
         self.lens("scanner", self.cell.calibration().scanner.as_ref()).map(|(lens, _)| lens)
     }
 
-    /// The intrinsics of the flange camera.
+    /// Reads the intrinsics of the flange camera.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
@@ -264,7 +264,7 @@ impl CellFiles {
         self.mount::<ScannerMount>(self.cell.calibration().base_from_camera.as_ref())
     }
 
-    /// How the flange camera sits on the flange.
+    /// Reads the pose of the flange camera on the flange.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].

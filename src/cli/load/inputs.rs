@@ -1,5 +1,5 @@
-//! The files that a command is given: a recipe, a scan, pictures, poses, each held against the calibration that it
-//! belongs to.
+//! Reads the files that a command is given: a recipe, a scan, pictures, poses. Each is compared with the
+//! calibration to which it belongs.
 
 use super::cell_files::{CellFiles, name};
 use crate::cli::disk;
@@ -58,7 +58,7 @@ pub fn located_mm(file: &Path) -> Result<Option<f64>, Fault> {
 pub struct CornerShot {
     /// The picture's file.
     pub file: PathBuf,
-    /// Its bytes, for the store.
+    /// The picture's bytes, for the store.
     pub bytes: Vec<u8>,
     /// The picture.
     pub picture: ColorPicture,

@@ -1,4 +1,4 @@
-//! What was taught of a panel, derived again from what the store keeps.
+//! Derives the taught data of a panel again from the data in the store.
 
 use super::cell_files::CellFiles;
 use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
@@ -11,13 +11,13 @@ use crate::stages::learn;
 use crate::store::Teaching;
 use std::path::Path;
 
-/// What was taught of a panel, derived again from what the store keeps.
+/// The taught data of a panel, derived again from the data in the store.
 pub struct Taught {
     /// The panel.
     pub panel: TaughtPanel,
-    /// Its corners, in the order of teaching.
+    /// The panel's corners, in the order of teaching.
     pub corners: Vec<TaughtCorner>,
-    /// The version in the store.
+    /// The version of the teaching in the store.
     pub version: String,
 }
 
@@ -41,7 +41,8 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
     derive(&kept.teaching, (&taught_recipe, &now), kept.version, &|index| format!("taught corner {}", index + 1))
 }
 
-/// The errors of the camera at teaching: those that were known then, or those of the same camera that are known now.
+/// Returns the errors of the camera at teaching. If they were not known then, these are the errors of the same
+/// camera that are known now.
 fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     let is_same = then.serial == now.serial && then.camera == now.camera;
     ScanErrors::from_measured(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))

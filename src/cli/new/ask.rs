@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 /// Asks the questions.
 pub(super) struct Asker<'i> {
-    /// Proposals are taken without asking.
+    /// Whether proposed answers are accepted without asking.
     takes_proposals: bool,
     answers: Box<dyn BufRead + 'i>,
 }
@@ -27,14 +27,14 @@ impl<'q> Question<'q> {
         Question { words, option, given: given.map(str::to_owned), proposal: None }
     }
 
-    /// The answer that is proposed.
+    /// Adds a proposed answer.
     pub fn proposing(self, proposal: impl Into<String>) -> Self {
         Question { proposal: Some(proposal.into()), ..self }
     }
 }
 
 impl Asker<'static> {
-    /// Asks on standard error and reads from standard input.
+    /// Creates an asker that asks on standard error and reads from standard input.
     pub fn on_terminal(takes_proposals: bool) -> Self {
         Asker { takes_proposals, answers: Box::new(std::io::stdin().lock()) }
     }
@@ -77,16 +77,16 @@ impl Asker<'_> {
     }
 }
 
-/// What is wrong with an answer, and what is allowed.
+/// The result of a check of an answer; the error states what is wrong and what is allowed.
 pub(super) type Refusal = Result<(), String>;
 
 impl Asker<'_> {
-    /// Any words that `check` accepts.
+    /// Asks for any text that `check` accepts.
     pub fn words(&mut self, question: &Question<'_>, check: impl Fn(&String) -> Refusal) -> Result<String, Fault> {
         self.ask(question, |answer| checked(words(answer)?, &check))
     }
 
-    /// One of these, if `check` accepts it.
+    /// Asks for one of the allowed values, if `check` accepts it.
     pub fn one_of<T: Copy>(
         &mut self,
         question: &Question<'_>,
@@ -96,7 +96,7 @@ impl Asker<'_> {
         self.ask(question, |answer| checked(one_of(answer, allowed)?, &check))
     }
 
-    /// A whole number in this range.
+    /// Asks for a whole number in this range.
     pub fn count(&mut self, question: &Question<'_>, range: RangeInclusive<u32>) -> Result<f64, Fault> {
         self.ask(question, |answer| {
             let count = answer.trim().parse::<u32>().ok().filter(|count| range.contains(count));
@@ -105,7 +105,7 @@ impl Asker<'_> {
         })
     }
 
-    /// Numbers that `check` accepts, apart by commas or spaces.
+    /// Asks for numbers that `check` accepts, separated by commas or spaces.
     pub fn numbers<const N: usize>(
         &mut self,
         question: &Question<'_>,
@@ -134,7 +134,7 @@ impl Asker<'_> {
     }
 }
 
-/// A box: its least and its greatest corner, mm in the robot's base.
+/// A box: its minimum and its maximum corner, mm in the robot's base.
 pub(super) type BoxMm = [[f64; 3]; 2];
 
 /// Accepts every answer.
@@ -208,7 +208,7 @@ mod tests {
             let told = of(asker, &question).expect_err("refused").to_string();
             assert!(told.contains(words), "{told}");
         }
-        // What nothing is proposed for, --yes does not answer.
+        // If there is no proposed answer, --yes does not answer the question.
         let told = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
         assert!(told.ends_with("give --rows"), "{told}");
         // A count is checked against its range at once, not later in the resulting file.

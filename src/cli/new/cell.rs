@@ -28,7 +28,7 @@ const SERVICE_STORE: &str = "/var/lib/panelprep";
 const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
 /// Tables of a real cell with numbers of its own.
 const OF_THE_CELL: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
-/// Those that it can do without.
+/// The tables of a real cell that are optional.
 const OPTIONAL: [&str; 7] = [
     "poses.ready",
     "poses.verify",
@@ -38,10 +38,11 @@ const OPTIONAL: [&str; 7] = [
     "arm",
     "keep_out",
 ];
-/// A key whose number is a statement that only a person can make.
+/// A key with a number that only a person can state.
 const STATED: &str = "tool_error_mm";
 
-/// What `panelprep check` finds in the text of a cell's file; the files that it names may still be made.
+/// Returns the problems that `panelprep check` finds in the text of a cell's file; the files that it names may be
+/// missing.
 fn problems(name: &str, text: &str) -> Problems {
     match Cell::check(name, text) {
         Err(problems) => problems,
@@ -49,13 +50,13 @@ fn problems(name: &str, text: &str) -> Problems {
     }
 }
 
-/// What was answered; before, what is proposed.
+/// The answers; before a question is answered, the proposed value.
 #[derive(Clone)]
 struct Answers {
     scanner: ScannerKind,
     scanner_serial: Option<String>,
     flange_camera: FlangeCameraKind,
-    /// The key that names it, and its value.
+    /// The key that names the flange camera, and its value.
     flange_camera_by: Option<(&'static str, String)>,
     robot: RobotKindName,
     host: Option<String>,
@@ -64,14 +65,14 @@ struct Answers {
     store: String,
 }
 
-/// What bounds the motion of a real cell.
+/// The limits of the motion of a real cell.
 #[derive(Clone)]
 struct Motion {
     park_deg: [f64; 6],
     box_mm: BoxMm,
 }
 
-/// As the sample has it.
+/// The motion limits of the sample file.
 const MOTION: Motion = Motion {
     park_deg: [-90.0, -120.0, 120.0, 0.0, 60.0, 0.0],
     box_mm: [[250.0, -450.0, 50.0], [750.0, 450.0, 900.0]],
@@ -80,7 +81,7 @@ const MOTION: Motion = Motion {
 /// The file in which the networks of the cell are listed for the service's unit.
 const NETWORKS: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
 
-/// Asks, and writes the file.
+/// Asks the questions and writes the cell's file.
 pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
         return Err(Fault::IsThere { file: args.out.clone() });
@@ -135,7 +136,7 @@ fn looked(args: &NewCell, look: impl FnOnce() -> Found) -> Vec<String> {
 }
 
 impl Answers {
-    /// A cell that needs no device.
+    /// Returns the proposed answers: a cell that needs no device.
     fn proposed() -> Self {
         Answers {
             scanner: ScannerKind::Simulated,
@@ -150,7 +151,7 @@ impl Answers {
     }
 
     fn ask(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
-        // The robot first: which cameras may be simulated depends on it.
+        // The robot is asked first, because it determines which cameras may be simulated.
         let answers = robot(args, asker, Answers::proposed())?;
         let answers = scanner(args, asker, answers)?;
         let mut answers = flange_camera(args, asker, answers)?;
@@ -167,13 +168,13 @@ impl Answers {
         Ok(answers)
     }
 
-    /// Whether the file that these answers make has no problem at keys that begin with this.
+    /// Checks the file that results from these answers: there must be no problem at keys that begin with `keys`.
     fn accepted(&self, keys: &str) -> Refusal {
         let text = text("", self).map_err(|fault| fault.to_string())?;
         refusal(problems("", &text).list, keys)
     }
 
-    /// Whether the robot's controller is another machine: then no camera may be simulated.
+    /// Whether the robot's controller is another machine; in this case no camera may be simulated.
     fn is_robot_elsewhere(&self) -> bool {
         Answers { scanner: ScannerKind::Simulated, ..self.clone() }.accepted("scanner.kind").is_err()
     }
@@ -209,7 +210,7 @@ fn scanner(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<An
             None
         }
         (ScannerKind::Zivid, given @ Some(_)) => given.clone(),
-        // Without one, the only camera that is connected is taken.
+        // Without a serial number, the first camera that was found is used.
         (ScannerKind::Zivid, None) => found.into_iter().next(),
     };
     Ok(Answers { scanner, scanner_serial, ..answers })
@@ -324,7 +325,7 @@ fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Mo
     Ok(Motion { park_deg, box_mm })
 }
 
-/// Of the state channel, as the samples have it.
+/// The port of the state channel in the samples.
 const STATE_PORT: u16 = 54_601;
 
 /// One table of a file: its header and all lines up to the next header.
@@ -334,7 +335,7 @@ struct Block<'t> {
     text: &'t str,
 }
 
-/// A file as its tables.
+/// Divides a file into its tables.
 fn blocks(text: &str) -> Vec<Block<'_>> {
     let starts = text.match_indices('\n').map(|(at, _)| at + 1).filter(|at| text[*at..].starts_with('['));
     let mut cuts: Vec<usize> = std::iter::once(0).chain(starts).collect();

@@ -1,4 +1,4 @@
-//! What answers at the cell: cameras and the controller. Nothing is set and nothing is moved.
+//! Searches for devices that answer at the cell: cameras and the controller. Nothing is set and nothing is moved.
 
 use super::super::connecting::connected;
 use super::super::zivid::{LIBRARY, ROLE, THIS_PROGRAM};
@@ -9,13 +9,13 @@ use std::time::Duration;
 /// Time limit for the controller's answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// What was found of one kind: serial numbers, and a sentence.
+/// The devices of one kind that were found: serial numbers, and a sentence for a person.
 pub(super) struct Found {
     pub serials: Vec<String>,
     pub words: String,
 }
 
-/// GigE Vision cameras on all networks of this machine.
+/// Finds GigE Vision cameras on all networks of this machine.
 pub(super) fn gige_cameras() -> Found {
     match gige::search() {
         Ok(cameras) if cameras.is_empty() => Found {
@@ -62,7 +62,7 @@ fn only_zivid() -> Result<String, String> {
     }
 }
 
-/// Whether something listens at the controller's address.
+/// Describes whether a program listens at the controller's address.
 pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
     match connected((host.to_owned(), port), RESPONSE_TIMEOUT) {

@@ -1,4 +1,4 @@
-//! `panelprep new recipe`: the sample recipe with a panel's own numbers.
+//! `panelprep new recipe`: writes the sample recipe with a panel's own numbers.
 
 use super::super::args::{Common, NewRecipe};
 use super::super::disk;
@@ -16,16 +16,16 @@ use serde_json::json;
 use toml_edit::{Array, DocumentMut, Value};
 
 const SAMPLE: &str = include_str!("../../../config/panels/example.toml");
-/// As the sample has them.
+/// The corners of the region in the sample recipe, px, followed by its search box.
 const CORNERS_PX: [f64; 8] = [700.0, 350.0, 1250.0, 350.0, 1250.0, 850.0, 700.0, 850.0];
 const BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
 /// The sample's force, which is a comment there: only a recipe for a compliant tool has one.
 const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
 
-/// How many rows, and how many columns, a recipe may have.
+/// Allowed number of rows, and of columns, in a recipe.
 const GRIDS: std::ops::RangeInclusive<u32> = 1..=50;
 
-/// Asks, and writes the file.
+/// Asks the questions and writes the recipe.
 pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
         return Err(Fault::IsThere { file: args.out.clone() });
@@ -56,7 +56,8 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// What an answer is held against: the recipe that it makes, and the cell that is to do it.
+/// The context in which an answer is checked: the recipe that results from it, and the cell that will execute this
+/// recipe.
 #[derive(Clone, Copy)]
 struct Held<'a> {
     /// The recipe's file.
@@ -66,7 +67,7 @@ struct Held<'a> {
 }
 
 impl Held<'_> {
-    /// What `panelprep check` finds in the recipe, beside the cell.
+    /// Returns the problems that `panelprep check` finds in the recipe together with the cell.
     fn problems(&self, text: &str) -> Problems {
         let list = match (plausible(self.name, text), self.cell) {
             (Err(problems), _) => return problems,
@@ -76,14 +77,14 @@ impl Held<'_> {
         Problems { file: self.name.to_owned(), list }
     }
 
-    /// Whether a recipe with these answers has no problem at keys that begin with this.
+    /// Checks the recipe that results from these answers: there must be no problem at keys that begin with `keys`.
     fn accepts(&self, keys: &str, answers: &Answers) -> Refusal {
         let text = text(self.name, answers).map_err(|fault| fault.to_string())?;
         refusal(self.problems(&text).list, keys)
     }
 }
 
-/// What was answered; before, what is proposed.
+/// The answers; before a question is answered, the proposed value.
 #[derive(Clone)]
 struct Answers {
     panel: String,
@@ -154,13 +155,13 @@ impl Answers {
     }
 }
 
-/// The box of the cell in which the tool's tip stays.
+/// Returns the cell's box in which the tool's tip must stay.
 fn cells_box(cell: &Cell) -> Option<BoxMm> {
     let workspace = cell.limits().workspace()?;
     Some([workspace.min, workspace.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]))
 }
 
-/// The sample with these answers.
+/// Returns the sample recipe with these answers.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     let Answers { panel, corners_px, rows, columns, box_mm: [least, greatest], disc_mm, force_n } = answers;
     let [as_comment, as_key] = FORCE_COMMENT;
@@ -180,12 +181,12 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     if let Some(force_n) = force_n {
         set(&mut recipe, "path", "force_n", *force_n);
     }
-    // The comment beside it names the last grid.
+    // The sample's comment on this line names the last grid.
     let grids = format!("r{}c{}", plain(*rows), plain(*columns));
     Ok(recipe.to_string().replace("r1c1 … r4c6", &format!("r1c1 … {grids}")))
 }
 
-/// The text as a document.
+/// Parses the text as a TOML document.
 pub(super) fn parsed(name: &str, text: &str) -> Result<DocumentMut, Fault> {
     text.parse().map_err(|error: toml_edit::TomlError| {
         let problem = Problem { line: 1, key: String::new(), message: error.to_string() };

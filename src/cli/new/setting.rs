@@ -1,4 +1,4 @@
-//! Sets values in a sample's text, and finds what is wrong with them there.
+//! Sets values in a sample's text, and finds the problems of these values there.
 
 use super::ask::Refusal;
 use crate::config::{Problem, set_value};
@@ -14,13 +14,13 @@ pub(super) fn set(document: &mut DocumentMut, table: &str, key: &str, value: imp
     }
 }
 
-/// The first of these problems at a key that begins with this.
+/// Returns the first problem at a key that begins with `keys`, as a refusal.
 pub(super) fn refusal(problems: Vec<Problem>, keys: &str) -> Refusal {
     let first = problems.into_iter().find(|problem| problem.key.starts_with(keys));
     first.map_or(Ok(()), |Problem { key, message, .. }| Err(format!("{key}: {message}")))
 }
 
-/// Numbers as they are answered.
+/// Formats numbers in the form of an answer.
 pub(super) fn joined(numbers: &[f64]) -> String {
     numbers.iter().copied().map(plain).collect::<Vec<_>>().join(",")
 }

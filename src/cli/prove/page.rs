@@ -1,4 +1,4 @@
-//! The page to sign.
+//! The page of proofs to sign.
 
 use super::super::calibrate::now_unix_s;
 use super::proof::{Finding, Proof};
@@ -11,9 +11,10 @@ const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em a
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 .wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}";
 
-/// All proofs, who did them, when, on which controller.
+/// Renders all proofs, with the person, the date and the controller.
 ///
-/// Of a mock controller, and of one that did not answer, nothing is proven, and the page cannot be signed.
+/// For a mock controller, and for a controller that did not answer, nothing is proven, and the page cannot be
+/// signed.
 pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
     let title = match controller {
         ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real one",

@@ -1,9 +1,9 @@
 //! A row of the installation page, and its result.
 
-/// A row of the page's table.
+/// A row of the table on the installation page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Assumption {
-    /// Its number on the installation page.
+    /// The row's number on the installation page.
     pub(super) number: u32,
     pub(super) assumed: String,
     pub(super) to_do: String,
@@ -24,7 +24,7 @@ impl Finding {
     }
 }
 
-/// One line of the page.
+/// One line of the page of proofs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Proof {
     pub(super) assumption: Assumption,

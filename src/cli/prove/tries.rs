@@ -1,4 +1,4 @@
-//! What a client can try alone: over the two ports, without a motion.
+//! Tests that a client can do without a person: over the two ports, without a motion.
 
 use super::super::fault::Fault;
 use super::super::live;
@@ -27,7 +27,7 @@ pub(super) fn for_row(number: u32) -> Option<fn(&Cell) -> Tried> {
 
 /// A controller makes its channels available again within this time, whatever happened to them.
 const RECONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// States come every 100 ms.
+/// Time limit for a state; states come every 100 ms.
 const STATE_TIMEOUT: Duration = Duration::from_millis(1_500);
 
 fn found(right: bool, evidence: String) -> Tried {
@@ -65,7 +65,7 @@ impl Client {
         None
     }
 
-    /// The newest whole state that comes within a while.
+    /// Returns the newest complete state that arrives within `STATE_TIMEOUT`.
     fn read_state(&mut self) -> Option<String> {
         let (begun, mut text) = (Instant::now(), Vec::new());
         let mut piece = [0; 4_096];
@@ -97,19 +97,19 @@ fn attribute<'t>(state: &'t str, name: &str) -> Option<&'t str> {
     state.split(&format!(" {name}=\"")).nth(1)?.split('"').next()
 }
 
-/// What answers as the controller.
+/// The kind of controller that answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ControllerKind {
-    /// A controller, by its boot id.
+    /// A real controller, by its boot id.
     Real,
     /// A mock controller: it proves nothing.
     Mock,
-    /// Nothing answers: what it is, is not known.
+    /// Nothing answers, so that the kind is not known.
     Unknown,
 }
 
 impl ControllerKind {
-    /// Of two looks the one that permits less.
+    /// Combines two results: returns the one that permits less.
     pub fn and(self, other: Self) -> Self {
         match (self, other) {
             (ControllerKind::Mock, _) | (_, ControllerKind::Mock) => ControllerKind::Mock,
@@ -119,7 +119,7 @@ impl ControllerKind {
     }
 }
 
-/// What answers as the controller now.
+/// Determines the kind of controller that answers now.
 pub(super) fn controller(cell: &Cell) -> Result<ControllerKind, Fault> {
     let (mut robot, _) = live::robot_alone(cell)?;
     Ok(match Single::connect(&mut robot, cell.arm()) {
@@ -185,7 +185,7 @@ fn a_vanishing_client_is_missed_by_nobody(cell: &Cell) -> Tried {
     const TIMES: usize = 20;
     let mut slowest = Duration::ZERO;
     for time in 1..=TIMES {
-        // Refused while the controller opens the port anew, which is as good.
+        // While the controller opens the port again, the connection is refused, which serves this test as well.
         drop(connect(cell, cell.robot().command_port()));
         if time % 10 == 0 {
             let begun = Instant::now();
@@ -201,9 +201,10 @@ fn a_vanishing_client_is_missed_by_nobody(cell: &Cell) -> Tried {
     )
 }
 
-/// The base comes back as it was sent: the texts of both are compared as numbers, closer than the link's own tolerance.
+/// Checks that the base comes back as it was sent: both texts are compared as numbers, with a smaller tolerance
+/// than the link's own.
 fn base_comes_back(cell: &Cell, x_mm: f64, most_mm: f64) -> Tried {
-    // What was tried before may still be closing its channels.
+    // The connections of earlier tests may still be closing.
     if Client::patient(cell).is_none() {
         return found(false, SILENT.to_owned());
     }

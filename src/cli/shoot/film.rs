@@ -1,5 +1,5 @@
-//! A film: pictures one after the other, written while the next ones come, with a `clip.csv` that `inspect` and a recorded
-//! camera read.
+//! Takes a film: pictures one after the other, written while the next ones arrive, with a `clip.csv` that `inspect`
+//! and a recorded camera read.
 
 use super::super::args::Shoot;
 use super::super::disk;
@@ -18,7 +18,7 @@ use std::thread;
 /// Pictures that wait to be written; if the disk is slower for longer, the camera drops some, and they are counted.
 const WAITING: usize = 64;
 const WRITERS: usize = 2;
-/// A simulated cell's time passes in such steps while its next picture is waited for, ms.
+/// Step by which a simulated cell's time advances while the next picture is awaited, ms.
 const STEP_MS: u64 = 12;
 
 /// What came.
@@ -68,7 +68,7 @@ pub fn capture(
     Ok(())
 }
 
-/// A film is dry, then sprayed, then wet; without spray it may be wet from its begin.
+/// Checks the phases of a film: dry, then sprayed, then wet. Without spray it may be wet from its beginning.
 fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>) -> Result<(), ClipFault> {
     let is_right = match (spray_from_s, wet_from_s) {
         (None, wet_from_s) => (0.0..=seconds).contains(&wet_from_s.unwrap_or(0.0)),
@@ -95,7 +95,7 @@ fn record(
     let mut taken = CapturedFilm { entries: Vec::new(), quality: None, dropped: 0 };
     loop {
         let next = match opened.camera.next_of_clip() {
-            // A recording has come to its end.
+            // The end of a recording is reached.
             Err(CameraError::RanOut { .. }) if !taken.entries.is_empty() => break,
             next => next.map_err(Fault::stage)?,
         };
@@ -115,7 +115,7 @@ fn record(
                     break;
                 }
             }
-            // A simulated cell's time passes when its controller's does.
+            // In a simulated cell, time passes only when the controller's time advances.
             None => match &opened.simulated {
                 Some(simulated) => simulated.server.handle().with(|controller| controller.advance_ms(STEP_MS)),
                 None => thread::sleep(std::time::Duration::from_millis(1)),

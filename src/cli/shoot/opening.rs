@@ -19,7 +19,7 @@ use crate::geometry::PinholeCamera;
 use crate::sim;
 use std::path::PathBuf;
 
-/// A camera, with what was learned while it was opened.
+/// An opened camera, with the simulated world if there is one.
 pub struct Opened<C> {
     /// The camera.
     pub camera: C,
@@ -33,9 +33,9 @@ impl<C> Opened<C> {
     }
 }
 
-/// What is to be taken.
+/// The requested shot.
 pub struct Wanted {
-    /// By which camera, and how.
+    /// The camera, and the kind of shot.
     pub shot: Shot,
     /// What a simulated cell shows.
     pub simulation: Simulation,
@@ -91,7 +91,7 @@ pub fn sized<C>(
     match look(&mut camera) {
         Ok(()) => Ok((camera, UNKNOWN_PX)),
         Err(CameraError::WrongSize { found_px, .. }) => {
-            // A camera is let go before it is opened again.
+            // A camera is released before it is opened again.
             drop(camera);
             Ok((open(&of_size(found_px))?, found_px))
         }
@@ -99,7 +99,7 @@ pub fn sized<C>(
     }
 }
 
-/// The simulated world around a mock controller of its own.
+/// Starts the simulated world, with its own mock controller.
 fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>) -> Result<Simulated, Fault> {
     if files.cell.robot().kind() != RobotKind::Mock {
         return Err(DeviceFault::NoWorld.into());

@@ -1,4 +1,5 @@
-//! What `teach` learns from, taken now: the scan, the region drawn on its picture in a browser, and the corner pictures.
+//! Takes the inputs of `teach` now: the scan, the region drawn on its picture in a browser, and the corner
+//! pictures.
 
 use super::super::args::{Shot, Teach};
 use super::super::disk;
@@ -63,7 +64,7 @@ fn scan(args: &Teach, (cell, world): (&CellFiles, Option<&sim::Cell>), folder: &
     Ok(file)
 }
 
-/// Serves the page until the person is done.
+/// Serves the page for drawing until the person has finished.
 fn draw(args: &Teach, cell: &CellFiles, scan: &Path) -> Result<(), Fault> {
     let picture = load::scan(scan, &cell.scanner()?.value)?.picture();
     let recipe = args.recipe.clone();
@@ -81,7 +82,7 @@ fn draw(args: &Teach, cell: &CellFiles, scan: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The corner pictures with their poses, in the recipe's order.
+/// Takes the corner pictures with their poses, in the recipe's order.
 fn corners(
     args: &Teach,
     (cell, world): (&CellFiles, Option<&sim::Cell>),

@@ -4,7 +4,7 @@ use super::super::rules::Rules;
 use super::super::step::step_with;
 use super::super::*;
 
-/// Waypoints that are sent and not yet executed, at most.
+/// Maximum number of waypoints that are sent and not yet executed.
 pub const WINDOW: u32 = 5;
 
 /// A move that the robot has not yet ended.
@@ -46,31 +46,31 @@ pub struct Cell {
     pub tested: bool,
     pub wet: bool,
     pub dry_picture: bool,
-    /// The panel was touched since its dry picture was taken.
+    /// Whether the panel was touched since its dry picture was taken.
     pub sanded: bool,
-    /// Verified since the last plan, film or hold.
+    /// Whether the place was verified since the last plan, film or hold.
     pub verified: bool,
-    /// A person may have touched the panel since it was last measured.
+    /// Whether a person may have touched the panel since it was last measured.
     pub disturbed: bool,
     /// The panel was found in this cycle, or a person accepted its place as found.
     pub located: bool,
     pub token: bool,
-    /// A result was rejected or invalid.
+    /// Whether a result was rejected or invalid.
     pub doomed: bool,
-    /// A result waits for a person.
+    /// Whether a result waits for a person.
     pub reviewed: bool,
-    /// The tool was on the panel, and what it did is not graded.
+    /// Whether the tool was on the panel and the result is not graded.
     pub ungraded: bool,
-    /// What it did waits for a person.
+    /// Whether the result of a contact waits for a person.
     pub contact_reviewed: bool,
     pub film: Option<Film>,
     pub passes: u8,
-    /// An air-run, and whether its path was flown to the end.
+    /// Whether the cycle is an air-run, and in `flown` whether its path was executed to the end.
     pub air: bool,
     pub flown: bool,
     pub concluded: bool,
     pub intent: Option<Motion>,
-    /// Acts that are no longer waited for.
+    /// Acts whose answers are no longer awaited.
     pub stale: Vec<(Id, Act)>,
     /// The armed deadline of each kind.
     pub timers: Vec<(Deadline, Id)>,
@@ -79,7 +79,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Any cell before its first event: outputs as a person left them.
+    /// Creates a cell before its first event: outputs in the state in which a person left them.
     pub fn new(rules: Rules) -> Self {
         Cell {
             rules,
@@ -128,7 +128,7 @@ impl Cell {
         }
     }
 
-    /// One event through the table and its effects through the cell.
+    /// Passes one event through the table, and performs its effects in the cell.
     pub fn feed(&mut self, event: Event) -> Result<(), String> {
         let before = self.state;
         let due = before.due;
@@ -160,7 +160,7 @@ impl Cell {
             Report::FullOverride(is_full) => self.full_override = Some(is_full),
             Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
             Report::StoreChanged | Report::StoreRestored => {}
-            // The link has sent the abort frame; the controller obeys by itself.
+            // The link has sent the abort frame, and the controller executes it.
             Report::EpochOver { trouble } => {
                 self.condition_due |= trouble.is_none();
                 (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
@@ -190,7 +190,7 @@ impl Cell {
             Report::Boot => {
                 (self.robot, self.full_override, self.condition_due) = (Robot::Unknown, None, false);
                 (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
-                // The session closes with the process and the controller shuts everything by its own watchdog.
+                // The session closes with the process, and the controller's own watchdog shuts everything.
                 (self.timers, self.ending) = (Vec::new(), true);
                 (self.epoch_open, self.opening, self.frames) = (false, false, None);
                 self.switched_off();
@@ -198,7 +198,7 @@ impl Cell {
         }
     }
 
-    /// What this switch did is not so any more.
+    /// Reverses the effect of this switch.
     fn is_contrary(&mut self, switch: Switch) {
         match switch {
             Switch::ToolOn => (self.tool_on, self.tool_proven) = (false, false),
@@ -294,14 +294,14 @@ impl Cell {
         }
     }
 
-    /// What the table's decision means for the truth.
+    /// Updates the ground truth after the table's decision.
     fn follow(&mut self, before: State, event: Event) {
         match (event, self.state.at) {
             (Event::Asked(request @ (Request::Start { .. } | Request::AirRun { .. })), at)
                 if before.at == At::Idle && at != At::Idle =>
             {
                 (self.air, self.flown) = (matches!(request, Request::AirRun { .. }), false);
-                // A new dry panel, somewhere.
+                // A new dry panel at an unknown place.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
                 (self.doomed, self.reviewed, self.film, self.passes, self.sanded) = (false, false, None, 0, false);
                 (self.ungraded, self.contact_reviewed) = (false, false);

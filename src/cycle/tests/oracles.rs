@@ -1,4 +1,4 @@
-//! What must never be: of effects, when they are performed, and of states, when they are entered.
+//! Checks for forbidden situations: of effects when they are performed, and of states when they are entered.
 
 use super::super::*;
 use super::cell::{Cell, Moving, WINDOW};
@@ -9,7 +9,7 @@ fn never(bad: bool, what: &str) -> Result<(), String> {
 }
 
 impl Cell {
-    /// Performs the effects in order; each against what is true at that moment.
+    /// Performs the effects in order and checks each one against the ground truth at that moment.
     pub fn check_effects(&mut self, before: State, event: Event, effects: &[Effect]) -> Result<(), String> {
         let changed = u64::from(self.state.at != before.at);
         never(self.state.step != before.step + changed, "a step that does not count the changes of the state")?;
@@ -28,7 +28,7 @@ impl Cell {
                     never(self.state.due != Some(Due { id, act }), "an act that nobody waits for")?;
                     never(event == Event::Told(Report::Boot), "a new program acts unasked")?;
                     if let Act::Move(motion) = act {
-                        // I9: what was sent is covered by what was committed.
+                        // I9: each motion that is sent was committed before.
                         never(opened != Some(motion), "a motion that is not committed before")?;
                     }
                     self.perform(id, act)?;
@@ -193,7 +193,7 @@ impl Cell {
         Ok(())
     }
 
-    /// What must not be of the state that an event led to.
+    /// Checks that the state after an event is not a forbidden one.
     pub fn check_state(&mut self, before: State, event: Event) -> Result<(), String> {
         let (at, from) = (self.state.at, before.at);
         let leaves = matches!(at, At::Aborting { .. } | At::Aborted { .. } | At::Stopped | At::Held(_));
@@ -234,7 +234,7 @@ impl Cell {
         self.check_reaction(before, event)
     }
 
-    /// What an event must lead to.
+    /// Checks that an event leads to the required reaction.
     fn check_reaction(&self, before: State, event: Event) -> Result<(), String> {
         let (at, from, due) = (self.state.at, before.at, before.due);
         let is_due = |id| due.is_some_and(|due| due.id == id);

@@ -1,4 +1,4 @@
-//! Stories of a cycle that goes its way: from the first look at the panel to its verdict.
+//! Scenarios of a cycle without faults: from the first picture of the panel to its verdict.
 
 use super::super::*;
 use super::story::Story;
@@ -26,7 +26,7 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     assert_eq!(story.cell.state.job.pass, 1);
 }
 
-/// Each contact is after a look at both corners; a corner too many is no verification.
+/// Each contact follows a picture of both corners; a picture of one corner more does not count as a verification.
 #[test]
 fn both_corners_are_verified_before_contact() {
     let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Whole]);
@@ -140,7 +140,7 @@ fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
     assert_eq!((story.cell.state.job.plan, story.cell.state.job.waypoints), (7, 3));
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
-    // Dried instead of accepted: located and planned anew.
+    // The panel is dried instead of accepted: it is located and planned again.
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
     story.until("plan-1");
     story.answer(doubtful);
@@ -150,7 +150,8 @@ fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
     assert!(acts.contains("locate") && acts.contains("plan-1") && acts.contains("verify"), "{acts}");
 }
 
-/// What the tool did is graded with the tool off and clear of the panel. A reject ends the cycle there: no water, no film.
+/// The result of the tool is graded with the tool off and clear of the panel. A reject ends the cycle there: no
+/// water, no film.
 #[test]
 fn a_contact_that_is_rejected_ends_the_cycle() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -182,7 +183,7 @@ fn a_new_dry_picture_waits_for_a_dried_panel() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// The person alone decides: drying the panel measures nothing that the tool did.
+/// Only the person decides: drying the panel and locating it again does not measure the result of the tool.
 #[test]
 fn a_doubtful_contact_waits_for_a_person() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -209,7 +210,7 @@ fn a_doubtful_contact_waits_for_a_person() {
     assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
 }
 
-/// A journal is lines of JSON; read back it leads to the same state.
+/// A journal consists of lines of JSON; when it is read back, it leads to the same state.
 #[test]
 fn a_journal_folds_to_the_state_that_wrote_it() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);

@@ -1,4 +1,4 @@
-//! Every state that the table can reach with small bounds, and a way to rest from each.
+//! Searches every state that the table can reach with small bounds, and a way to rest from each state.
 
 use super::super::*;
 use super::healthy::{REQUESTS, answers};
@@ -50,7 +50,7 @@ fn canonical(mut state: State) -> State {
     state
 }
 
-/// The deadlines that this state waits for.
+/// Returns the deadlines for which this state waits.
 fn timers(state: &State) -> Vec<(Deadline, Id)> {
     let light = match state.facts.light {
         Light::Settling { until } => Some((Deadline::Settle, until)),

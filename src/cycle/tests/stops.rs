@@ -104,7 +104,7 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     assert_eq!(story.cell.effects, [closed]);
     let left = Phase::Assess { left: true };
     assert_eq!(story.at(), At::Held(Hold { why: Why::Asked, resume: left }), "the hold stays one");
-    // A late word of the ended path is dropped.
+    // A late answer of the ended path is dropped.
     let (id, _) = story.cell.stale[story.cell.stale.len() - 2];
     let before = story.cell.state;
     story.report(Report::Answered { id, answer: Answer::Stands { done: 3 } });
@@ -113,13 +113,13 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     story.asked(Request::Unhold { dried: false });
     assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
     assert_eq!(story.until("plan-1"), "assess plan-1", "what was done is graded before more is done");
-    // The controller may have switched the extraction off since.
+    // The controller may have switched the extraction off in the meantime.
     assert_eq!(story.until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// What the part that was executed is rejected for ends the cycle at the next step, and more is not abraded.
+/// If the executed part of a path is rejected, the cycle ends at the next step, and nothing more is abraded.
 #[test]
 fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
     for dried in [false, true] {
@@ -160,7 +160,7 @@ fn where_verify_fails_the_panel_is_dried_and_located_again() {
     story.answer(Answer::Graded(Grade::Reject));
     story.rests();
     assert_eq!(story.at(), At::Held(Hold { why: Why::NotVerified, resume: Phase::Plan }));
-    // The guard is opened to dry it.
+    // The guard is opened to dry the panel.
     story.report(Report::Robot(Robot::GuardOpen));
     story.asked(Request::Unhold { dried: true });
     let refusal = Refusal::Robot(Robot::GuardOpen);
@@ -175,7 +175,7 @@ fn where_verify_fails_the_panel_is_dried_and_located_again() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
-/// Nothing waits to be accepted there, however ready the robot is.
+/// In this hold no result waits to be accepted, even if the robot is ready.
 #[test]
 fn accept_is_not_possible_where_no_result_waits() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
@@ -217,7 +217,7 @@ fn from_aborted_only_clear_leads_out() {
     story.asked(Request::Clear);
     assert_eq!(story.rests(), "stand");
     assert_eq!(story.at(), At::Stopped);
-    // Aborted in the spray: the abort frame shuts the water, and waits for nothing.
+    // An abort during the spray: the abort frame shuts the water, without waiting for anything.
     let mut story = Story::started(&[]);
     story.until("spray");
     story.asked(Request::Abort);

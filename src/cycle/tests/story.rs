@@ -5,7 +5,7 @@ use super::super::*;
 use super::cell::Cell;
 use super::healthy::answers;
 
-/// An act in the words of the stories.
+/// Returns the name of an act in the scenarios.
 fn word(act: Act) -> String {
     match act {
         Act::Move(motion) => match motion.path {
@@ -24,7 +24,7 @@ fn word(act: Act) -> String {
     }
 }
 
-/// A cell, what is done in it, and the acts since the last look.
+/// A cell in a scenario, with the acts since the last check.
 pub struct Story {
     pub cell: Cell,
     pub acts: Vec<String>,
@@ -32,7 +32,7 @@ pub struct Story {
 }
 
 impl Story {
-    /// A cell in Idle; the films that it will see.
+    /// Creates a cell in Idle, with the results of its future films.
     pub fn idle(films: &[Film]) -> Self {
         let films = films.iter().rev().copied().collect();
         let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
@@ -83,7 +83,7 @@ impl Story {
         self.report(Report::Answered { id, answer });
     }
 
-    /// The next good answer, or the next deadline that is waited for.
+    /// Reports the next good answer, or the next deadline that is awaited.
     pub fn good_news(&mut self) {
         let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
         match self.cell.state.due {
@@ -122,7 +122,7 @@ impl Story {
         panic!("no rest: {:?}", self.cell.state);
     }
 
-    /// In contact, two of three waypoints done.
+    /// Creates a scenario in contact, with two of three waypoints executed.
     pub fn in_contact() -> Self {
         let mut story = Story::started(&[Film::Broken, Film::Whole]);
         story.until("to-contact");

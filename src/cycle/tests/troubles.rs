@@ -1,10 +1,10 @@
-//! Stories of trouble: with the link, the robot, or the program itself, at every station of a cycle.
+//! Scenarios of trouble with the link, the robot, or the program itself, at every station of a cycle.
 
 use super::super::*;
 use super::story::Story;
 use crate::verdict::Verdict;
 
-/// A fault while the cell is cleared or reset: the link's epoch is gone, and the next try succeeds.
+/// A fault while the cell is cleared or reset: the link's epoch has ended, and the next attempt succeeds.
 #[test]
 fn clear_and_reset_succeed_after_a_fault_within_them() {
     for trouble in [Trouble::Refused, Trouble::Sequence, Trouble::Late, Trouble::Starved, Trouble::Protocol] {
@@ -20,7 +20,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
             assert!(matches!(story.at(), At::Aborted { .. }), "{trouble:?}");
             story.acts.clear();
             story.asked(Request::Clear);
-            // The end of the epoch proves tool and water off.
+            // The end of the epoch proves that tool and water are off.
             assert_eq!(story.rests(), "stand end-epoch", "{trouble:?}");
             assert_eq!(story.at(), At::Stopped);
 
@@ -76,7 +76,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
             assert_eq!(proven.at(), At::Stopped);
         }
     }
-    // Without a feedback a person's word counts: Clear proves both off.
+    // Without a feedback the confirmation of a person counts: Clear proves both off.
     let mut story = Story::started(&[]);
     story.until("spray");
     story.report(Report::Boot);
@@ -87,7 +87,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
     assert_eq!((story.at(), story.cell.state.facts.water_may_run), (At::Stopped, false));
 }
 
-/// The stations of a cycle, and one act of each.
+/// The stations of a cycle, each represented by one act.
 const STATIONS: [&str; 15] = [
     "to-park",
     "locate",
@@ -167,7 +167,7 @@ fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
         assert_eq!(recovered.at, expected, "{station}");
         assert_eq!((recovered.due, recovered.facts.arm), (None, None), "{station}");
         assert_eq!(recovered.facts.touching, station == "to-contact", "{station}");
-        // The same by the event, and a second start changes nothing.
+        // The event Boot gives the same state as `recover`, and a second start changes nothing.
         story.report(Report::Boot);
         assert_eq!(story.cell.state, recovered);
         assert_eq!(recover(story.cell.journal.iter().copied()), recovered);
@@ -220,7 +220,8 @@ fn contact_waits_for_the_override_that_it_is_planned_for() {
     story.until("to-contact");
 }
 
-/// A press on the pendant in contact: the path is left, what it did is graded, and the cell is held.
+/// A change of the override at the pendant in contact: the path is left, its result is graded, and the cell is
+/// held.
 #[test]
 fn a_changed_override_ends_the_contact() {
     let mut story = Story::in_contact();

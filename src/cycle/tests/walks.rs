@@ -11,7 +11,7 @@ use strum::IntoEnumIterator;
 const WALKS: u64 = 6_000;
 const STEPS: usize = 300;
 
-/// What the walks came to, and how often.
+/// The situations that the walks reached, with their counts.
 type Coverage = BTreeMap<&'static str, u64>;
 
 fn phase(at: At) -> &'static str {
@@ -60,7 +60,7 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
 /// Number of events within which a cycle has begun after the last fault.
 const RECOVERY: usize = 120;
 
-/// After the last fault clear, reset and start succeed, whatever was before.
+/// Checks that clear, reset and start succeed after the last fault, whatever happened before.
 fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
     let mut asked = [0; 2];
     for _ in 0..RECOVERY {
@@ -81,11 +81,11 @@ fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
     Err(format!("no cycle begins within {RECOVERY} steps of the last fault"))
 }
 
-/// One walk; what it found wrong, with its last events.
+/// Performs one random walk; the error states what was wrong, with the last events.
 fn walk(rules: Rules, seed: u64, coverage: &mut Coverage) -> Result<(), String> {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut cell = Cell::new(rules);
-    // One in ten on average; calm walks get far, wild ones get everywhere.
+    // Ten percent on average: walks with few surprises get far, walks with many reach every situation.
     let surprises = random.random_range(0.01..0.19);
     for index in 0..STEPS {
         let before = cell.state;
@@ -163,7 +163,8 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
     assert!(rare.iter().all(|(_, count)| *count >= 100), "the walks do not reach: {rare:?}");
 }
 
-/// The walks are worth what they catch: each rule is taken out, and they must find what it kept away.
+/// Proves that the walks are effective: each rule is removed in turn, and the walks must then find the situation
+/// that it prevented.
 #[test]
 fn without_any_one_rule_the_walks_find_what_it_kept_away() {
     let mut missed = Vec::new();

@@ -1,4 +1,4 @@
-//! Options of what calibrates a camera: its lens, its mount, the errors of a 3D camera.
+//! Options of the camera calibrations: the lens, the mount, the errors of a 3D camera.
 
 use super::board::{BoardArgs, NamedBoard};
 use crate::cli::args::Simulation;
@@ -24,7 +24,7 @@ pub struct LiveArgs {
     /// With --live: take this number of pictures without asking; without it, one at each Enter.
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
     pub count: Option<u32>,
-    /// With --count: the time between two pictures, s, in which a person brings the board to its next place.
+    /// With --count: the time between two pictures, s, in which a person moves the board to its next place.
     #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub every_s: u32,
     /// What a simulated cell shows.
@@ -33,7 +33,7 @@ pub struct LiveArgs {
 }
 
 impl LiveArgs {
-    /// Nothing is taken now.
+    /// Returns arguments without live pictures.
     pub fn none() -> Self {
         LiveArgs { live: None, count: None, every_s: 0, simulation: Simulation::default() }
     }
@@ -42,7 +42,7 @@ impl LiveArgs {
 /// The distortion coefficients of a lens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ModelName {
-    /// The simplest one that foretells left-out pictures as well as any other.
+    /// The simplest model that predicts left-out pictures as well as any other model.
     Auto,
     /// None.
     Pinhole,
@@ -52,7 +52,7 @@ pub enum ModelName {
     K1k2,
     /// k1, k2, p1, p2.
     K1k2p1p2,
-    /// k1, k2, p1, p2, k3, as OpenCV has by default.
+    /// k1, k2, p1, p2, k3, as in OpenCV by default.
     K1k2p1p2k3,
 }
 
@@ -62,15 +62,15 @@ pub struct Intrinsics {
     /// The board.
     #[command(flatten)]
     pub board: NamedBoard,
-    /// Read the lens from a scan of the 3D camera itself: each of its points lies on the ray of its pixel. No board
-    /// is needed.
+    /// Read the lens from a scan of the 3D camera itself: each point of the scan lies on the ray of its pixel. No
+    /// board is needed.
     #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
     pub from_scan: Option<PathBuf>,
     /// The lens model; by default auto, and k1k2p1p2k3 if --keep-all and --subpix request what OpenCV does. With
     /// any model, the lens has one ray for each pixel.
     #[arg(long, value_enum)]
     pub model: Option<ModelName>,
-    /// Set no picture aside for its residuals.
+    /// Do not exclude pictures because of their residuals.
     #[arg(long)]
     pub keep_all: bool,
     /// Serial number of the camera, for the file.
@@ -123,7 +123,7 @@ pub struct HandEye {
     /// Many poses: the flange's pose at each picture.
     #[arg(long, value_name = "FILE", requires = "images", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
-    /// Many poses: the arm's own errors, as `calibrate robot` found them; the poses are corrected by them.
+    /// Many poses: the file with the arm's own errors from `calibrate robot`, with which the poses are corrected.
     #[arg(long, value_name = "FILE", conflicts_with = "image")]
     pub robot: Option<PathBuf>,
     /// Many poses: the folder of the pictures.
@@ -141,7 +141,7 @@ pub struct HandEye {
     /// Folder for pictures; without it, the folder of `--out`.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
-    /// With --live: the arm moves by itself, each time through the gate of `panelprep robot move-j`.
+    /// With --live: the arm moves automatically, each time through the gate of `panelprep robot move-j`.
     #[arg(long, requires = "live")]
     pub r#move: bool,
     /// Many poses that are taken now.
@@ -161,14 +161,14 @@ pub struct Scanner {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
-    /// The lens of the 3D camera, as `calibrate intrinsics` wrote it or the camera states it.
+    /// The lens of the 3D camera, as written by `calibrate intrinsics` or as stated by the camera.
     #[arg(long, value_name = "FILE")]
     pub intrinsics: PathBuf,
-    /// The file to write: the lens and the errors; it may be the same.
+    /// The file to write, with the lens and the errors; it may be the same as the lens's file.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Write a picture of what was found: what is the same in each scan, and what is left in each part of the
-    /// camera's picture.
+    /// Write a picture of the result: the error that is the same in each scan, and the remaining error in each part
+    /// of the camera's picture.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// Scans of the board.

@@ -12,13 +12,13 @@ pub struct Robot {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Poses of the pictures of the fixed camera, the board on the flange.
+    /// Poses for the pictures of the fixed camera, with the board on the flange.
     #[arg(long, value_name = "POSES", requires = "scanner_lens")]
     pub eye_to_hand: Option<PathBuf>,
     /// Intrinsics of the fixed camera.
     #[arg(long, value_name = "FILE", requires = "eye_to_hand")]
     pub scanner_lens: Option<PathBuf>,
-    /// Poses of the pictures of the camera on the flange, the board standing still.
+    /// Poses for the pictures of the camera on the flange, with the board at rest.
     #[arg(long, value_name = "POSES", requires = "flange_camera_lens")]
     pub eye_in_hand: Option<PathBuf>,
     /// Intrinsics of the camera on the flange.
@@ -38,10 +38,10 @@ pub struct Tcp {
     /// Flange poses that hold the tip at one spot, and poses that determine the axis.
     #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
-    /// Read the poses from the controller now, one at each Enter, and keep them in this folder.
+    /// Read the poses from the controller now, one each time Enter is pressed, and store them in this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// The arm's correction, by `calibrate robot`; without it, the one that the cell's file names.
+    /// The arm's correction from `calibrate robot`; without it, the correction that the cell's file names.
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
     /// The file to write.
@@ -55,7 +55,8 @@ pub struct Force {
     /// Readings without contact, each with the flange's pose.
     #[arg(long, value_name = "FILE")]
     pub readings: PathBuf,
-    /// Compare with payload_kg and zero_n of the cell's file, and keep that in the store: a cycle needs it each day.
+    /// Compare with payload_kg and zero_n of the cell's file, and store the result: a cycle needs this verification
+    /// each day.
     #[arg(long)]
     pub verify: bool,
 }
@@ -69,7 +70,7 @@ pub struct Removal {
     /// Diameter of the disc's contact, mm.
     #[arg(long, value_name = "MM", value_parser = within::<2, 300>)]
     pub disc_diameter_mm: f64,
-    /// Stiffness of the pad, N/mm³: its modulus over its thickness.
+    /// Stiffness of the pad, N/mm³: its modulus divided by its thickness.
     #[arg(long, value_name = "N/MM3", value_parser = stiffness)]
     pub pad_n_mm3: f64,
     /// Diameter of the orbit, mm; 0 for a disc that does not orbit.

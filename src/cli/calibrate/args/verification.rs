@@ -1,4 +1,5 @@
-//! Options of looks and touches at what is calibrated already, and of striking one out.
+//! Options for the verification of existing calibrations with pictures and touches, and for striking a verification
+//! out.
 
 use super::board::NamedBoard;
 use super::camera::CameraName;
@@ -27,7 +28,7 @@ pub struct Verify {
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
-    /// Many pictures of the still board by the camera on the flange, in this file's folder: what is left of the
+    /// Many pictures of the board at rest by the camera on the flange, in this file's folder: shows the remaining
     /// error over the working volume, with a map.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
     pub poses: Option<PathBuf>,
@@ -37,7 +38,7 @@ pub struct Verify {
     /// The known pose of the board.
     #[arg(long, value_name = "FILE")]
     pub target: Option<PathBuf>,
-    /// Write the target from this picture, right after calibrating.
+    /// Write the target from this picture, immediately after the calibration.
     #[arg(long)]
     pub learn: bool,
     /// Folder for the trend of all verifications, and with --poses for the map.
@@ -62,7 +63,7 @@ pub struct Touch {
     /// Read the tip's place from the controller now, at one corner after the other, and keep it in this folder.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// Folder for a map of what is left, and the trend of all touches.
+    /// Folder for a map of the remaining errors, and for the trend of all touches.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -70,10 +71,10 @@ pub struct Touch {
 /// Options of `calibrate strike`.
 #[derive(Debug, Clone, Args)]
 pub struct StrikeOut {
-    /// Its number in `panelprep calibrate history`.
+    /// Number of the verification in `panelprep calibrate history`.
     #[arg(value_name = "NUMBER")]
     pub number: i64,
-    /// Who strikes it out.
+    /// The person who strikes the verification out.
     #[arg(long, value_name = "NAME", value_parser = parse_non_empty)]
     pub by: String,
     /// Why.

@@ -12,7 +12,7 @@ pub struct Points {
     pub touched: Vec<Touched>,
     /// The axes at each corner, if the file has them.
     pub joints: Vec<Option<Joints>>,
-    /// The flange at the picture.
+    /// The flange's pose at the picture.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
     /// The axes at the picture, if the file has them.
     pub flange_joints: Option<Joints>,
@@ -157,7 +157,7 @@ mod tests {
         }
     }
 
-    /// A pose as a pendant or KRL writes it, with its type and its turns.
+    /// A pose in the form of a pendant or of KRL, with its type and its status and turn values.
     #[test]
     fn a_pose_of_krl_is_read() {
         let read = |pose: &str| {
@@ -183,7 +183,7 @@ mod tests {
         }
     }
 
-    /// A pose as Zivid's hand-eye calibration writes it: by hand, a quarter turn about Z, which is A 90.
+    /// A pose in the form of Zivid's hand-eye calibration. Calculated by hand: a quarter turn about Z is A 90.
     #[test]
     fn a_matrix_is_read() {
         let read = |rows: &str| {

@@ -1,4 +1,4 @@
-//! `--points` and `--poses`: TOML files that a person writes from the teach pendant.
+//! `--points` and `--poses`: TOML files that a person writes from the values on the teach pendant.
 
 mod camera;
 mod pose;

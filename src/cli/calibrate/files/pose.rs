@@ -1,4 +1,4 @@
-//! The keys of a pose: read as a person writes them, and written as they are read.
+//! The keys of a pose: read in the forms that a person writes, and written in the form that is read.
 
 use crate::config::{Section, Setting};
 use crate::files::ReportedFlange;
@@ -14,12 +14,12 @@ pub(super) const AXIS_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
 
 pub(super) const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
-/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and what
-/// follows it, `{E6POS: …, S 2, T 35}`; or as other programs write it (`Data` of Zivid's YAML): four rows of four
-/// numbers, a rotation and a translation in mm.
+/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and further
+/// values, `{E6POS: …, S 2, T 35}`. Or a pose as other programs write it (`Data` of Zivid's YAML): four rows of
+/// four numbers, a rotation and a translation in mm.
 struct WrittenPose(KukaPose);
 
-/// The columns of a rotation are this near to unit length and to right angles: files state seven digits.
+/// Maximum deviation of a rotation's columns from unit length and from right angles: files state seven digits.
 const ORTHONORMAL: f64 = 1e-3;
 
 fn allowed() -> String {
@@ -28,7 +28,7 @@ fn allowed() -> String {
         .to_owned()
 }
 
-/// The pose of a 4 × 4 matrix.
+/// Reads the pose from a 4 × 4 matrix.
 fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     let mut matrix = nalgebra::Matrix4::<f64>::zeros();
     let [_, _, _, _] = rows else { return Err(allowed()) };
@@ -92,7 +92,7 @@ impl Setting for WrittenPose {
     }
 }
 
-/// The pose under this key of a table: six keys, or as the controller or another program writes it.
+/// Reads the pose under this key of a table: six keys, or the form of the controller or of another program.
 pub(super) fn pose_of(section: &Section<'_, '_>, key: &'static str) -> Option<KukaPose> {
     match section.has(key) && !section.is_table(key) {
         true => section.parse::<WrittenPose>(key, (), None).map(|pose| pose.0),
@@ -100,7 +100,7 @@ pub(super) fn pose_of(section: &Section<'_, '_>, key: &'static str) -> Option<Ku
     }
 }
 
-/// Six keys in mm and degrees, all of them.
+/// Reads the six keys of a pose in mm and degrees; all of them are required.
 pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, PLACE_MM, None));
     let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));

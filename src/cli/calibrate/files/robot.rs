@@ -1,4 +1,5 @@
-//! The arm's own errors: what was seen, and what was touched, in poses that are stated by the flange, the axes, or both.
+//! The data for the arm's own errors: pictures and touches, in poses that are stated by the flange, the axes, or
+//! both.
 
 use super::pose::{AXIS_DEG, CORNER, pose};
 use crate::config::{self, Problems, Section};
@@ -70,9 +71,9 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
 pub enum StatedTouch {
     /// A spot by its number; touches of one spot share it.
     Spot(usize),
-    /// A corner (column, row) of the board before the camera on the flange.
+    /// A corner (column, row) of the board in front of the camera on the flange.
     Corner(usize, usize),
-    /// A corner of the board that lay still in a picture of the fixed camera.
+    /// A corner of the board that was at rest in a picture of the fixed camera.
     CornerIn(usize, usize, String),
 }
 
@@ -120,7 +121,7 @@ mod tests {
     use super::super::tests::{POSE, problems};
     use super::*;
 
-    /// A spot, a corner, or a corner in a picture; two of them, or none, is a problem with its line.
+    /// A touch is of a spot, a corner, or a corner in a picture; two of them, or none, is a problem with its line.
     #[test]
     fn a_touch_is_of_one_thing() {
         let read = |touch: &str| arm_touches("t.toml", &format!("[[touches]]\n{touch}\n{POSE}"), &|_| true);

@@ -26,10 +26,10 @@ pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>
     })
 }
 
-/// What `--poses` of `tcp` holds.
+/// The content of the `--poses` file of `tcp`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPoses {
-    /// Poses that hold the tip at one spot.
+    /// Poses with the tip at one spot.
     pub tip: Vec<Rigid<Base, Flange>>,
     /// The data that determine the axis.
     pub axis: Option<AxisTouch>,

@@ -1,5 +1,5 @@
-//! `panelprep calibrate verify --live`: the picture of the target is taken now. A simulated person has put the
-//! target in its place.
+//! `panelprep calibrate verify --live`: takes the picture of the target now. In a simulated cell, a simulated
+//! person has put the target in its place.
 
 use super::super::super::args::{Common, Shot};
 use super::super::super::disk;
@@ -50,7 +50,7 @@ fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn
     disk::write(&file, files::write_pcd(&shot.cloud)).map(|()| file)
 }
 
-/// A picture, and the flange's pose at it.
+/// Takes a picture, and reads the flange's pose at this picture.
 fn flange_camera(
     args: &Verify,
     (cell, folder): (&CellFiles, &Path),

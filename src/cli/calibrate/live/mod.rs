@@ -54,7 +54,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         CameraName::Scanner => BoardView::FixedByHand,
         CameraName::FlangeCamera => BoardView::FlangeByHand,
     };
-    // A lens that is calibrated anew: only the size of its pictures is taken from the old one.
+    // The lens is calibrated again: only the size of its pictures is taken from the old calibration.
     let known = match camera {
         CameraName::Scanner => opening::lens(cell.scanner())?,
         CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,

@@ -25,13 +25,13 @@ use crate::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point,
 use crate::path::{Kinematics, reach};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// The arm's axes move at this share of their speed, %.
+/// Share of the axes' full speed at which the arm moves, %.
 const AXIS_PERCENT: u8 = 10;
-/// Pictures of one session.
+/// Maximum number of pictures of one session.
 const MAX_PICTURES: usize = 30;
-/// Pictures that show the board, before a mount is computed.
+/// Number of pictures with the board, before a mount is computed for the first time.
 const FIRST: usize = 8;
-/// The poses about the first one: turns about X, Y and Z of the flange, degrees, and shifts, mm.
+/// The poses around the first pose: turns about X, Y and Z of the flange, degrees, and shifts, mm.
 const ABOUT: [([f64; 3], [f64; 3]); 14] = [
     ([18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     ([-18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
@@ -111,7 +111,7 @@ pub fn run(
     Ok(())
 }
 
-/// The arm on its way from pose to pose.
+/// The motion of the arm from pose to pose.
 struct Tour<'t, 's> {
     single: &'t mut Single<'s>,
     cell: &'t CellFiles,
@@ -147,7 +147,8 @@ impl Tour<'_, '_> {
     }
 }
 
-/// A pose that needs a larger turn of an axis is another posture of the arm, and its way there goes far through the cell.
+/// Maximum turn of an axis to the next pose. A pose with a larger turn is another posture of the arm, and the
+/// motion to it goes far through the cell.
 const MAX_TURN_DEG: f64 = 90.0;
 
 fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
@@ -175,7 +176,7 @@ fn distance_mm(
     Ok((posed.camera_from_board * board.middle()).mm.z)
 }
 
-/// The flange, turned about a point so far before it and shifted.
+/// Returns the flange's pose, turned about a point at the distance `about_mm` in front of it, and shifted.
 fn varied(
     base_from_flange: &Rigid<Base, Flange>,
     about_mm: f64,

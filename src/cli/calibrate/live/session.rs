@@ -14,13 +14,13 @@ use crate::geometry::ColorPicture;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The poses, in the session's folder.
+/// The file of the poses in the session's folder.
 pub const POSES: &str = "poses.toml";
 
 /// A picture with a mean grey level below this is too dark to show anything.
 const DARK: f64 = 20.0;
 
-/// What a person chooses.
+/// The choice of a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Choice {
     /// A picture.
@@ -78,12 +78,12 @@ impl<'a> Session<'a> {
         self.unasked.map_or(usual, |(count, _)| count)
     }
 
-    /// How many pictures there are.
+    /// Returns the number of pictures.
     pub fn taken(&self) -> usize {
         self.pictures.len()
     }
 
-    /// How many of them show the board.
+    /// Returns the number of pictures that show the board.
     pub fn found(&self) -> usize {
         self.found
     }

@@ -28,7 +28,7 @@ pub(super) fn say_reasons(outcome: &Outcome) {
     }
 }
 
-/// Whether another pose is worth taking.
+/// Reports the mount so far; returns whether another pose is useful.
 pub(super) fn say_mount(outcome: &Outcome) -> bool {
     let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
     let verdict = outcome.json.get("verdict").and_then(serde_json::Value::as_str).unwrap_or_default();
@@ -48,13 +48,14 @@ pub(super) fn say_mount(outcome: &Outcome) -> bool {
     is_worth || verdict != Verdict::Accept.word()
 }
 
-/// The pose that would help most.
+/// Returns the pose that would improve the result most.
 pub(super) fn next_pose(outcome: &Outcome) -> Option<KukaPose> {
     outcome.json.get("next_pose").and_then(|pose| serde_json::from_value(pose.clone()).ok())
 }
 
-/// A pose that leaves more of the error is not worth taking.
+/// Another pose is only useful if less than this share of the error remains after it.
 const MAX_REMAINING_SHARE: f64 = 0.95;
 
-/// Nor is one worth taking below this: the arm comes back to a pose only to about 0.03 mm (data sheet of the KR 6 R700).
+/// If the error is below this value, no further pose is useful: the arm returns to a pose only with about 0.03 mm
+/// (data sheet of the KR 6 R700).
 const WELL_KNOWN_MM: f64 = 0.02;

@@ -17,10 +17,10 @@ use crate::geometry::{Base, Flange, Point};
 use crate::words::fixed;
 use std::path::Path;
 
-/// Poses with which a tool's tip is computed for the first time.
+/// Number of poses with which a tool's tip is computed for the first time.
 const FIRST: usize = 4;
 
-/// What a person answers to a question for a pose.
+/// The answer of a person to a question for a pose.
 enum PoseAnswer {
     Here(ReportedFlange),
     Axis,
@@ -109,7 +109,7 @@ fn say_tip(found: Result<Outcome, Fault>) {
     }
 }
 
-/// The error at the tool, by touches of the board's corners that are read now.
+/// Measures the error at the tool with touches of the board's corners that are read now.
 ///
 /// # Errors
 /// As [`tool`].

@@ -1,4 +1,4 @@
-//! The camera of a session: the cell's own, or in a simulated cell one that looks at a board.
+//! The camera of a session: the cell's own camera, or in a simulated cell a camera that looks at a board.
 
 use super::super::super::args::Shot;
 use super::super::super::fault::{CalibrationFault, Fault};
@@ -14,9 +14,9 @@ use crate::sim::{BoardCell, BoardPrint};
 
 /// The camera.
 pub enum View {
-    /// The fixed one, its colour picture.
+    /// The fixed camera, with its colour picture.
     Scanner(Box<dyn Scanner>),
-    /// The one on the flange.
+    /// The camera on the flange.
     Flange(Box<dyn FlangeCamera>),
     /// A simulated one.
     Boards(SimulatedBoards),
@@ -61,7 +61,7 @@ impl View {
     }
 }
 
-/// Is the camera that looks a simulated one?
+/// Whether the camera of this view is simulated.
 pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
     match view.is_fixed() {
         true => cell.cell.scanner().is_simulated(),
@@ -81,7 +81,7 @@ pub fn simulated(
     Ok(SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm))
 }
 
-/// The same, as the renderer has it.
+/// Returns the simulated cell's board in the form that the renderer needs.
 ///
 /// # Errors
 /// As [`simulated`].
