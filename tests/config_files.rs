@@ -78,7 +78,7 @@ fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     let (exit, text) = run(copies.path(), &[&programs[..], &["torn.xml", "missing.xml"]].concat());
     assert_eq!(exit, Some(2), "{text}");
     assert!(
-        text.contains("cell_user.src: not right\n  line 16: CELL_USER_0: 1 arguments are given, 0 are wanted"),
+        text.contains("cell_user.src: not right\n  line 16: CELL_USER_0: 1 arguments are given, 0 are expected"),
         "{text}"
     );
     assert!(text.contains("torn.xml: not right\n  line 1: "), "{text}");

@@ -1,4 +1,4 @@
-//! `panelprep doctor` names what is wrong with a cell, and nothing else.
+//! `panelprep doctor` reports what is wrong with a cell, and reports nothing else.
 
 use super::commands::{TEACH, VERIFY, json, rendered, taught_and_verified};
 use super::wall::{Mock, over_sockets};
@@ -12,10 +12,10 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 const DOCTOR: &str = "doctor --cell cell/cell.toml";
-/// Of the sixteen that a controller's firewall leaves open; no other test has them.
+/// Two of the sixteen ports that a controller's firewall leaves open; no other test uses them.
 const PORTS: [u16; 2] = [54_612, 54_613];
 
-/// What is not right: name, what was found, advice.
+/// Returns each problem that the doctor reports: name, what was found, advice.
 fn wrong(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
     let (exit, told) = json(folder, arguments);
     let checks = told["checks"].as_array().expect("checks");
@@ -34,7 +34,7 @@ fn wrong(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
     wrong
 }
 
-/// One thing is wrong, and these words are in its name, what was found, and the advice.
+/// Checks that exactly one problem is reported, with these words in its name, in what was found, and in the advice.
 fn one_wrong(folder: &Path, arguments: &str, words: [&str; 3]) {
     let wrong = wrong(folder, arguments);
     let [only] = wrong.as_slice() else { panic!("{words:?}: {wrong:?}") };
@@ -55,13 +55,13 @@ fn planted(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]
 fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     let folder = rendered("good");
     let folder = folder.path();
-    // Before anything was taught: the store is missing, and so is every word on the calibrations.
+    // Before teaching, the store is missing, and nothing is stated about either calibration.
     let names: Vec<String> = wrong(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
     assert_eq!(names, ["store", "calibration of the scanner", "calibration of the flange_camera"]);
     taught_and_verified(folder);
     assert_eq!(wrong(folder, DOCTOR), Vec::<[String; 3]>::new());
 
-    // The cell's file and the files that it names.
+    // Faults in the cell's file and in the files that it names.
     fs::rename(folder.join("cell/flange_from_camera.toml"), folder.join("away.toml")).expect("moved");
     one_wrong(folder, DOCTOR, ["calibration of the flange_camera", "flange_from_camera.toml", "calibrate"]);
     fs::rename(folder.join("away.toml"), folder.join("cell/flange_from_camera.toml")).expect("back");
@@ -85,13 +85,13 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     );
     fs::write(&file, &text).expect("written");
 
-    // What a cycle would refuse, by the same words.
+    // A value that a cycle would refuse is reported with the cycle's own message.
     planted(
         folder,
         ("cell/cell.toml", "a1_deg = -120.0", "a1_deg = -320.0"),
         ["cell file", "poses.park.a1_deg: found -320, the limits are -170 to 170", "cycle"],
     );
-    // The taught scan is no longer the one that was taught.
+    // The scan in the store is no longer the one that was taught.
     let taught = Store::open(&folder.join("cell/store")).expect("a store").taught("simulated-panel", None);
     let hash = panelprep::files::content_hash(&taught.expect("taught").teaching.scan);
     let scan = folder.join("cell/store/blobs").join(hash);
@@ -120,7 +120,8 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     assert!(wrong(folder, DOCTOR)[0][1].contains("cannot open the store"));
 }
 
-/// A controller behind two sockets: absent, silent, speaking of other things, and right; and its files.
+/// A controller behind two sockets that is absent, is silent, sends wrong data, or is right; and a controller's own
+/// files.
 #[test]
 fn what_answers_in_place_of_a_controller_is_told_apart() {
     let folder = rendered("clean");

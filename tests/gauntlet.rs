@@ -1,5 +1,5 @@
-//! Random paths through every gate before motion: the good ones pass, and one planted defect refuses all of a path.
-//! `make test` sends a few, `make bench-surface` a hundred thousand.
+//! Sends random paths through every gate before motion. The good ones pass, and one planted defect makes the gates
+//! refuse the whole path. `make test` sends a few paths, `make bench-surface` a hundred thousand.
 
 use nalgebra::Vector3;
 use panelprep::cell::{Cell, Workspace};
@@ -11,14 +11,14 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
 
-/// What came of many paths.
+/// The result of a run with many paths.
 #[derive(Debug, Default)]
 pub struct Outcome {
     /// Good paths that were refused, with the gate's words.
     pub refused: Vec<String>,
-    /// Of each defect how many paths had it, and how many of them passed.
+    /// For each defect, the number of paths that had it and the number of these that passed.
     pub planted: BTreeMap<&'static str, [usize; 2]>,
-    /// Random paths that no configuration of the arm can follow: these are no good paths.
+    /// Number of random paths that no configuration of the arm can follow. They do not count as good paths.
     pub barren: usize,
 }
 
@@ -68,7 +68,7 @@ struct Path {
     from: Joints,
     legs: Vec<Leg>,
     joints: Vec<Joints>,
-    /// Another arm than the cell's, or another cell around it.
+    /// An arm that differs from the cell's arm or has other surroundings; `None` for the cell's own arm.
     arm: Option<Kinematics>,
 }
 
@@ -101,7 +101,7 @@ fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
     Some(Path { from: travel.joints[0], legs, joints: travel.joints[1..].to_vec(), arm: None })
 }
 
-/// Puts one defect into a path; its name.
+/// Puts one defect into a path; returns the defect's name.
 fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
     let nth = 1 + (random.random::<f64>() * (path.legs.len() - 2) as f64) as usize;
     let pose = KukaPose::from_rigid(&path.legs[nth].base_from_tool);
@@ -145,7 +145,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis too fast"
         }
         9 => {
-            // There and back on the spot, hardly rounded.
+            // Moves back and forth on the spot, with hardly any rounding.
             path.legs.iter_mut().for_each(|leg| (leg.feed_mm_s, leg.blend_mm) = (900.0, 0.05));
             "an axis that speeds up too fast"
         }
@@ -171,7 +171,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "a post in the way"
         }
         13 => {
-            // A limit in the middle of what axis 2 does on the way, with its margin of 3°.
+            // A limit in the middle of the range that axis 2 uses on the path, with its margin of 3°.
             let a2_deg = path.joints[nth].a2_deg;
             path.arm = Some(arm(&format!("[arm]\nmax_deg = [170, {}, 156, 185, 120, 350]\n", a2_deg + 2.9)));
             "an axis beyond its limits"
@@ -184,7 +184,7 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
     }
 }
 
-/// Leans the tool by an angle about the base's Z, about its own point.
+/// Leans the tool by an angle about the base's Z, around the tool's own point.
 fn leant(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
     let kuka = KukaPose::from_rigid(&pose);
     KukaPose { a_deg: if kuka.a_deg > 0.0 { kuka.a_deg + deg } else { kuka.a_deg - deg }, ..kuka }.to_rigid()

@@ -15,7 +15,8 @@ fn codes(told: &Value) -> Vec<&str> {
     told["reasons"].as_array().expect("reasons").iter().filter_map(|reason| reason["code"].as_str()).collect()
 }
 
-/// A cycle, and the same in the air, does not start, for these reasons; nothing is journaled, nothing moved.
+/// Checks that neither a cycle nor an air-run starts, for these reasons, and that nothing is written to the journal
+/// and nothing moved.
 fn refused(folder: &Path, expected: &[&str]) {
     let before = journal(folder);
     for command in [CYCLE.to_owned(), CYCLE.replace("cycle --cell", "air-run --cell")] {
@@ -60,7 +61,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     assert!(exit == 0 && told["error_mm"].as_f64().is_some_and(|mm| mm < 0.01), "{told}");
     assert_eq!(json(folder, VERIFY[1]).0, 0);
 
-    // A touch 2 mm beside: a tool that was bumped.
+    // The tool touches 2 mm beside the points, as a tool that was bumped does.
     let (exit, told) = json(folder, &format!("{TOUCH} --points cell/target/touched.toml"));
     let errors = told["errors_mm"].as_array().map(Vec::len);
     assert!(exit == 0 && errors == Some(4) && told["error_mm"].as_f64().is_some_and(|mm| mm < 0.2), "{told}");

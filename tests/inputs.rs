@@ -1,4 +1,5 @@
-//! Files that are not what they seem: pipes in place of files, and pictures in which damage could not be found.
+//! Inputs that are not what they seem: pipes in place of files, and picture formats in which damage cannot be
+//! detected.
 
 use super::commands::{TEACH, VERIFY, json, rendered};
 use panelprep::files::{read_color, write_color_jpeg};
@@ -7,7 +8,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A reader that waits for a writer waits for ever; one that refuses is done at once.
+/// Time limit for one command. A program that waits for a pipe's writer would wait for ever; one that refuses the
+/// pipe ends at once.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn begin(folder: &Path, arguments: &str) -> Child {

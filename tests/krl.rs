@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// All KRL files of a folder and of those in it, in order.
+/// Returns all KRL files of a folder and its subfolders, in order.
 fn krl_files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut open = vec![folder.to_owned()];
@@ -28,7 +28,7 @@ fn krl_files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// These files as one program.
+/// Analyses these files as one program.
 fn analysed(files: &[PathBuf]) -> Analysis {
     let read = |file: &PathBuf| {
         let name = file.to_string_lossy();
@@ -162,8 +162,8 @@ fn krl_corpus() {
     assert!(slowest < Duration::from_secs(5), "{slowest:?}");
 }
 
-/// Several files of one controller as a user checks them: the encodings that they come in, and one address that is
-/// another's.
+/// Several files of one controller as a user checks them: in all encodings that occur, and with one address that
+/// belongs to another controller.
 #[test]
 fn files_of_a_controller_are_read_in_any_encoding() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -193,7 +193,7 @@ fn files_of_a_controller_are_read_in_any_encoding() {
         let (exit, text) = checked(file);
         assert!(exit == Some(0) && !text.contains("warning, line"), "{file}: {text}");
     }
-    // A recipe in UTF-16 is one that no command reads.
+    // A recipe in UTF-16 is refused, because no command reads it.
     let recipe: Vec<u8> = "panel = 'door'\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     std::fs::write(folder.join("door.toml"), [&[0xFF, 0xFE][..], &recipe].concat()).expect("written");
     let (exit, text) = checked("door.toml");

@@ -1,5 +1,6 @@
-//! The controller's programs as text: their form, and that they agree with the EthernetKRL files, the client, the
-//! mock controller and the installation page. Nothing here replaces a controller: it keeps slips from getting there.
+//! Checks the controller's programs as text: their form, and their agreement with the EthernetKRL files, the
+//! client, the mock controller and the installation page. These tests do not replace a controller; they keep slips
+//! out of it.
 
 mod agree;
 mod krl;
@@ -64,7 +65,7 @@ const KEYWORDS: [&str; 52] = [
 ];
 const TYPES: [&str; 11] =
     ["INT", "REAL", "BOOL", "FRAME", "AXIS", "E6AXIS", "E6POS", "EKI_STATUS", "STATE_T", "MODUS_T", "CELL_CMD_T"];
-/// What KUKA's own software brings.
+/// Names that KUKA's own software provides.
 const FOREIGN: [&str; 5] = ["BAS", "IR_STOPM", "CWRITE", "VARSTATE", "ON_ERROR_PROCEED"];
 /// The functions of `eki.md` 3 that the programs use.
 const EKI: [&str; 11] = [
@@ -219,7 +220,7 @@ fn what_opens_is_closed_in_its_order() {
     }
 }
 
-/// Comparisons bind weaker than AND and OR in KRL.
+/// Comparisons beside AND or OR need brackets, because they bind more weakly than AND and OR in KRL.
 #[test]
 fn comparisons_beside_and_or_or_stand_in_brackets() {
     each(&files(), |routine, statement| {
@@ -277,7 +278,7 @@ fn every_name_is_declared_and_every_call_fits() {
             assert!(!data.contains_key(local) && !routines.contains_key(local), "{}: {local}", routine.name);
         }
     });
-    // And nothing is left over.
+    // No program is left without a use.
     let code: Vec<String> =
         files.iter().flat_map(File::statements).flat_map(|statement| statement.words()).collect();
     let entry = [

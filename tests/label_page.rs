@@ -10,7 +10,7 @@ use std::io::Read;
 use std::path::Path;
 
 const CELL: &str = "--cell cell/cell.toml --recipe cell/recipe.toml";
-/// Half of the label's rectangle, px: 16 × 12 pixels.
+/// Half of the label rectangle's width and height, px: the rectangle has 16 × 12 pixels.
 const HALF: [f64; 2] = [8.0, 6.0];
 
 /// Returns a small rendered cell with a panel that was taught and located.
@@ -51,7 +51,7 @@ fn times(file: &Path) -> ColorPicture {
     read_color(&std::fs::read(file).expect("times")).expect("a picture")
 }
 
-/// The middle of a grid, in whole pixels.
+/// Returns the middle of a grid, in whole pixels.
 fn middle_of(clip: &Value, id: &str) -> [f64; 2] {
     let grids = clip["grids"].as_array().expect("grids");
     let grid = grids.iter().find(|grid| grid["id"] == id).unwrap_or_else(|| panic!("{grids:?}"));
@@ -59,7 +59,7 @@ fn middle_of(clip: &Value, id: &str) -> [f64; 2] {
     [0, 1].map(|axis| (edge.iter().map(|place| place[axis]).sum::<f64>() / edge.len() as f64).round())
 }
 
-/// The rectangle about this pixel, from this time on.
+/// Returns the rectangle about this pixel as a shape that begins at this time.
 fn shape([u, v]: [f64; 2], from_s: f64) -> Value {
     let (left, right) = (u - HALF[0] - 0.5, u + HALF[0] - 0.5);
     let (top, bottom) = (v - HALF[1] - 0.5, v + HALF[1] - 0.5);
@@ -74,7 +74,7 @@ fn close(found: &Value, expected: f64) -> bool {
     found.as_f64().is_some_and(|found| (found - expected).abs() < 1e-9)
 }
 
-/// From the first look to the score: what the person draws is the truth that the other commands use.
+/// From the first view to the score: the breaks that the person draws are the ground truth for the other commands.
 #[test]
 fn a_clip_is_labelled_and_is_its_own_truth() {
     let folder = located();
@@ -97,7 +97,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     let quiet = middle_of(&clip, "r2c3");
     let elsewhere = value!({"closes_s": ends_s, "shapes": [shape(quiet, wet_from_s), shape([quiet[0] + 1.0, quiet[1]], ends_s - 1.0)]});
 
-    // What cannot be is refused with all that is wrong with it.
+    // Labels that are impossible are refused with a list of all their problems.
     let mut late = on_break.clone();
     late["shapes"][0]["from_s"] = value!(ends_s + 0.2);
     let two_corners =
@@ -125,7 +125,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
         None => eprintln!("not run: there is no chromium on this computer, so nobody looked at the page"),
     }
 
-    // Saved twice: the first labels are kept.
+    // A second save does not overwrite the first labels; they are stored as `labels.1.json`.
     assert!(ask(&page.2, "POST", "save", &statement(&[]).to_string()).starts_with("HTTP/1.1 200"));
     assert_eq!(mask(&clip_folder.join("mask.png")).count(), 0);
     let clean = std::fs::read(clip_folder.join("labels.json")).expect("labels");
@@ -136,7 +136,8 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     let (told, words) = ended(page);
     assert_eq!((&told["saved"], &told["unsaved"]), (&value!(2), &value!(false)), "{told} {words}");
 
-    // By hand: two rectangles of 16 × 12 pixels, and the second one's shape a pixel further to the right: 12 more.
+    // Calculated by hand: two rectangles of 16 × 12 pixels; the second one's shape moves one pixel to the right,
+    // which adds 12 pixels.
     let labelled = mask(&clip_folder.join("mask.png"));
     assert_eq!(labelled.count(), 2 * 16 * 12 + 12);
     let coded = times(&clip_folder.join("times.png")).rgb;
@@ -162,7 +163,7 @@ fn scored(folder: &Path, labelled: &Mask) {
     assert!(close(&score["precision"], both / found.count() as f64), "{score}");
     assert!(close(&score["recall"], both / labelled.count() as f64), "{score}");
 
-    // The same as one clip of a set.
+    // The same clip is scored as the only clip of a set.
     std::fs::create_dir(folder.join("set")).expect("a folder");
     std::os::unix::fs::symlink(folder.join("cell/clip"), folder.join("set/0001")).expect("a link");
     let (exit, set) = json(folder, &format!("{inspect} --truth set"));

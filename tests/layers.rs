@@ -21,7 +21,7 @@ const MAX_LAYERS: usize = 9;
 const EDGE: [&str; 11] =
     ["disk", "supervision", "trust", "store", "backup", "broker", "page", "devices", "archive", "daemon", "cli"];
 
-/// What only those may touch.
+/// Crates that only the modules in `EDGE` may use.
 const EDGE_ONLY: [&str; 8] = [
     "tokio",
     "std::fs",
@@ -33,7 +33,7 @@ const EDGE_ONLY: [&str; 8] = [
     "std::os",
 ];
 
-/// Each module's layer, from the paragraphs of `lib.rs`.
+/// Returns each module's layer, as the paragraphs of `lib.rs` give it.
 fn layers(lib: &str) -> BTreeMap<String, usize> {
     let paragraphs = lib.split("\n\n").map(|paragraph| {
         let name = |line: &str| line.trim().strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned);
@@ -119,7 +119,7 @@ impl<'ast> Visit<'ast> for Paths {
     }
 }
 
-/// What a file of `module` does that its layer does not allow.
+/// Returns what a file of `module` does that its layer does not allow.
 fn wrongs(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<String> {
     let home = module[0];
     let is_pure = !EDGE.contains(&home);
@@ -186,7 +186,7 @@ fn every_module_names_only_layers_above_it() {
     assert!(seen > 10, "the test looks at {seen} files only");
 }
 
-/// The rule is worth what it catches: each planted fault is found, each allowed line is not.
+/// Checks the rule itself: each planted fault is found, and no allowed line is reported.
 #[test]
 fn planted_faults_are_found() {
     let layers = layers(
@@ -231,7 +231,7 @@ fn files_of_a_room_name_each_other_one_way_only() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
-/// The circles of a crate of these files: a module's path and its code.
+/// Returns the circles of a crate that consists of these files; each file is a module's path and its code.
 fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
     let mut all = Crate::default();
     for (path, code) in files {

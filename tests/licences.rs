@@ -1,5 +1,5 @@
-//! What is linked into the program, and under which licences: read from `cargo metadata` and from the sources of
-//! each crate. The package's licence file is written from the same (`tests/package/licences.rs`).
+//! What is linked into the program and under which licences, read from `cargo metadata` and the sources of each
+//! crate. The package's licence file is written from the same data (`tests/package/licences.rs`).
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -25,10 +25,10 @@ const ALLOWED: [&str; 14] = [
     "Zlib",
 ];
 
-/// Crates that name no licence and have the text of one: how that text begins, and which it is.
+/// Crates that state no licence name but contain a licence text: crate, beginning of the text, licence.
 const BY_TEXT: [(&str, &str, &str); 1] = [("pcd-rs", "MIT License", "MIT")];
 
-/// What comes along in a crate under a licence of its own: the crate, and the file with that licence's text.
+/// Parts of a crate that have a licence of their own: the crate, and the file with that licence's text.
 const BESIDE: [(&str, &str); 1] = [("dejavu", "assets/dejavu-fonts-ttf-2.37/LICENSE")];
 
 /// A crate that is linked into the program.
@@ -42,11 +42,12 @@ pub struct Linked {
     pub authors: Vec<String>,
     /// The crate's repository, if it states one.
     pub repository: String,
-    /// The texts of its licences: file name and text.
+    /// The crate's licence texts: file name and text.
     pub texts: Vec<(String, String)>,
 }
 
-/// Every crate that the program is linked of on this machine, itself left out; what only builds or tests it is not.
+/// Returns every crate that is linked into the program on this machine, without the program itself and without
+/// crates that only build or test it.
 pub fn linked() -> Vec<Linked> {
     let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
     let output = Command::new(option_env!("CARGO").unwrap_or("cargo"))
@@ -68,7 +69,7 @@ pub fn linked() -> Vec<Linked> {
             continue;
         }
         let needs = nodes[&id]["deps"].as_array().expect("a list").iter();
-        // Kind null is what is linked; "build" and "dev" are not.
+        // Dependencies of kind null are linked; those of kind "build" and "dev" are not.
         let is_linked = |need: &&Value| {
             need["dep_kinds"].as_array().is_some_and(|kinds| kinds.iter().any(|kind| kind["kind"].is_null()))
         };
@@ -92,7 +93,7 @@ fn of_package(package: &Value) -> Linked {
     let by_text = BY_TEXT.iter().find(|(name, begin, _)| {
         *name == text("name") && texts.values().any(|found: &String| found.starts_with(begin))
     });
-    // As crates wrote it before SPDX expressions.
+    // Before SPDX expressions, crates wrote `/` for OR.
     let stated = text("license").replace('/', " OR ");
     Linked {
         name: format!("{} {}", text("name"), text("version")),
@@ -105,7 +106,7 @@ fn of_package(package: &Value) -> Linked {
     }
 }
 
-/// The files of a crate that are called as licences are.
+/// Returns the files of a crate that have a usual name of a licence file.
 fn licence_files(folder: &Path) -> Vec<PathBuf> {
     let begins = ["license", "licence", "copying", "copyright", "notice", "unlicense"];
     let entries = std::fs::read_dir(folder).expect("its sources").map(|entry| entry.expect("an entry").path());
@@ -116,7 +117,7 @@ fn licence_files(folder: &Path) -> Vec<PathBuf> {
     entries.filter(is_one).collect()
 }
 
-/// Whether the package may carry it.
+/// Returns whether the package may contain code under this licence.
 pub fn is_allowed(licence: &str) -> bool {
     let allowed =
         |requirement: &spdx::LicenseReq| requirement.license.id().is_some_and(|id| ALLOWED.contains(&id.name));
@@ -127,7 +128,7 @@ pub fn is_allowed(licence: &str) -> bool {
 fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
     let linked = linked();
     let names: Vec<&str> = linked.iter().filter_map(|it| it.name.split(' ').next()).collect();
-    // What must be among them, and what only tests or builds must not.
+    // Some crates that must be in the list, and some that only tests or builds use.
     assert!(
         names.len() > 100
             && ["opencv", "libsqlite3-sys", "zstd-sys", "clap"].iter().all(|name| names.contains(name))
@@ -150,7 +151,7 @@ fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
     assert_eq!(wrong, [] as [String; 0], "without a licence that is known to be right");
 }
 
-/// The rule is worth what it refuses.
+/// Checks that the rule refuses a missing licence and a licence that is not allowed.
 #[test]
 fn a_missing_or_another_licence_is_refused() {
     for licence in ["", "GPL-3.0-only", "MIT AND GPL-2.0-only", "SomethingElse"] {

@@ -19,7 +19,8 @@ fn answered(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
 const LENS: &str = "calibrate intrinsics --live shots --camera flange-camera --board 9x6 --square-mm 25 \
                     --cell cell/cell.toml --out lens.toml";
 
-/// A lens from pictures that are taken one at each Enter, in two sessions; then both mounts, the arm moving by itself.
+/// Calibrates a lens from pictures, each taken when Enter is pressed, in two sessions; then calibrates both mounts,
+/// with the arm moving automatically.
 #[test]
 fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -30,7 +31,7 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     let (exit, _, told) =
         answered(folder, "calibrate intrinsics --live shots --board 9x6 --square-mm 25 --out a.toml", "");
     assert!(exit == 2 && told.contains("--camera scanner or --camera flange-camera"), "{told}");
-    // Too few, and the terminal is gone: a verdict, and the pictures stay.
+    // Too few pictures, and the terminal is closed: the command gives a verdict, and the pictures remain.
     let (exit, found, told) = answered(folder, LENS, "\n\n\n");
     assert!(exit == 1 && found["reasons"].to_string().contains("too_few_pictures"), "{exit} {found} {told}");
     assert!(told.contains("board_0003.png: the board is found, 54 of 54 corners"), "{told}");
@@ -61,7 +62,7 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
         let (exit, found, told) = answered(folder, &command, "\n");
         assert!(exit < 2 && told.contains("The arm will move by itself"), "{exit} {found} {told}");
         assert!(told.contains("so far:") && found["uncertainty_mm"].as_f64() < Some(0.3), "{found} {told}");
-        // The cell was written with its mounts as they truly are.
+        // The cell's file was written with the true mounts.
         let number = |file: &str, key: &str| {
             let text = std::fs::read_to_string(folder.join(file)).expect("written");
             let value: toml::Table = text.parse().expect("TOML");
@@ -74,8 +75,8 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     }
 }
 
-/// A tool by poses that a person reads from the pendant, since no controller answers; a word that is no answer
-/// keeps nothing.
+/// Calibrates a tool by poses that a person reads from the pendant, because no controller answers. An answer that
+/// is no pose is not stored.
 #[test]
 fn a_tool_is_calibrated_by_poses_that_are_read_now() {
     let folder = tempfile::tempdir().expect("a folder");

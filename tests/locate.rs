@@ -10,7 +10,7 @@ use panelprep::report;
 use panelprep::sim::{Cell, PanelPosition, PlacementError, SEARCH_BOX_MM, Scene, TRIAL_BOX_MM, Trial, Wrong};
 use panelprep::verdict::{Judgement, Verdict};
 
-/// The trials' camera is a true one, also in its scale.
+/// Returns the range errors of the trials' camera, which has no error in scale.
 fn range() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
@@ -18,7 +18,7 @@ fn range() -> RangeErrors {
 fn recipe(cell: &Cell, which: &str) -> Recipe {
     let region = cell.region();
     let corners: Vec<String> = region.corners_px.iter().map(|p| format!("[{:.2}, {:.2}]", p.u, p.v)).collect();
-    // Wide enough for the farthest panels; the fixture lies behind the box.
+    // The search box is large enough for the farthest panels; the fixture lies behind the box.
     let [[x0, y0, z0], [x1, y1, z1]] = SEARCH_BOX_MM;
     let (low, high) = ([x0, y0 - 60.0, z0 - 60.0], [x1, y1 + 60.0, z1 + 60.0]);
     let text = format!(
@@ -136,7 +136,7 @@ fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
         let error_mm = bench.error_in_plane_mm(refined.base_from_panel, &corners, 0);
         assert!(error_mm < 0.3, "{count}: {error_mm} mm, {refined:?}");
     }
-    // From 2 mm aside the corner brings the panel back: 3D has no part in it.
+    // From a start 2 mm to the side, the corner brings the panel back to its place without 3D data.
     let aside = fit.base_from_panel.displaced(Vector::new([0.0, 1.2, -1.6].into()));
     let refined = bench.refine(aside, &corners, 1);
     assert!(bench.error_in_plane_mm(refined.base_from_panel, &corners, 0) < 0.2, "{refined:?}");
@@ -197,7 +197,7 @@ fn one_and_two_threads_give_the_same_bits() {
     assert_eq!(with(1), with(2));
 }
 
-/// How many reasons have a picture that is not the bare one.
+/// Returns the number of reasons with a picture that is not the plain scan picture.
 fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
@@ -209,7 +209,7 @@ fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     drawn.into_iter().filter(|it| *it.picture.as_ref().expect("drawn") != picture).count()
 }
 
-/// A panel of any shape, taught and located in a scene that may have something wrong.
+/// Teaches a panel of any shape and locates it in a scene that may have something wrong.
 fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
     let (taught, recipe) = learnt(trial);
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
@@ -227,7 +227,7 @@ fn learnt(trial: &Trial) -> (TaughtPanel, Recipe) {
     learnt_with(trial, "")
 }
 
-/// With further keys of the recipe's panel.
+/// Teaches the trial's panel with additional keys in the recipe.
 fn learnt_with(trial: &Trial, keys: &str) -> (TaughtPanel, Recipe) {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
@@ -243,7 +243,7 @@ fn learnt_with(trial: &Trial, keys: &str) -> (TaughtPanel, Recipe) {
     (taught, recipe)
 }
 
-/// Anywhere in the box, at any turn, tilted by up to 30°, among things: twenty shapes at half size.
+/// Finds twenty shapes at half size anywhere in the box, at any turn, tilted by up to 30°, among other objects.
 #[test]
 fn panels_of_many_shapes_are_found_wherever_they_stand() {
     let accepted = (1..=20).filter(|&seed| {
@@ -257,7 +257,7 @@ fn panels_of_many_shapes_are_found_wherever_they_stand() {
     assert!(accepted.count() >= 19);
 }
 
-/// The same with the panel's outline drawn by hand.
+/// Teaches the trial's panel with an outline that was drawn by hand.
 fn drawn(trial: &Trial) -> (TaughtPanel, Recipe) {
     let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
     learnt_with(trial, &format!(", outline_px = {corners:?}"))
@@ -288,8 +288,8 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
     }
 }
 
-/// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside it are measured. A
-/// corner of the region that lies among missing points is on the panel then.
+/// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside the outline are
+/// measured. A corner of the region that lies among missing points is on the panel in this case.
 #[test]
 fn a_drawn_outline_stands_in_for_missing_points() {
     let trial = Trial::flat(3, 2).patchy(0.4);
@@ -319,9 +319,9 @@ fn a_hole_at_a_grids_edge_is_bridged() {
     }
 }
 
-/// Bright discs on a flat plate hold it sideways, and better than its outline alone: its error sideways shrinks,
-/// and what is stated is kept. A plate that looks the same in a mirror, with the discs of its mirror image, is not
-/// accepted.
+/// Bright discs on a flat plate fix its sideways position better than its outline alone: the sideways error shrinks
+/// and stays within the stated error. A plate that looks the same in a mirror, with the discs of its mirror image,
+/// is not accepted.
 #[test]
 fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     for seed in [2, 5] {
@@ -335,7 +335,8 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
         assert!(fit.marks_found.expect("marks") > 0.9, "{:?}", fit.marks_found);
         let plain = plain.expect("found");
         assert_eq!(plain.marks_found, None, "a plain plate has none, its weave is no mark");
-        // Along the normal the scan's own error counts, which no mark shows: the largest of the three.
+        // Leaves out the largest of the three: along the normal, the scan's own error counts, and no mark reduces
+        // it.
         let sideways_mm = |fit: &Fit| {
             let shifts = fit.covariance.fixed_view::<3, 3>(3, 3).into_owned().symmetric_eigenvalues();
             (shifts.sum() - shifts.max()).sqrt()
@@ -382,7 +383,8 @@ fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
     assert!(judgement.reasons.iter().any(|reason| reason.message.contains("calibrate scanner")), "{judgement:?}");
 }
 
-/// At a quarter of the size the fixture's edges, plate and posts, hold the camera's place to a fraction of a millimetre.
+/// At a quarter of the size, the fixture's edges, plate and posts determine the camera's pose to a fraction of a
+/// millimetre.
 #[test]
 fn a_camera_that_moved_is_found_by_the_fixture() {
     let camera = |trial: &Trial| tried(trial).1.and_then(|fit| fit.camera).expect("a fixture");

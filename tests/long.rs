@@ -1,4 +1,4 @@
-//! The list of tests that `make test` leaves out for their length: each is one that `make test-rest` finds.
+//! The list of tests that `make test` leaves out because they take long: `make test-rest` finds each of them.
 
 use std::fs;
 use std::path::Path;

@@ -47,7 +47,7 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
         for (table, kind) in [("scanner", scanner), ("flange_camera", flange_camera), ("robot", robot)] {
             assert_eq!(cell[table]["kind"].as_str(), Some(kind), "{options}: {text}");
         }
-        // A person reads it: what the samples explain is explained here.
+        // The file is for a person to read: it contains the explanations of the sample files.
         assert!(text.matches('#').count() > 20 && !text.contains("../target/demo"), "{text}");
         let to_check = told["to_check"].as_array().expect("a list").len();
         assert_eq!(
@@ -63,7 +63,7 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
     assert_eq!(cell["store"].as_str(), Some("/var/lib/panelprep"));
     assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0), "as answered");
     assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[700.0, 400.0, 800.0]");
-    // Another cell's surroundings, and what only a person may state, are not taken over.
+    // The surroundings of another cell, and values that only a person may state, are not copied.
     assert!(["rough", "arm", "keep_out"].iter().all(|table| cell.get(*table).is_none()), "{real}");
     assert!(cell["limits"].get("tool_error_mm").is_none() && real.contains("# tool_error_mm = "), "{real}");
     let by_address: toml::Table =
@@ -235,7 +235,7 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[800.0, 400.0, 900.0]");
     // The poses that the next pages of the manual use are prepared, to be filled in.
     assert!(text.contains("# [poses.ready]") && text.contains("# [poses.verify]"), "{text}");
-    // By options the same is refused with the option's name.
+    // Given as options, the same values are refused with the option's name.
     let real = "--robot eki --host 172.31.1.147 --scanner zivid --flange-camera-serial 1";
     for (given, words) in [
         ("--scanner simulated --robot eki --host 172.31.1.147", "--scanner \"simulated\": scanner.kind: found"),
@@ -273,7 +273,7 @@ fn answers_are_read_from_the_terminal() {
     );
 }
 
-/// An option that no answer reads is refused: its value would seem to be in the file.
+/// An option that would not be used is refused, because a user would expect its value in the file.
 #[test]
 fn options_of_another_kind_are_refused_by_both_names() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,7 +1,8 @@
-//! Records from a cell to the office and back, with a real broker and a real database, as people use them.
+//! Records on their way from a cell to the office and back, with a real broker and a real database, as people use
+//! them.
 //!
-//! `losses` is what kills and forgets records on the way, `contradictions` what lies about them, `people` who looks
-//! at them.
+//! `losses` has the tests in which records are lost or servers are killed, `contradictions` those with false
+//! records, `people` those with people who look at the records.
 
 mod contradictions;
 mod losses;
@@ -24,7 +25,7 @@ fn with_office(folder: &Path, broker_port: u16) {
     fs::write(file, cell + &office).expect("written");
 }
 
-/// As people use it: a cell with `[office]`, one cycle, and the proof afterwards.
+/// Runs a cell with `[office]` as people use it: one cycle, and the proof afterwards.
 #[test]
 fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there() {
     let Some(plant) = Plant::start() else { return };
@@ -39,7 +40,7 @@ fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there
     assert!(count(&found, "records") >= 3 && count(&found, "signatures") == 1, "{found}");
     assert_eq!(found["cells"][0]["same"], found["cells"][0]["records"]);
     assert!(count(&found, "files") > 5, "pictures: {found}");
-    // A list that was carried to the office proves the same.
+    // A list that a person carries to the office proves the same as the check over the network.
     let (exit, list) = json(folder.path(), "store list --cell cell/cell.toml");
     assert_eq!(exit, 0, "{list}");
     let carried = plant.folder.path().join("cell-1.json");

@@ -41,7 +41,7 @@ fn with_opcua(folder: &Path, more: &str) -> String {
     address.to_string()
 }
 
-/// The program's own tables, for the client.
+/// Writes the program's own tables for the client and returns the file.
 fn write_tables(folder: &Path) -> PathBuf {
     let nodes = NODES.iter().map(
         |node| json!({ "path": node.path, "type": node.kind.name(), "unit": node.unit, "meaning": node.meaning }),
@@ -58,7 +58,7 @@ fn write_tables(folder: &Path) -> PathBuf {
     file
 }
 
-/// The server makes its certificate before it listens, and the cell does not wait for that.
+/// Waits until the server listens: it makes its certificate first, and the cell does not wait for it.
 fn serves(address: &str, service: &Service) {
     service.wait("the OPC UA server listens", |_| std::net::TcpStream::connect(address).is_ok());
 }
@@ -130,7 +130,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
     let todo = unknown.refused.as_deref().unwrap_or_default();
     assert!(todo.contains("move it from rejected to trusted"), "{unknown:?}");
 
-    // The record names who called, as the page's record does.
+    // The record names the caller, as it does for requests from the page.
     let store = Store::open(&folder.join("cell/store")).expect("a store");
     let record = store.cycle(CycleId(2)).expect("read");
     let who: Vec<String> = record
@@ -140,7 +140,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
         .collect();
     assert!(who.contains(&"operator, through OPC UA".to_owned()), "{who:?}");
     assert!(who.contains(&"viewer, through OPC UA".to_owned()), "a viewer stopped it: {who:?}");
-    // A thousand calls of a flood left few lines.
+    // A flood of a thousand calls leaves only a few lines in the audit.
     let lines = audit.iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
     assert!(lines <= 2, "{lines}");
 }
@@ -156,7 +156,7 @@ fn somebody_without_an_account_reads_and_stops_and_nothing_else() {
     client(&python, "anonymous.py", (&address, folder), &service);
 }
 
-/// What a client sends first: that it speaks OPC UA.
+/// Returns the first message of a client: it states that the client speaks OPC UA.
 fn hello(address: &str) -> Vec<u8> {
     let url = format!("opc.tcp://{address}/");
     let mut body = Vec::new();
@@ -195,7 +195,7 @@ fn open_channel() -> Vec<u8> {
     message(b"OPNF", &body)
 }
 
-/// Whether the server answers a client that begins as it should.
+/// Returns whether the server answers a client that begins correctly.
 fn acknowledges(address: &str) -> bool {
     let Ok(mut stream) = TcpStream::connect(address) else { return false };
     stream.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
@@ -203,7 +203,7 @@ fn acknowledges(address: &str) -> bool {
     stream.write_all(&hello(address)).and_then(|()| stream.read_exact(&mut answer)).is_ok() && answer == *b"ACKF"
 }
 
-/// Bytes that are nearly right: whole messages that were changed, cut or repeated.
+/// Returns bytes that are nearly valid: whole messages that were changed, cut or repeated.
 fn nearly(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
     let mut bytes =
         [hello(address), open_channel(), message(b"MSGF", &[7; 200]), message(b"CLOF", &[0; 16])].concat();
@@ -214,7 +214,7 @@ fn nearly(random: &mut impl rand::Rng, address: &str) -> Vec<u8> {
             bytes[at] = random.random();
         }),
         2 => {
-            // A length that is not so: of the message, or of a text in it.
+            // Overwrites a length with a false one: that of the message, or of a text in the message.
             let at = random.random_range(0..bytes.len() - 4);
             bytes[at..at + 4].copy_from_slice(&random.random::<u32>().to_le_bytes());
         }
@@ -271,7 +271,7 @@ fn open_is_answered(address: &str) -> bool {
     stream.read_exact(&mut answer).is_ok() && answer.windows(4).any(|part| part == b"OPNF")
 }
 
-/// The manual's tables are the program's own.
+/// The manual's tables agree with the program's own.
 #[test]
 fn the_manual_has_every_node_and_method() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual/opcua.md");

@@ -1,7 +1,7 @@
-//! The operator's page in a browser, with the program's own service behind it.
+//! The operator's page in a browser, with the program's own service.
 //!
-//! The browser is the machine's Chromium, led by playwright-core: it waits for what a page shows rather than for a
-//! time, and axe-core, which judges each page, is of the same world. `make setup` installs both below `target/`;
+//! The browser is the machine's Chromium, controlled by playwright-core, which waits for what a page shows and not
+//! for a fixed time. axe-core, which checks each page, also runs there. `make setup` installs both below `target/`;
 //! the product needs neither.
 
 use super::commands::json;
@@ -11,7 +11,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// A post before the lower left grids: whether the panel is tested all the same is for a person to decide.
+/// A post in front of the lower left grids: a person must decide whether the panel is tested in spite of it.
 const POST: &str = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [480, 60, 0]\nmax_mm = [700, 260, 270]\n";
 
 /// Adds an account, as a person at a terminal does.
@@ -75,7 +75,7 @@ fn looked_through(browser: Child, service: &Service) {
     assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
 }
 
-/// The whole of a part without a mouse; the focus is always seen.
+/// A part is run from start to signature without a mouse; the focus is always visible.
 #[test]
 fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     let Some(modules) = modules() else { return };
@@ -165,14 +165,15 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     assert_eq!(who, "a person who was not logged in, on the operator's page");
 }
 
-/// What happened in the cycle, event by event, every motion with its end, and the verdict of each phase.
+/// Returns the trace of the cycle: each event, every motion with its end, and the verdict of each phase.
 pub fn trace(folder: &Path) -> Vec<String> {
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
     let record = store.cycle(panelprep::record::CycleId(1)).expect("read");
     let events = store.journal().expect("a journal").into_iter().map(|event| format!("{event:?}"));
     let from_start = events.skip_while(|event| !event.contains("Start {"));
     let motions = record.motions.iter().map(|motion| format!("{:?} {:?}", motion.motion, motion.outcome));
-    // When a person starts is no part of the cell's clock, and drops and glints of the simulated film differ with it.
+    // The findings' verdicts only: the time at which a person starts is not part of the cell's clock, and drops and
+    // glints of the simulated film differ with it.
     let findings = record
         .findings
         .iter()
@@ -186,8 +187,8 @@ pub fn one_cycle(service: &Service) {
     service.reach("complete");
 }
 
-/// Two hundred who look on and then go, one who reads nothing, and one who begins a request without end: in virtual
-/// time the robot does the same as without a page.
+/// Two hundred viewers look on and leave, one reads nothing, and one begins an endless request. In virtual time the
+/// robot does the same as without a page.
 #[test]
 fn whoever_looks_on_changes_nothing_of_what_the_robot_does() {
     let folder = taught("good");
@@ -213,7 +214,7 @@ fn whoever_looks_on_changes_nothing_of_what_the_robot_does() {
             scope.spawn(move || {
                 stream.set_read_timeout(Some(std::time::Duration::from_secs(5))).expect("set");
                 let (mut bytes, mut heard) = ([0; 4_096], 0);
-                // Each is killed in the middle of the cycle.
+                // Each connection is closed in the middle of the cycle.
                 while heard < 20 && stream.read(&mut bytes).is_ok_and(|count| count > 0) {
                     heard += 1;
                 }

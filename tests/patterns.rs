@@ -12,26 +12,26 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 pub const PATTERNS: [&str; 5] = ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"];
-/// The disc of the limits that a pattern has by itself, mm.
+/// Disc diameter for which a pattern's default limits are made, mm.
 pub const USUAL_DISC_MM: f64 = 30.0;
 
-/// One pattern with one disc, over many sets of grids.
+/// The results of one pattern with one disc, over many sets of grids.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
     pub plans: usize,
-    /// Of all grids of all plans, 0…1.
+    /// The least coverage of all grids of all plans, 0…1.
     pub least_coverage: f64,
     pub widest_step_mm: f64,
-    /// One for each plan: its largest.
+    /// The largest dwell ratio of each plan.
     pub dwell_ratios: Vec<f64>,
-    /// What is wrong, with pattern, disc, seed and grids.
+    /// The faults that were found, with pattern, disc, seed and grids.
     pub faults: Vec<String>,
     /// Plans that a person must decide about.
     pub reviews: usize,
 }
 
 impl Row {
-    /// The dwell ratio that a share of the plans keeps.
+    /// Returns the dwell ratio that this share of the plans does not exceed.
     pub fn dwell_ratio(&self, share: f64) -> f64 {
         let mut sorted = self.dwell_ratios.clone();
         sorted.sort_by(f64::total_cmp);
@@ -39,7 +39,7 @@ impl Row {
     }
 }
 
-/// A panel of the demo, as it is taught.
+/// A taught panel of the demo.
 struct Demo {
     seed: u64,
     text: String,
@@ -77,7 +77,7 @@ fn recipe(text: &str) -> Recipe {
     Recipe::check("demo.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
 }
 
-/// Every single grid, pair of neighbours, L of three, row, and all.
+/// Returns every single grid, pair of neighbours, L of three, row, and the set of all grids.
 pub fn every_set(rows: usize, columns: usize) -> Vec<Vec<GridId>> {
     let mut sets: Vec<Vec<GridId>> = Vec::new();
     let there = |id: &GridId| (1..=rows).contains(&id.row) && (1..=columns).contains(&id.column);
@@ -180,7 +180,8 @@ fn every_pattern_plans_singles_pairs_ls_rows_and_all() {
     assert!(faults.is_empty(), "{} faults: {:#?}", faults.len(), &faults[..faults.len().min(20)]);
 }
 
-/// By hand: 4 × 6 grids have 24 singles, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 Ls, 4 rows and all.
+/// Calculated by hand: 4 × 6 grids have 24 singles, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 Ls, 4 rows and one set of all
+/// grids.
 #[test]
 fn every_set_is_there() {
     assert_eq!(every_set(4, 6).len(), 24 + 38 + 60 + 4 + 1);

@@ -34,7 +34,7 @@ fn chessboards_in_poor_pictures_are_found() {
             ("tilted", Hard { tilt_deg: 60.0, ..EASY }),
             ("in the dark", Hard { dark: true, ..EASY }),
             ("small", Hard { width_share: 0.25, ..EASY }),
-            // No corner alone is known to a fifth of a pixel: the surface through all of them is.
+            // No single corner is accurate to a fifth of a pixel, but the surface through all of them is.
             (
                 "noise, out of focus and small",
                 Hard { blur_px: 2.0, noise: 6.0, contrast: 60.0, width_share: 0.4, ..EASY },
@@ -51,7 +51,7 @@ fn charuco_boards_whose_markers_nobody_reads_are_found() {
     all_found("charuco:9x7:18:4X4_50", Some(25.0), &[("markers that are not read", hard)]);
 }
 
-/// A glare hides circles and lifts the mean of what is around others.
+/// A glare hides some circles and raises the mean brightness around others.
 #[test]
 fn circles_beside_a_glare_are_found() {
     for text in ["circles:9x7:25", "acircles:4x11:20"] {
@@ -102,7 +102,7 @@ fn other_boards_in_poor_pictures_are_found() {
     }
 }
 
-/// Neither clutter nor texture nor stripes hold a board of any kind.
+/// Neither clutter nor texture nor stripes are taken for a board of any kind.
 #[test]
 fn no_board_is_seen_where_none_is() {
     for text in ["9x6", "circles:9x7:25", "charuco:9x7:18:4X4_50"] {

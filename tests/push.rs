@@ -18,16 +18,16 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Long enough for a busy machine.
+/// Time limit that is long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// What a server does with a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Does {
     Takes,
-    /// It closes the connection in the middle of what it is sent.
+    /// The server closes the connection in the middle of a request.
     Cuts,
-    /// It has the file, and its answer is lost.
+    /// The server stores the file, and its answer is lost.
     LosesAnswer,
     /// It accepts the file and closes the connection without an answer.
     Closes,
@@ -81,7 +81,7 @@ impl Server {
         }
     }
 
-    /// Writes what it has as files.
+    /// Writes the files that the server received.
     fn write(&self, folder: &Path) {
         for (name, bytes) in &self.taken().files {
             let file = folder.join(name);
@@ -294,7 +294,8 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     };
     drop(sender);
 
-    // A sender that begins anew puts nothing; a store that went back, with other records, is put anew.
+    // A sender that is started again sends nothing twice. If the store went back and has other records, they are
+    // sent anew.
     drop(store);
     let asked = server.taken().asked.len();
     let sender = start(push.clone());

@@ -38,7 +38,7 @@ fn a_reader_that_leaves_ends_no_command() {
         assert_eq!(exit, Some(code), "{arguments}: {said}");
         assert_eq!(unread(folder, arguments, true).0, Some(code), "{arguments}, no stream is read");
     }
-    // A disk that is full is no reader that has left.
+    // A full disk is not treated like a reader that has closed its end.
     let full = fs::File::options().write(true).open("/dev/full").expect("Linux has it");
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
     let output = command.args(["check", "cell.toml"]).current_dir(folder).stdout(full).output().expect("it ends");
@@ -46,7 +46,7 @@ fn a_reader_that_leaves_ends_no_command() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("cannot be written"), "{output:?}");
 }
 
-/// Files of the controller that mean other ports than the cell would be looked for in vain.
+/// A mock on other ports than the cell's is refused, because the cell would not find it.
 #[test]
 fn a_mock_on_other_ports_than_its_cell_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -96,7 +96,7 @@ fn the_cell_that_ships_says_what_makes_it_ready() {
     assert_eq!((exit, errors.len()), (1, keys.split(", ").count()), "{told}");
     assert_eq!(told.to_string().matches("`panelprep demo`").count(), 1, "{told}");
     assert_eq!(json(folder, "check --for robot config/cell.toml").0, 0);
-    // What the issue of a comma is, in any file.
+    // Any file with a decimal comma is refused with a message that shows the correction.
     fs::write(folder.join("comma.toml"), "[limits]\ntool_error_mm = 0,8\n").expect("written");
     let (_, told) = json(folder, "check comma.toml --for files");
     let message = told["files"][0]["errors"][0]["message"].as_str().unwrap_or_default().to_owned();

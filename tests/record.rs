@@ -42,7 +42,7 @@ fn phase(folder: &Path) -> String {
     state["phase"].as_str().unwrap_or_default().to_owned()
 }
 
-/// Starts a cycle, and kills the service so long after it began to abrade.
+/// Starts a cycle, and kills the service this long after the abrasion began.
 fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
     let service = Service::start(folder);
     if service.state() == "aborted" {
@@ -78,7 +78,8 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let page = page(folder, cycle);
         assert_eq!(page.matches("(interrupted)").count(), 2, "once as the reason, once where it was found: {page}");
         if motion.motion.path != MotionPath::Contact {
-            // Killed before the contact, or on a busy computer after it: then its end is known.
+            // The kill came before the contact, or on a busy computer after it. In the second case the end of the
+            // motion is known.
             let came_late = record(folder, cycle).motions.iter().any(|one| one.motion.path == MotionPath::Contact);
             assert_eq!(page.contains("Nothing: the tool touched no grid."), !came_late, "{motion:?}");
             if came_late {
@@ -101,7 +102,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         }
         let executed = motion.executed().expect("it was bounded");
         if executed.at_most == 0 {
-            // Killed between the line of the journal and the motion's row: nothing was permitted yet.
+            // The kill came between the journal's line and the motion's row: nothing was permitted yet.
             assert!(page.contains("no part of it was permitted to be sent"), "{page}");
             assert!(page.contains("Nothing: the tool touched no grid."), "{page}");
             continue;
@@ -128,7 +129,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         }
     }
     assert_eq!(hits.len(), 2, "kills hit contact");
-    // Twice is what the recipe allows: the next cycle finds the grease and may not abrade those grids again.
+    // The recipe allows two passes: the next cycle finds the grease and may not abrade those grids again.
     let service = Service::start(folder);
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
     service.reach("stopped");
@@ -180,7 +181,7 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     assert_eq!(record(folder, 2).judgement.map(|judgement| judgement.verdict.word()), Some("pass"));
     service.killed();
     std::fs::remove_file(&reports).expect("removed");
-    // One that a power cut left half written, and none of the other.
+    // One page that a power cut left half written; the other page is missing.
     std::fs::create_dir_all(&reports).expect("made");
     std::fs::write(page_file(folder, 1), &written[..written.len() / 2]).expect("half of it");
 
@@ -200,7 +201,7 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     assert!(exit == 2 && words.contains("no cycle 9"), "{none}");
 }
 
-/// Killed as soon as the store has the verdict, wherever its page is then.
+/// The service is killed as soon as the store has the verdict, in whatever state the cycle's page is then.
 #[test]
 fn a_kill_at_the_verdict_leaves_no_cycle_without_a_page() {
     let folder = taught("clean");

@@ -10,7 +10,7 @@ use std::process::Command;
 
 const CELL: &str = "--cell cell/cell.toml";
 
-/// The text of the manual's block of this kind after this heading.
+/// Returns the text of the manual's block of this kind after this heading.
 fn block(heading: &str, kind: &str) -> String {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual/records.md");
     let text = fs::read_to_string(page).expect("the manual");
@@ -19,7 +19,7 @@ fn block(heading: &str, kind: &str) -> String {
     block.split("```").next().expect("its end").to_owned()
 }
 
-/// Runs a line of the manual in a folder; whether it ended well.
+/// Runs a line of the manual in a folder; returns whether it ended well.
 fn shell(folder: &Path, line: &str) -> bool {
     Command::new("sh").args(["-c", line]).current_dir(folder).output().expect("a shell").status.success()
 }
@@ -47,15 +47,15 @@ fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
     (exit, found)
 }
 
-/// An auditor reads the script before running it.
+/// The script is short enough for an auditor to read before running it.
 #[test]
 fn the_manuals_script_is_read_in_a_minute() {
     let lines = block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
     assert!(lines <= 65, "{lines} lines");
 }
 
-/// Both programs, on a folder that was exported and then changed; each names what is wrong, and ends with another
-/// code than 0.
+/// Changes an exported folder and runs both programs on it. Each must name what is wrong and end with another code
+/// than 0.
 fn both_refuse(at: &Path, what: &str, change: &dyn Fn(&Path), [program, script]: [&str; 2]) {
     let (records, whole) = (at.join("records"), at.join("whole"));
     copied(&records, &whole);
@@ -72,7 +72,7 @@ fn copied(from: &Path, to: &Path) {
     assert!(Command::new("cp").arg("-r").args([from, to]).status().expect("cp").success());
 }
 
-/// Signs these bytes with the cell's own key, as who has copied it could.
+/// Signs these bytes with the cell's own key, as a person who has copied the key could.
 fn signed_by_the_cell(at: &Path, file: &Path, bytes: &[u8]) {
     use panelprep::store::{KeyPlace, cell_key};
     let key = cell_key(&at.join("cell/store"), &KeyPlace::InStore).expect("the key");
@@ -80,7 +80,8 @@ fn signed_by_the_cell(at: &Path, file: &Path, bytes: &[u8]) {
     fs::write(file.with_extension("sig"), key.sign(bytes)).expect("written");
 }
 
-/// What the manual's script let through before: each of these ends it with a line that names the problem.
+/// Makes changes that an earlier version of the manual's script accepted. Each must end the script with a line that
+/// names the problem.
 fn every_change_of_a_folder_is_refused(at: &Path) {
     let flip = |file: &Path| {
         let mut bytes = fs::read(file).expect("a file");
@@ -231,12 +232,12 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     preflight::accepts(&records.join("cycle-1.pdf"));
 
     every_change_of_a_folder_is_refused(at);
-    // A file that is named alone is verified with what belongs to it.
+    // A single file is verified together with the files that belong to it.
     let one = "record verify records/cycle-1.pdf --public-key records/public-key.pem";
     let (exit, told) = json(at, one);
     assert_eq!((exit, told["found"].as_array().map(Vec::len)), (0, Some(0)), "{told}");
 
-    // One letter of the verdict; the same file as it was; and a picture.
+    // A changed word in the verdict, then the file restored, then a changed picture.
     let file = records.join("cycle-1.json");
     let whole = fs::read_to_string(&file).expect("the record");
     fs::write(&file, whole.replacen("\"pass\"", "\"fail\"", 1)).expect("changed");
@@ -250,7 +251,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let (exit, found) = verify(at, "--head records/head.json");
     assert!(exit == 1 && found.iter().any(|words| words.contains("rolled back")), "{found:?}");
 
-    // The part has had its passes; another one has not.
+    // The part has had its allowed passes; another part has not.
     let recipe = at.join("cell/recipe.toml");
     let text = fs::read_to_string(&recipe).expect("the recipe");
     let least = text.replace("[process]\n", "[process]\nmax_passes_per_grid = 1\nmax_passes_per_part = 1\n");

@@ -1,4 +1,4 @@
-//! A rehearsal: simulated cameras and a mock controller in another process, by the wall clock and over sockets.
+//! A rehearsal: simulated cameras and a mock controller in another process, connected by sockets and in real time.
 
 use super::commands::{json, panelprep, taught_and_verified};
 use super::wall::Mock;
@@ -7,9 +7,9 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// Of the sixteen that a controller's firewall leaves open; no other test has them.
+/// Two of the sixteen ports that a controller's firewall leaves open; no other test uses them.
 const PORTS: [u16; 2] = [54_610, 54_611];
-/// No other test has these either.
+/// Ports of the mock that executes an integrator's own programs.
 const OWN: [u16; 2] = [54_608, 54_609];
 
 fn replaced(file: &Path, changes: &[(&str, &str)]) {
@@ -21,7 +21,8 @@ fn replaced(file: &Path, changes: &[(&str, &str)]) {
     fs::write(file, text).expect("written");
 }
 
-/// The smallest films that a verdict can be made of: what is sanded over the sockets holds its film afterwards.
+/// Runs a whole cycle with the smallest films that allow a verdict. The places that are sanded over the sockets
+/// hold their water film afterwards.
 #[test]
 fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -38,7 +39,7 @@ fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let (exit, told) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3");
     assert_eq!((exit, told["state"].as_str()), (3, Some("stopped")), "no controller yet: {told}");
 
-    // No --config: on the ports of the cell's file.
+    // Without `--config`, the mock uses the ports of the cell's file.
     let mock = Mock::start_with(folder, "mock-robot --cell cell/cell.toml", PORTS);
     let (exit, told) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3");
     assert_eq!((exit, told["verdict"].as_str()), (0, Some("pass")), "{told}");
@@ -46,7 +47,7 @@ fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     assert!(mock.count_lines("in contact") > 10, "the arm in the other process did it");
 }
 
-/// A simulated camera must never look on while a real arm moves, whatever its address looks like.
+/// A simulated camera must never be used while a real arm moves, whatever the arm's address looks like.
 #[test]
 fn simulated_cameras_beside_a_robot_elsewhere_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -68,8 +69,8 @@ fn simulated_cameras_beside_a_robot_elsewhere_are_refused() {
     assert_eq!((exit, &told["files"][0]["ok"]), (1, &serde_json::Value::Bool(false)), "{told}");
 }
 
-/// An integrator's programs beside those that ship: what is executed is, what is not is named before, and a call
-/// that meets it ends at its line.
+/// An integrator's own programs run beside the shipped ones. Statements that the mock does not execute are named at
+/// the start, and a call that reaches one ends at its line.
 #[test]
 fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -101,7 +102,7 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
                     CIRC $POS_ACT,$POS_ACT,CA 90\nEND\n";
     let text = fs::read_to_string(own.join("cell_user.src")).expect("there") + routines;
     let circle = 1 + text[..text.find("CIRC").expect("there")].matches('\n').count();
-    // In the encoding of a pendant's editor.
+    // The file has the encoding of a pendant's editor.
     let latin: Vec<u8> = format!("{text}; f\u{fc}r\n").chars().map(|sign| sign as u8).collect();
     fs::write(own.join("cell_user.src"), latin).expect("written");
 
@@ -122,7 +123,8 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     assert!(stopped.contains("cell_user.src") && stopped.contains(&circle.to_string()), "{stopped}");
     drop(mock);
 
-    // What a controller would refuse is refused with its place, and a folder without programs by its name.
+    // Code that a controller would refuse is refused with its position in the file, and a folder without programs
+    // with the folder's name.
     replaced(&own.join("cell_config.dat"), &[("CELL_USER_N=3", "CELL_USER_N=")]);
     fs::create_dir(folder.join("empty")).expect("a folder");
     for (of, words) in [("own", "own/cell_config.dat:118: "), ("empty", "empty: has no .src, .sub or .dat file")] {
@@ -132,7 +134,7 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     }
 }
 
-/// Ended when the test ends.
+/// A child process that is ended when the test ends.
 struct Running(Child);
 
 impl Drop for Running {

@@ -1,4 +1,4 @@
-//! Recorded cycles, run again: `fixtures/` holds what `--record` wrote.
+//! Recorded cycles that are run again: `fixtures/` contains the recordings that `--record` wrote.
 
 use panelprep::tape::{Ending, Entries, Entry, Shot, Topic, Writer, check};
 use serde_json::Value;
@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 
-/// A whole cycle, in which grease is found, abraded and tested again; and one of another panel, which is rejected.
+/// The recording of a whole cycle, in which grease is found, abraded and tested again; `REJECTED` is that of
+/// another panel, which is rejected.
 const WHOLE: &str = "cycle.mcap";
 const REJECTED: &str = "rejected.mcap";
 
@@ -22,7 +23,7 @@ fn replay(file: &Path) -> (i32, Value) {
     (output.status.code().expect("an exit code"), told)
 }
 
-/// A recording with its entries changed, in a folder of its own.
+/// Copies a recording with changed entries into a folder of its own.
 fn changed(name: &str, mut change: impl FnMut(&mut Entry)) -> (tempfile::TempDir, PathBuf) {
     let bytes = fs::read(fixture(name)).expect("the fixture");
     let checked = check(&bytes[..]).expect("whole");
@@ -84,7 +85,7 @@ fn another_scan_is_seen_in_what_is_found() {
     });
     let (exit, told) = replay(&file);
     assert_eq!((exit, &told["same"], &told["verdict"]), (1, &false.into(), &"fail".into()), "{told}");
-    // Findings and the figures and numbers kept with them; no command and no event.
+    // The differences are in findings and in the pictures and numbers stored with them, not in commands or events.
     let kept = |what: &&str| ["/cycle/finding", "/cycle/store"].iter().any(|topic| what.starts_with(topic));
     assert!(differences(&told).iter().all(kept), "{told}");
     assert!(differences(&told).iter().any(|what| what.starts_with("/cycle/finding")), "{told}");

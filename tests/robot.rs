@@ -55,7 +55,7 @@ fn each_function_goes_through_its_gate() {
         ("move-lin --speed-mm-s 251 435,0,680,180,30,180", vec!["speed"]),
         ("move-j 0,-90,361,0,60,0", vec!["axis_limit"]),
         ("set-out ligth on", vec!["no_such_output"]),
-        // Drained, extraction, approach point; parked, lens shut.
+        // The missing conditions: water drained, extraction, approach point. For the spray: arm parked, lens shut.
         ("set-out tool on", vec!["interlock"; 3]),
         ("set-out spray on", vec!["interlock"; 2]),
     ] {
@@ -73,8 +73,8 @@ fn each_function_goes_through_its_gate() {
     assert!(told["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")), "{told}");
 }
 
-/// The controller's own tool is nothing before an epoch sets one. What is calibrated on the flange counts all the
-/// same: a box about the place of its tip stops a motion of the axes, and a straight one with another tool.
+/// Before an epoch sets a tool, the controller has none. The tool that is calibrated on the flange counts
+/// nevertheless: a box around its tip stops a motion of the axes, and a straight motion with another tool.
 #[test]
 fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
     use panelprep::geometry::{Base, Flange, KukaPose, Rigid, Tool};
@@ -117,7 +117,7 @@ fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
     assert_eq!(robot(folder, there).0, 2, "a calibration that is there must be right");
 }
 
-/// Ended when the test ends.
+/// A child process that is ended when the test ends.
 struct Running(Child);
 
 impl Drop for Running {
@@ -127,8 +127,8 @@ impl Drop for Running {
     }
 }
 
-/// Writes the EthernetKRL files with ports of their own among the sixteen of the firewall, as a user would change them, and
-/// gives the table of a cell with that controller.
+/// Writes the EthernetKRL files with other ports among the firewall's sixteen, as a user would change them. Returns
+/// the table of a cell's file for that controller.
 fn eki_files(folder: &Path, [command, state]: [u16; 2]) -> String {
     for (file, shipped, from, to) in [
         ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), 54_600, command),
@@ -142,7 +142,7 @@ fn eki_files(folder: &Path, [command, state]: [u16; 2]) -> String {
     format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}")
 }
 
-/// The mock controller of the folder's files, with its first line once it listens.
+/// Starts the mock controller with the folder's files; returns it with its first line once it listens.
 fn mock(folder: &Path, arguments: &str) -> (Running, String, impl Iterator<Item = String> + Send + use<>) {
     let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(format!("mock-robot --config . --cell cell.toml {arguments}").split_whitespace())

@@ -11,7 +11,8 @@ fn place(value: &Value) -> Rigid<Base, Panel> {
     serde_json::from_value::<KukaPose>(value.clone()).expect("a pose").to_rigid()
 }
 
-/// Teaches and locates: the largest distance of points of the panel from their true places, mm, and the result.
+/// Teaches and locates. Returns the largest distance of the panel's points from their true places, mm, and the
+/// result.
 fn located(folder: &Path) -> (f64, Value) {
     let _ = fs::remove_dir_all(folder.join("cell/store"));
     let (exit, taught) = json(folder, TEACH);
@@ -64,7 +65,7 @@ fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
     assert!(told.to_string().contains("its own errors"), "{told}");
 }
 
-/// Seven scans, and a picture without depth.
+/// Seven scans give a verdict, and a picture without depth gives an error.
 #[test]
 fn too_little_is_a_verdict_and_a_picture_an_error() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,7 +1,7 @@
-//! The service as its users meet it: `panelprep run` on a simulated cell, `panelprep ctl` beside it, and signals.
+//! The service as its users see it: `panelprep run` on a simulated cell, with `panelprep ctl` and signals.
 //!
-//! `killed` is the end that no program can catch, `recording` what is replayed, `disk` a store that is full or of
-//! yesterday.
+//! `killed` tests the end by SIGKILL, `recording` the replay of recordings, `disk` a store that is full or a day
+//! old.
 
 mod disk;
 mod killed;
@@ -20,10 +20,10 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Long enough for a busy machine; nothing here measures time.
+/// Time limit that is long enough for a busy machine; no test here measures time.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// A service that runs; killed when the test ends.
+/// A service that is running; it is killed when the test ends.
 pub struct Service {
     child: Child,
     folder: PathBuf,
@@ -37,24 +37,24 @@ impl Drop for Service {
 }
 
 impl Service {
-    /// Starts it and waits until it answers.
+    /// Starts the service and waits until it answers.
     pub fn start(folder: &Path) -> Self {
         Service::start_with(folder, &[])
     }
 
-    /// The same with more in its environment.
+    /// Starts the service with additional environment variables and waits until it answers.
     pub fn start_with(folder: &Path, environment: &[(&str, &str)]) -> Self {
         Service::start_from(env!("CARGO_BIN_EXE_panelprep").as_ref(), folder, environment)
     }
 
-    /// The same from a file of its own.
+    /// Starts the service from this program file and waits until it answers.
     pub fn start_from(program: &Path, folder: &Path, environment: &[(&str, &str)]) -> Self {
         let mut command = Command::new(program);
         command.envs(environment.iter().copied());
         Service::start_command(command, folder, &[])
     }
 
-    /// The same with more in what is simulated.
+    /// Starts the service with more options for the simulation and waits until it answers.
     pub fn start_simulating(folder: &Path, more: &[&str]) -> Self {
         Service::start_command(Command::new(env!("CARGO_BIN_EXE_panelprep")), folder, more)
     }
@@ -121,7 +121,7 @@ impl Service {
     }
 
     pub fn reset(&self) {
-        // The robot's link may still be on its way.
+        // The robot's link may not be connected yet.
         self.wait("a reset is taken", |service| service.ctl("reset --wait").0 == 0);
         assert_eq!(self.state(), "idle", "it was waited for");
     }
@@ -154,7 +154,7 @@ impl Service {
 
 pub const START: &str = "start --recipe cell/recipe.toml";
 
-/// A taught cell with verified cameras in a folder of its own.
+/// Returns a taught cell with verified cameras in a folder of its own.
 pub fn taught(scene: &str) -> TempDir {
     let folder = rendered(scene);
     taught_and_verified(folder.path());
@@ -206,8 +206,8 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     assert_eq!(axes, Some(6), "and where it stands is told");
 }
 
-/// Two cycles on one service; the second is left by a hold and a stop, and the service by SIGTERM. The cameras are
-/// verified while it runs.
+/// Two cycles run on one service. The second is ended by a hold and a stop, and the service by SIGTERM. The cameras
+/// are verified while the service runs.
 #[test]
 fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     let folder = rendered("good");
@@ -252,7 +252,7 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     service.done("clear");
     service.reach("stopped");
     service.reset();
-    // The same panel, wiped dry: what was abraded holds its film now.
+    // The same panel after it was wiped dry: the abraded places hold their film now.
     service.done(START);
     service.reach("complete");
     assert_eq!(service.done("state")["verdict"], "pass");
@@ -268,7 +268,7 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     assert_eq!(pages, 4, "one for each cycle");
 }
 
-/// SIGTERM in the middle of a cycle is a stop, and its cycle has an end.
+/// SIGTERM in the middle of a cycle acts as a stop, and the cycle is concluded.
 #[test]
 fn a_signal_stops_the_cycle_and_ends_in_stopped() {
     let folder = taught("clean");
@@ -306,7 +306,7 @@ fn strangers_at_the_socket_do_no_harm() {
     ] {
         service.wait("a place is free", |service| service.ctl("state").0 == 0);
         let mut stream = UnixStream::connect(socket(folder)).expect("it listens");
-        // It hangs up once it has read enough.
+        // The service closes the connection once it has read enough.
         let _ = stream.write_all(line);
         let mut answer = String::new();
         let _ = stream.read_to_string(&mut answer);

@@ -9,8 +9,8 @@ fn number(told: &Value, key: &str) -> f64 {
     told[key].as_f64().unwrap_or(f64::NAN)
 }
 
-/// A cell without any calibration, its cameras simulated: scans, pictures, corners and a film; and the film and the
-/// scans once more as a recorded camera plays them, which has no calibration either.
+/// A cell without any calibration takes scans, pictures, corners and a film with simulated cameras. A recorded
+/// camera, also without a calibration, then plays the film and the scans.
 #[test]
 fn cameras_without_a_calibration_take_pictures() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -29,7 +29,7 @@ fn cameras_without_a_calibration_take_pictures() {
     for ending in ["pcd", "ply", "png"] {
         assert!(folder.join(format!("shots/scan_0002.{ending}")).is_file(), "{ending}");
     }
-    // Nothing is written over.
+    // Existing files are not overwritten.
     let before = fs::read(folder.join("shots/scan_0001.pcd")).expect("a scan");
     assert_eq!(shoot("scan --out shots").0, 0);
     assert_eq!(fs::read(folder.join("shots/scan_0001.pcd")).expect("a scan"), before);
@@ -64,7 +64,8 @@ fn cameras_without_a_calibration_take_pictures() {
     }
     assert!(!folder.join("other").exists(), "nothing is taken");
 
-    // The folder cannot be made: more pictures come than may wait for the disk, and nothing waits for ever.
+    // The folder cannot be made: more pictures arrive than may wait for the disk, and the command does not wait for
+    // ever.
     let (exit, told) = shoot("film --seconds 60 --pictures-per-second 20 --out cell.toml/film");
     assert!(exit == 2 && told["reasons"].to_string().contains("cell.toml/film"), "{told}");
 

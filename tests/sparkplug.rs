@@ -1,5 +1,5 @@
-//! The cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications that other
-//! people wrote.
+//! The cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications by other
+//! authors.
 
 mod manual;
 mod peers;
@@ -34,7 +34,7 @@ struct Known {
     /// The number of the newest message since the birth, and of the connection.
     seq: Option<u64>,
     bd_seq: Option<Value>,
-    /// Every value that this metric had, in order.
+    /// Every value that this metric had, in order of arrival.
     words: Vec<Value>,
     deaths: Vec<Value>,
 }
@@ -82,16 +82,16 @@ impl Known {
         }
     }
 
-    /// Whether these states were seen in this order; others may lie between them.
+    /// Returns whether these states were seen in this order; other states may lie between them.
     fn saw(&self, states: &[&str]) -> bool {
         let mut seen = self.words.iter();
         states.iter().all(|state| seen.any(|word| word == state))
     }
 }
 
-/// By TLS and password to the broker: nothing before the primary host is online; a whole cycle; a rebirth; a hold
-/// by a host, and commands that are refused; the death by the host's going, by a signal, and by a kill; the
-/// broker's own end.
+/// Connects to the broker by TLS and password. Nothing is published before the primary host is online. Then come a
+/// whole cycle, a rebirth, a host's hold and refused commands. The death follows a host that goes offline, a signal
+/// and a kill; at last the broker itself ends.
 #[test]
 fn a_primary_host_sees_the_cell_and_may_hold_it() {
     if !are_there(&["pysparkplug"]) {
@@ -178,7 +178,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     let who: Vec<String> = asked.iter().filter_map(|asked| asked.who.as_ref()).map(ToString::to_string).collect();
     assert!(who.iter().any(|who| who.contains("a host application by MQTT Sparkplug")), "{who:?}");
 
-    // The host goes, and comes back in a new connection of its own.
+    // The host goes offline, and comes back in a new connection of its own.
     host.does("state {\"online\": false, \"timestamp\": 1000}");
     host.until("the death", |message| message["kind"] == "NDEATH");
     host.does("state {\"online\": true, \"timestamp\": 2000}");

@@ -1,4 +1,5 @@
-//! A thread of the service that panics or hangs: the process ends by itself in the safe way, and the next one rests.
+//! A thread of the service that panics or hangs: the process ends by itself in the safe way, and the next process
+//! does not move the robot.
 
 use super::service::{START, Service, taught};
 use panelprep::cycle::{At, recover};
@@ -32,7 +33,7 @@ fn a_thread_that_fails_ends_the_service() {
             }
             let running = service(folder);
             if running.state() == "aborted" {
-                // The robot's link may still be on its way.
+                // The robot's link may not be connected yet.
                 running.wait("a clear is taken", |running| running.ctl("clear").0 == 0);
                 running.reach("stopped");
             }

@@ -1,4 +1,5 @@
-//! `panelprep teach` with a page to draw on, as a person at the cell uses it: the program, a browser, the recipe's file.
+//! `panelprep teach` with its page for drawing, as a person at the cell uses it: the program, a browser, the
+//! recipe's file.
 
 use super::commands::{TEACH, rendered, started};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -68,7 +69,7 @@ pub fn browsed(url: &str, awaited: &str) -> Option<String> {
     Some(shown)
 }
 
-/// The whole of teaching, live: scan, region, corners; the panel is kept.
+/// The whole teaching in real time: scan, region, corners; the panel is stored.
 #[test]
 fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
     let folder = rendered("good");
@@ -83,7 +84,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
 
     match browsed(&url, "class=\"corner region") {
         Some(page) => {
-            // Four corners of the region, its outline, and the lines between its rows and columns.
+            // The page shows the region's four corners, its outline, and the lines between its rows and columns.
             let count = |what: &str| page.matches(what).count();
             let lines = object["drawn"]["rows"].as_u64().expect("rows")
                 + object["drawn"]["columns"].as_u64().expect("columns")
@@ -149,7 +150,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
         "{recipe}"
     );
 
-    // The person leaves the page as it was.
+    // The person closes the page without a change.
     let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
     ask(&url, "POST", "done", "");
     let ended = child.wait_with_output().expect("it ends");

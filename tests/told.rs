@@ -71,7 +71,7 @@ fn a_file_that_cannot_be_read_is_told_by_its_line() {
     refused(folder, "calibrate tcp --poses empty.toml --cell cell.toml", &["empty.toml"]);
 }
 
-/// A mistyped folder becomes a store by a new account alone.
+/// In a mistyped folder, only the command that adds an account makes a store.
 #[test]
 fn to_list_accounts_makes_no_store() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -6,7 +6,7 @@ use super::commands::json;
 use serde_json::Value;
 use std::fs;
 
-/// From the fault until the tool's output is off at most, ms.
+/// Longest time from the fault until the tool's output is off, ms.
 const OFF_MS: u64 = 500;
 
 fn codes(result: &Value) -> Vec<&str> {

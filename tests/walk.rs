@@ -1,8 +1,8 @@
-//! The walk through README and every `--help`: each command that they show is run, as it is written there, in a fresh
+//! Walks through README and every `--help`: each command that they show is run, exactly as written, in a fresh
 //! folder beside a copy of `config/`.
 //!
-//! The commands are taken from the texts themselves, so that a changed text is tested and one that shows no example is
-//! found. Only rendering is made smaller. What they print must be fit for people.
+//! The commands are taken from the texts themselves, so that a changed text is tested and a text without an example
+//! is found. Only the rendering is made smaller. The output must be readable for people.
 
 use super::teach_page::ask;
 use std::collections::BTreeMap;
@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// What comes before what: what a command needs, an earlier one leaves. Others, of which nothing is known, come at `*`.
+/// The order of the commands: each command runs after those whose output it needs. Commands that are not listed run
+/// at `*`.
 const ORDER: [&str; 25] = [
     "render",
     "check",
@@ -40,10 +41,10 @@ const ORDER: [&str; 25] = [
     "mock-robot",
     "calibrate strike", // no cycle starts on what was struck out
 ];
-/// A verdict that is not good, exit code 1, is what these show: grease, a lens or an arm seen in few pictures, and
-/// a cell before its demo.
+/// Commands whose examples may end with exit code 1, a verdict that is not good: grease, a lens or an arm seen in
+/// few pictures, and a cell before its demo.
 const MAY_FIND_FAULT: [&str; 5] = ["inspect", "tune", "doctor", "calibrate intrinsics", "calibrate robot"];
-/// Ports of their own for what listens, among the sixteen of the firewall.
+/// Replacements for the ports in the examples, from the firewall's sixteen ports, for commands that listen.
 const PORTS: [(&str, &str); 2] = [("54600", "54608"), ("54601", "54609")];
 
 fn program() -> PathBuf {
@@ -56,7 +57,7 @@ fn help(of: &[String]) -> String {
     String::from_utf8(output.stdout).expect("UTF-8")
 }
 
-/// The commands that a help lists.
+/// Returns the commands that a help text lists.
 fn listed(help: &str) -> Vec<String> {
     let after = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     let lines = after.take_while(|line| !line.is_empty());
@@ -68,12 +69,12 @@ fn listed(help: &str) -> Vec<String> {
         .collect()
 }
 
-/// The examples of a help: lines that begin with the program's name.
+/// Returns the examples of a help text: lines that begin with the program's name.
 fn examples(help: &str) -> Vec<String> {
     help.lines().filter_map(|line| line.strip_prefix("  panelprep ")).map(str::to_owned).collect()
 }
 
-/// Every command with the texts of its help and its examples; one that shows none is wrong.
+/// Returns every command with its help text and its examples; a command without an example is an error.
 fn all_examples() -> BTreeMap<String, (String, Vec<String>)> {
     let mut all = BTreeMap::new();
     for name in listed(&help(&[])) {
@@ -94,7 +95,7 @@ fn all_examples() -> BTreeMap<String, (String, Vec<String>)> {
     all
 }
 
-/// The walk: its folder, and how each command went.
+/// The walk: its folder, and the result of each command.
 struct Walk {
     folder: tempfile::TempDir,
 }
@@ -109,7 +110,7 @@ impl Walk {
         Walk { folder }
     }
 
-    /// As a person types it, by a shell.
+    /// Runs a line in a shell, as a person types it.
     fn command(&self, line: &str) -> Command {
         let mut command = Command::new("sh");
         let path = format!("{}:{}", self.folder.path().join("target/release").display(), env!("PATH"));
@@ -139,7 +140,7 @@ impl Walk {
     }
 }
 
-/// Ended with the walk.
+/// A child process that is ended with the walk.
 struct Served(Child);
 
 impl Served {
@@ -175,7 +176,7 @@ fn copy(from: &Path, to: &Path) {
             copy(&path, &target);
             continue;
         }
-        // The manual's pictures are no text.
+        // The manual's pictures are not text.
         let Ok(text) = fs::read_to_string(&path) else {
             fs::copy(&path, target).expect("copied");
             continue;
@@ -184,7 +185,7 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Fewer pixels and a shorter film.
+/// Changes a rendering command to fewer pixels and a shorter film.
 fn smaller(line: &str) -> String {
     let words: Vec<&str> = line.split_whitespace().collect();
     let add = |more: &str| format!("{line} {more}");
@@ -196,7 +197,7 @@ fn smaller(line: &str) -> String {
     }
 }
 
-/// No panic, no number that is none, no zero with a sign, no form for programmers.
+/// Checks that a text has no panic, no NaN, no zero with a sign, and no debug format.
 pub fn fit_for_people(line: &str, text: &str) {
     for wrong in ["panicked", "NaN", "Some(", "None,", "Ok(", "Err("] {
         assert!(!text.contains(wrong), "{line}: {wrong}: {text}");
@@ -245,7 +246,8 @@ fn every_command_of_readme_and_help_does_what_it_says() {
                 }
                 _ => {
                     let output = walk.run(&line);
-                    // `> target/cell/located.json`, as the texts of those that follow have it.
+                    // Writes the output of `locate` to the file in `> target/cell/located.json`, as the help texts
+                    // of later commands state it.
                     let kept = all["refine"].0.split("with `> ").nth(1).and_then(|rest| rest.split('`').next());
                     if let (true, Some(file)) = (name == "locate", kept) {
                         fs::write(walk.folder.path().join(file), output.stdout).expect("written");
@@ -260,7 +262,7 @@ fn every_command_of_readme_and_help_does_what_it_says() {
     eprintln!("{:6.1} s  in all", begun.elapsed().as_secs_f64());
 }
 
-/// A page in the browser: it is opened, and closed by its button.
+/// Opens a page in the browser and closes it with its button.
 fn page_ended(walk: &Walk, line: &str) {
     let mut served = walk.serves(line);
     let told = served.wait_for_line("http://");
@@ -270,12 +272,13 @@ fn page_ended(walk: &Walk, line: &str) {
     assert_eq!(served.0.wait().expect("it ends").code(), Some(0), "{line}");
 }
 
-/// The service and the questions to it, one after the other.
+/// Starts the service and sends the requests one after the other.
 fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
     let mut service = walk.serves(line);
     service.wait_for_line("listens on");
     for question in asked {
-        // A reset is taken once the controller has answered and no cycle runs, a start once the reset is through.
+        // A reset is accepted once the controller has answered and no cycle runs, a start once the reset is
+        // complete.
         let since = Instant::now();
         loop {
             let output = walk.command(&format!("panelprep {question}")).output().expect("a shell");
@@ -291,7 +294,7 @@ fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
     assert_eq!(service.end(), Some(0), "{line}");
 }
 
-/// The code blocks: `make` as far as it comes to this program, everything else as it is written.
+/// Runs README's code blocks: of the `make` lines the parts that use this program, and all other lines as written.
 fn readme(walk: &Walk) {
     let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("README");
     let blocks: Vec<&str> =
@@ -316,7 +319,7 @@ fn readme(walk: &Walk) {
     }
 }
 
-/// Every page that was written on the way.
+/// Checks every page that the commands wrote.
 fn pages(folder: &Path) {
     let mut folders = vec![folder.to_owned()];
     let mut seen = 0;
@@ -327,7 +330,7 @@ fn pages(folder: &Path) {
                 folders.push(path);
             } else if path.extension().is_some_and(|extension| extension == "html") {
                 let html = fs::read_to_string(&path).expect("a page");
-                // Pictures are text without meaning.
+                // Embedded pictures are text without words.
                 let words =
                     html.split("src=\"data:").map(|part| part.split_once('"').map_or(part, |(_, rest)| rest));
                 fit_for_people(&path.display().to_string(), &words.collect::<String>());

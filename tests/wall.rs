@@ -1,4 +1,4 @@
-//! The service by the wall clock: `panelprep run` and `panelprep mock-robot` as two programs, with sockets between them.
+//! The service in real time: `panelprep run` and `panelprep mock-robot` as two programs, connected by sockets.
 
 use super::service::{START, Service, replays, taught};
 use std::io::{BufRead, BufReader};
@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 
-/// Of the sixteen that a controller's firewall leaves open; no other test has them.
+/// Two of the sixteen ports that a controller's firewall leaves open; no other test uses them.
 const PORTS: [u16; 2] = [54_614, 54_615];
 
 /// A stand-alone controller and the lines that it printed; killed when the test ends.
@@ -27,7 +27,7 @@ impl Mock {
         Self::start_with(folder, "mock-robot --config . --cell cell/cell.toml", ports)
     }
 
-    /// By this command, which must listen on these ports.
+    /// Starts a mock controller with this command, which must listen on these ports.
     pub fn start_with(folder: &Path, command: &str, ports: [u16; 2]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
             .args(command.split_whitespace())
@@ -43,7 +43,7 @@ impl Mock {
         Mock { child, told }
     }
 
-    /// How many lines have this word.
+    /// Returns the number of lines that contain this word.
     pub fn count_lines(&self, word: &str) -> usize {
         self.told.lock().expect("whole").iter().filter(|line| line.contains(word)).count()
     }

@@ -8,7 +8,7 @@ use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
 const FOR_MACHINES: [(&str, &str); 30] = [
-    // TOML and digests: every digit, and quotes around a text.
+    // TOML and digests need every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cell/provenance.rs", "{:?}"),
     ("cell/removal.rs", "{number:?}"),
@@ -32,13 +32,13 @@ const FOR_MACHINES: [(&str, &str); 30] = [
     ("cli/render_boards.rs", "p{number}_axes_deg = {"),
     ("cell/robot_correction.rs", "left_out_before_mm = {"),
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
-    // By which results of simulations are found again.
+    // Keys under which results of simulations are found again.
     ("daemon/computing/memory.rs", "{act:?}"),
     ("daemon/perception.rs", "{located:?}"),
     ("daemon/perception.rs", "{failed:?}"),
     ("daemon/films.rs", ""),
     ("daemon/abrasion.rs", "{plan:?}"),
-    // What `Debug` itself prints.
+    // Output of `Debug` itself.
     ("devices/zivid/frame.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),
 ];
@@ -47,7 +47,7 @@ const FOR_MACHINES: [(&str, &str); 30] = [
 #[derive(Default)]
 struct Texts {
     found: Vec<String>,
-    /// Modules that are compiled for tests alone.
+    /// Modules that are compiled only for tests.
     for_tests: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ fn is_for_tests(attributes: &[syn::Attribute]) -> bool {
     })
 }
 
-/// The string literals among some tokens, and the marks of `tracing` before a field.
+/// Returns the string literals among some tokens, and the marks of `tracing` before a field.
 fn literals(tokens: &str, marks: bool) -> Vec<String> {
     let (mut found, mut code, mut rest) = (Vec::new(), String::new(), tokens);
     while let Some(start) = rest.find('"') {
@@ -115,7 +115,7 @@ impl<'ast> Visit<'ast> for Texts {
     }
 }
 
-/// Each file below `src` with its texts; what is compiled for tests alone is left out.
+/// Returns each file below `src` with its texts, without code that is compiled only for tests.
 fn texts() -> Vec<(String, Vec<String>)> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let (mut folders, mut files) = (vec![source.clone()], Vec::new());
@@ -148,7 +148,7 @@ fn is_for_machines(file: &str, text: &str) -> bool {
     FOR_MACHINES.iter().any(|(name, part)| file.ends_with(name) && text.contains(part))
 }
 
-/// The forms `{:?}` and `{value:?}`, and `?value` in a log.
+/// Returns whether a text has the form `{:?}` or `{value:?}`, or `?value` in a log.
 fn has_debug_form(text: &str) -> bool {
     let inside = |part: &str| {
         part.split('}').next().is_some_and(|spec| spec.split(':').nth(1).is_some_and(|form| form.ends_with('?')))
@@ -195,7 +195,7 @@ fn a_number_beside_its_limit_is_printed_by_words_apart() {
     assert!(wrong.is_empty(), "rounded, both may read the same: print them by `words::apart`: {wrong:#?}");
 }
 
-/// The rules are worth what they catch.
+/// Checks that the rules find planted texts.
 #[test]
 fn planted_texts_are_found() {
     let code = r#"
@@ -235,7 +235,7 @@ const DIALECT: [(&str, &str); 14] = [
     ("is there already", "already exists"),
 ];
 
-/// The same, in texts for people alone.
+/// Words of the same dialect that are refused only in texts for people.
 const DIALECT_OF_TEXTS: [(&str, &str); 3] =
     [("allowed are", "limit"), ("allowed is", "valid:"), ("needed are", "at least … are needed")];
 
@@ -258,7 +258,7 @@ const COMMENT_LINE: usize = 130;
 /// The longest subject of a commit, characters.
 const SUBJECT: usize = 72;
 
-/// The terms of a list that are in a text, as whole words; the names of its placeholders do not count.
+/// Returns the terms of a list that are in a text, as whole words; the names of placeholders do not count.
 fn dialect<'l>(text: &str, list: &'l [(&'l str, &'l str)]) -> impl Iterator<Item = &'l (&'l str, &'l str)> {
     let without: String = text.split('{').map(|part| part.split_once('}').map_or(part, |(_, rest)| rest)).collect();
     let words: Vec<String> = without
@@ -270,12 +270,12 @@ fn dialect<'l>(text: &str, list: &'l [(&'l str, &'l str)]) -> impl Iterator<Item
     list.iter().filter(move |(word, _)| plain.contains(&format!(" {word} ")))
 }
 
-/// One line for each term of the list in this text.
+/// Returns one line for each term of the list in this text.
 fn refused(file: &str, text: &str, list: &[(&str, &str)]) -> Vec<String> {
     dialect(text, list).map(|(word, standard)| format!("{file}: \"{word}\" → {standard}: {text}")).collect()
 }
 
-/// The comments of a file, each paragraph as one text: a phrase may be broken over two lines.
+/// Returns the comments of a file, each paragraph as one text, because a phrase may be broken over two lines.
 fn comments(source: &str) -> Vec<String> {
     let (mut found, mut current) = (Vec::new(), String::new());
     for line in source.lines() {
@@ -292,7 +292,7 @@ fn comments(source: &str) -> Vec<String> {
     found
 }
 
-/// All Rust files below `src` and `tests`, each with its path relative to the project's root and its text.
+/// Returns all Rust files below `src` and `tests`, each with its path relative to the project's root and its text.
 fn sources() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let (mut folders, mut files) = (vec![root.join("src"), root.join("tests")], Vec::new());
@@ -371,7 +371,7 @@ fn comment_lines_and_subjects_of_commits_are_short() {
     }
 }
 
-/// The rules are worth what they catch.
+/// Checks that the rules find planted dialect.
 #[test]
 fn planted_dialect_is_found() {
     let planted = "/// Where nobody stands, it goes\n/// on so often.\nfn f() {}\n// Retold: a golden rule.\n";

@@ -395,12 +395,12 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
     }
     let unseen = found.check_mm.is_none() || found.looks_alike;
     reasons.doubt("no_check_point", unseen && rough.is_none(), || match found.check_mm {
-        None => "three points have no residual: a board touched from another corner would not show; touch a fourth corner (p4) that \
-                 the picture numbers, or state a rough mount in the cell's file ([rough])"
+        None => "three points have no residual: a board that was touched from another corner would not be detected; touch a fourth \
+                 corner (p4) that the picture numbers, or state a rough mount in the cell's file ([rough])"
             .to_owned(),
-        Some(_) => "the four touched corners look the same from the board's other end, so that a board touched from there would not \
-                    show; touch as the fourth (p4) a corner that breaks the symmetry, as the picture numbers it, or state a rough mount \
-                    in the cell's file ([rough])"
+        Some(_) => "the four touched corners are symmetric: a board that was touched from its other end would not be detected; touch \
+                    as the fourth corner (p4) one that breaks the symmetry, with the number that the picture shows, or state a rough \
+                    mount in the cell's file ([rough])"
             .to_owned(),
     });
     reasons.rough::<A>(rough, &found.to_from_camera, "were the corners touched that the picture numbers?");

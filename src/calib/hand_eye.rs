@@ -25,7 +25,7 @@ use nalgebra::Matrix3;
 /// With fewer stations than this nothing is determined that could be checked.
 pub const MIN_STATIONS: usize = 5;
 /// The probability with which a calibration sets aside a correct station.
-const FALSE_ALARM: f64 = 1e-3;
+const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 /// Stations that are farther than this multiple of the median are not used in the first adjustment.
 const MAX_START_MEDIANS: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
@@ -264,7 +264,7 @@ fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(
 
 /// Returns the limit of the surprise: a station with a larger one does not belong to the others.
 fn limit<A: Arrangement>(adjusted: &Adjusted<A>, stations: usize) -> f64 {
-    6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM / stations as f64)
+    6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
 }
 
 fn middle_of<C: Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {

@@ -46,17 +46,17 @@ pub struct Strike {
 
 /// What the cell's file demands of the last verification.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Demands {
+pub struct VerificationLimits {
     /// Largest error, in the unit of the subject.
     pub limit: f64,
     /// Largest age, hours.
     pub max_age_h: f64,
 }
 
-impl Demands {
+impl VerificationLimits {
     /// Returns the demands of the cell's file.
     pub fn from_limits(limits: &Limits) -> Self {
-        Demands { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
+        VerificationLimits { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
     }
 }
 
@@ -189,7 +189,7 @@ fn implausible(what: String) -> Reason {
 
 /// Returns a reason if the error of a verification is larger than the cell's file now allows. A NaN is beyond every
 /// limit.
-pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
+pub fn beyond(last: &Verification, demands: VerificationLimits) -> Option<Reason> {
     let (subject, found, allowed) = (&last.subject, last.error, demands.limit);
     (found.is_nan() || found > allowed).then(|| {
         let ([found, allowed], unit) = (apart(found, allowed, 3), unit(subject));
@@ -218,7 +218,7 @@ pub fn health(
     last: Option<&Verification>,
     calibration_hash: &str,
     now_unix_s: i64,
-    demands: Demands,
+    demands: VerificationLimits,
 ) -> Judgement {
     let Some(last) = last else {
         let message = format!("{subject} was never verified; {}", advice(subject));
@@ -232,8 +232,10 @@ pub fn health(
     let mut reject = Vec::new();
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     if age_h < 0.0 {
-        let message =
-            format!("the last verification of {subject} lies {:.1} h ahead; set the computer's clock", -age_h);
+        let message = format!(
+            "the last verification of {subject} is dated {:.1} h in the future; set the computer's clock",
+            -age_h
+        );
         reject.push(Reason::new("verification_ahead", message));
     }
     if age_h > demands.max_age_h {
@@ -254,7 +256,7 @@ pub fn health(
 const WARNING_AGE_SHARE: f64 = 0.9;
 
 /// Returns a warning for a verification that still counts but will soon be too old.
-pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: Demands) -> Option<Reason> {
+pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: VerificationLimits) -> Option<Reason> {
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     let is_soon =
         last.struck.is_none() && age_h > WARNING_AGE_SHARE * demands.max_age_h && age_h <= demands.max_age_h;
@@ -295,7 +297,7 @@ pub fn may_start(
     cameras: &[CameraHealth<'_>],
     touch: Option<&Verification>,
     now_unix_s: i64,
-    demands: Demands,
+    demands: VerificationLimits,
 ) -> Judgement {
     let of_camera = |camera: &CameraHealth<'_>| {
         health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
@@ -310,7 +312,7 @@ mod tests {
     use crate::verdict::Verdict;
     use nalgebra::{Isometry3, Vector3};
 
-    const DEMANDS: Demands = Demands { limit: 0.5, max_age_h: 24.0 };
+    const DEMANDS: VerificationLimits = VerificationLimits { limit: 0.5, max_age_h: 24.0 };
 
     /// Both cameras must have been verified. A tool that was never touched is no reason to refuse the start; a
     /// touch that was beyond the limit is one.

@@ -22,7 +22,7 @@ const MAX_STEPS: usize = 8;
 /// The iteration ends when the size changes by less than this share.
 const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 /// The probability with which a calibration calls a correct size wrong.
-const FALSE_ALARM: f64 = 1e-3;
+const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 
 /// The squares' size, or the focal length, as determined by the robot's motions.
 #[derive(Debug, Clone)]
@@ -63,7 +63,7 @@ impl<A: Arrangement> SquareSize<A> {
 
     /// Returns whether the data contradict the stated size.
     pub fn contradicts(&self) -> bool {
-        let allowed = student_quantile(self.redundancy, 1.0 - FALSE_ALARM / 2.0) * self.deviation;
+        let allowed = student_quantile(self.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / 2.0) * self.deviation;
         let off = (self.ratio - 1.0).abs();
         off.is_nan() || allowed.is_nan() || off > allowed
     }

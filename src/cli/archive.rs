@@ -153,7 +153,7 @@ fn words(one: &CheckedCell) -> String {
     let CheckedCell { cell, records, signatures, files, gone, same, .. } = one;
     let same =
         same.map_or("not compared with the cell".to_owned(), |same| format!("{same} are the same in the cell"));
-    let gone = if *gone > 0 { format!(", {gone} the cell no longer had") } else { String::new() };
+    let gone = if *gone > 0 { format!(", {gone} files no longer existed in the cell") } else { String::new() };
     format!("cell {cell}: {records} records, {same}; {signatures} signatures hold; {files} files are whole{gone}")
 }
 

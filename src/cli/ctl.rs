@@ -68,7 +68,7 @@ fn decided(socket: &Path, request: Request, decision: Decision) -> Result<What, 
     let now = ask(socket, &What::State)?;
     let step = now.step.ok_or_else(no_step)?;
     outcome(&now).words.iter().for_each(|line| tell_line(line));
-    tell_line(&format!("Type {step}, the step, to {command}; anything else leaves it:"));
+    tell_line(&format!("Type the step number, {step}, to {command}; any other input changes nothing:"));
     let mut answer = String::new();
     match std::io::stdin().read_line(&mut answer) {
         Ok(_) if answer.trim() == step.to_string() => Ok(What::Decided { request, step }),

@@ -3,7 +3,7 @@
 use super::calibrate::{force, now_unix_s};
 use super::fault::Fault;
 use super::load::CellFiles;
-use crate::calib::health::{CameraHealth, Demands, TOOL_FORCE, ends_soon, health, may_start};
+use crate::calib::health::{CameraHealth, TOOL_FORCE, VerificationLimits, ends_soon, health, may_start};
 use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
 
@@ -12,7 +12,7 @@ use crate::verdict::{Judgement, Reason};
 /// # Errors
 /// If there is no store.
 pub fn ending(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
-    let (store, demands) = (files.store()?, Demands::from_limits(files.cell.limits()));
+    let (store, demands) = (files.store()?, VerificationLimits::from_limits(files.cell.limits()));
     let mut ending = Vec::new();
     for subject in ["scanner", "flange_camera"] {
         let last = store.last_verification(subject).map_err(Fault::stage)?;
@@ -36,7 +36,8 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
         CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
     ];
     let touch = files.last_touch(&files.flange_from_tool()?.text);
-    let start = may_start(&cameras, touch.as_ref(), now_unix_s(), Demands::from_limits(files.cell.limits()));
+    let start =
+        may_start(&cameras, touch.as_ref(), now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
     // A simulated tool has exactly its stated values and needs no verification.
     let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
     let Some(tool) = tool else { return Ok(start) };

@@ -17,10 +17,9 @@ use super::report::{self, StoredCycle};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OwnText, Ports,
-    PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
+    self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopStart, News, OwnText,
+    Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
     RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
-    WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::files::content_hash;
@@ -87,7 +86,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let line = line_front(&files, &fronts, &live.robot)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
-    let written = WrittenPage::default();
+    let written = LastWrittenPage::default();
     let pages = write_pages(files.clone(), pages, written.clone())?;
     let parts = ServiceParts {
         recording: recording.clone(),
@@ -174,7 +173,7 @@ fn signals(sender: RequestSender) -> Result<(), Fault> {
 fn write_pages(
     files: Arc<CellFiles>,
     ended: Receiver<EndedCycle>,
-    written: WrittenPage,
+    written: LastWrittenPage,
 ) -> Result<JoinHandle<()>, Fault> {
     let again = files.clone();
     let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {

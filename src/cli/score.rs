@@ -122,7 +122,7 @@ impl Score {
         if let Some(after) = self.after_tool_fault {
             outcome.put("after_tool_fault", after.map_or(Value::Null, AfterToolFault::json));
         }
-        outcome.put("noise", json!(sim::noise_in_force()));
+        outcome.put("noise", json!(sim::scanner_noise()));
     }
 
     /// Returns the lines of the score for a person: a name and its value.

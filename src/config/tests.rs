@@ -103,7 +103,7 @@ fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
             "heartbeat_ms = 0xffffffffffffffffffff",
             "6: locate.heartbeat_ms: found ffffffffffffffffffff, valid: a whole number from 10 to 100",
         ),
-        ("corner_mm = [0, 1]", "6: locate.corner_mm: found a list of 2, valid: a list of 3"),
+        ("corner_mm = [0, 1]", "6: locate.corner_mm: found a list of 2, valid: a list of 3 items"),
         ("corner_mm = [0, nan, 1]", "6: locate.corner_mm: item 2: found nan, valid: a number from -10 to 10"),
         ("outline = 1", "6: locate.outline: found 1, valid: true or false"),
         ("outline = 2026-05-31", "6: locate.outline: found a date, valid: true or false"),

@@ -95,13 +95,13 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
         let list = list.ok_or_else(|| {
             // A list of twice the length: the comma in each number divided it in two.
             let comma = if N > 1 && items == Some(2 * N) { "; a number has a decimal point, no comma" } else { "" };
-            format!("found {}, valid: a list of {N}{comma}", found(value))
+            format!("found {}, valid: a list of {N} items{comma}", found(value))
         })?;
         let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
             T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
         };
         let items: Result<Vec<T>, String> = list.iter().enumerate().map(item).collect();
-        items?.try_into().map_err(|_| format!("valid: a list of {N}"))
+        items?.try_into().map_err(|_| format!("valid: a list of {N} items"))
     }
 }
 

@@ -142,4 +142,4 @@ pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
 pub use words::{command, refusal, request_word, why};
-pub use written_page::WrittenPage;
+pub use written_page::LastWrittenPage;

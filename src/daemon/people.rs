@@ -44,7 +44,7 @@ pub struct People {
     hashing: Hashing,
     lockout: Mutex<Lockout>,
     /// The limit of lines about wrong log-ins in the audit trail.
-    wrong_log_ins: Mutex<LineLimit>,
+    failed_logins: Mutex<LineLimit>,
     begun: Instant,
 }
 
@@ -55,7 +55,7 @@ impl People {
             store: StoreAccess::new(folder),
             hashing: Hashing::default(),
             lockout: Mutex::default(),
-            wrong_log_ins: Mutex::new(LineLimit::new(MAX_LINES, 0)),
+            failed_logins: Mutex::new(LineLimit::new(MAX_LINES, 0)),
             begun: Instant::now(),
         }
     }
@@ -102,10 +102,10 @@ impl People {
 
     /// Writes a line about a wrong log-in, or only counts it if there are many, so that attempts do not fill the
     /// disk. Runs on the calling thread.
-    pub fn audit_wrong_log_in(&self, entry: &AuditEntry) {
+    pub fn audit_failed_login(&self, entry: &AuditEntry) {
         let now_ms = (self.now_s() * 1_000.0) as u64;
         let (left_out, is_kept) = {
-            let mut lines = self.wrong_log_ins.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut lines = self.failed_logins.lock().unwrap_or_else(PoisonError::into_inner);
             (lines.minute_over(now_ms), lines.allows(true))
         };
         if let Some(count) = left_out {
@@ -195,13 +195,13 @@ mod tests {
     /// A thousand wrong log-ins within a minute give twenty lines; the others are only counted, and their number is
     /// written when the minute is over.
     #[test]
-    fn a_flood_of_wrong_log_ins_is_a_few_lines() {
+    fn a_flood_of_failed_logins_is_a_few_lines() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
         let people = People::new(folder.path().join("store"));
         let line = AuditEntry::done(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
         let line = AuditEntry { refused: Some("wrong name or password".to_owned()), ..line };
-        (0..1_000).for_each(|_| people.audit_wrong_log_in(&line));
+        (0..1_000).for_each(|_| people.audit_failed_login(&line));
         let lines = people.read(|store| store.audit(None, 2_000)).expect("read").len();
         assert_eq!(lines, 20);
     }

@@ -12,7 +12,7 @@ use super::reply::{Exit, Extras, Reply};
 use super::request::{Request, What};
 use super::request_queue::RequestQueue;
 use super::words;
-use super::written_page::WrittenPage;
+use super::written_page::LastWrittenPage;
 use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
 use crate::panel::GridId;
 use crate::record::{CycleId, Front, Who};
@@ -44,7 +44,7 @@ pub struct ServiceParts {
     /// The channel by which the page of an ended cycle is ordered.
     pub pages: Sender<EndedCycle>,
     /// The page that was written last.
-    pub written: WrittenPage,
+    pub written: LastWrittenPage,
     /// The cameras, which are lent while the cell rests.
     pub cameras: Option<SharedCameras>,
 }

@@ -80,10 +80,10 @@ impl<Of: Copy + PartialEq> Slots<Of> {
         let mut inside = self.lock();
         let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.of == of).count();
         if held(&inside, of) >= inside.most.of_one {
-            inside.gives_way(of);
+            inside.evict_one(of);
         } else if inside.taken.len() >= inside.most.of_all {
             let greedy = inside.taken.iter().map(|taken| taken.of).max_by_key(|of| held(&inside, *of));
-            inside.gives_way(greedy.unwrap_or(of));
+            inside.evict_one(greedy.unwrap_or(of));
         }
         inside.last += 1;
         let (number, (tell, wanted)) = (inside.last, oneshot::channel());
@@ -93,7 +93,7 @@ impl<Of: Copy + PartialEq> Slots<Of> {
 }
 
 impl<Of: PartialEq> Inside<Of> {
-    fn gives_way(&mut self, of: Of) {
+    fn evict_one(&mut self, of: Of) {
         if let Some(at) = self.taken.iter().position(|taken| taken.of == of) {
             #[expect(clippy::let_underscore_must_use, reason = "refused where it is about to leave by itself")]
             let _ = self.taken.remove(at).wanted.send(());

@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The last written page, and its cycle. All clones share the same page.
 #[derive(Debug, Clone, Default)]
-pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
+pub struct LastWrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
 
-impl WrittenPage {
+impl LastWrittenPage {
     /// Records that this page of the cycle was written.
     pub fn is(&self, cycle: CycleId, page: &Path) {
         *self.lock() = Some((cycle, page.to_owned()));

@@ -88,7 +88,7 @@ fn word(rest: &str) -> Result<(Token, usize), String> {
     let blanks = behind.len() - behind.trim_start_matches([' ', '\t']).len();
     let length = name_length(&behind[blanks..]);
     if length == 0 {
-        return Err("the word of an enumeration is missing behind '#'".to_owned());
+        return Err("the enumeration constant is missing behind '#'".to_owned());
     }
     Ok((Token::Word(behind[blanks..blanks + length].to_uppercase()), 1 + blanks + length))
 }

@@ -57,7 +57,7 @@ impl ConsistencyScore {
     }
 
     /// Returns the lengths that support only this pose and only the other pose, mm.
-    pub fn against(&self, other: &ConsistencyScore) -> [f64; 2] {
+    pub fn exclusive_support_mm(&self, other: &ConsistencyScore) -> [f64; 2] {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.said.iter().zip(&other.said).zip(&self.lengths_mm) {
             match (a, b) {
@@ -88,6 +88,6 @@ mod tests {
         };
         let first = votes([Some(true), Some(false), Some(true), Some(true)]);
         let second = votes([Some(false), Some(true), None, Some(true)]);
-        assert_eq!(first.against(&second), [3.0, 5.0]);
+        assert_eq!(first.exclusive_support_mm(&second), [3.0, 5.0]);
     }
 }

@@ -240,7 +240,7 @@ fn choose(
         .collect();
     let mut fitted: Vec<(Rigid<Camera, Panel>, ConsistencyScore)> = fitted.into_iter().flatten().collect();
     let beats = |a: &ConsistencyScore, b: &ConsistencyScore| {
-        let [for_a, for_b] = a.against(b);
+        let [for_a, for_b] = a.exclusive_support_mm(b);
         for_a > for_b
     };
     let mut best = 0;
@@ -256,7 +256,7 @@ fn choose(
     let same_mm = 0.05 * search::reach_mm(inputs.model);
     let rivals = fitted.iter().filter(|(other, _)| inputs.model.largest_distance_mm(&first, other) > same_mm);
     let rival = rivals.map(|(other, against)| {
-        let [for_first_mm, for_rival_mm] = score.against(against);
+        let [for_first_mm, for_rival_mm] = score.exclusive_support_mm(against);
         let turned = (first.inverse() * *other).turn();
         CompetingPose { base_from_panel: base_from_camera * *other, turned, for_first_mm, for_rival_mm }
     });

@@ -1,7 +1,9 @@
 use super::*;
 use crate::cell::CellName;
 use crate::record::CycleId;
-use crate::signing::{self, CellKey, FORM, Meaning, PersonSignature, Statement, StatementContent, StorePlace};
+use crate::signing::{
+    self, CellKey, FORM, Meaning, PersonSignature, SignedChainPosition, Statement, StatementContent,
+};
 use proptest::prelude::*;
 
 const EPOCH: &str = "0123456789abcdef0123456789abcdef";
@@ -47,7 +49,7 @@ fn signature() -> Message {
         previous: "ef".repeat(32),
         unix_ms: 6,
         public_key: key.public().hex(),
-        store: StorePlace { link: 1, hash: "01".repeat(32) },
+        store: SignedChainPosition { link: 1, hash: "01".repeat(32) },
         says: StatementContent::Person(person),
     };
     let statement = statement.canonical().expect("JSON");

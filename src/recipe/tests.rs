@@ -137,7 +137,7 @@ fn each_mistake_is_named() {
         ),
         (
             "inspect.masked_px = [[[1, 2], [3, 4], [5, 6]]]",
-            "inspect.masked_px: item 1: found a list of 3, valid: a list of 4",
+            "inspect.masked_px: item 1: found a list of 3, valid: a list of 4 items",
         ),
         ("inspect.median_px = 4", "inspect.median_px: found 4, valid: an odd number"),
         (
@@ -181,7 +181,7 @@ fn a_region_goes_round() {
     assert!(with_corners("[[700, 850], [1250, 850], [1250, 350], [700, 350]]").is_empty(), "either way round");
     assert_eq!(
         with_corners("[[700, 350], [1250, 350], [1250, 850]]"),
-        ["4: region.corners_px: found a list of 3, valid: a list of 4"]
+        ["4: region.corners_px: found a list of 3, valid: a list of 4 items"]
     );
 }
 

@@ -42,7 +42,7 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
             "left_out",
             ("left-out coupons, rms", 100.0 * found.left_out_rms()),
             LEFT_OUT_PERCENT,
-            "coupons that were left out differ from what the others predict by percent",
+            "deviation of the left-out coupons from their prediction by the others, percent",
         ),
         outliers(found, coupons),
         power(found),

@@ -30,7 +30,7 @@ impl Ink {
 
     /// Mixes this colour with a share of another, 0…1.
     #[must_use]
-    pub fn mixed(self, other: Ink, share: f64) -> Ink {
+    pub fn blend(self, other: Ink, share: f64) -> Ink {
         let mix = |i: usize| (f64::from(self.0[i]) * (1.0 - share) + f64::from(other.0[i]) * share).round() as u8;
         Ink([mix(0), mix(1), mix(2)])
     }
@@ -149,7 +149,7 @@ impl Canvas {
         use opencv::core::MatTraitManual;
         let pixels = drawn(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
         for (pixel, _) in pixels.iter_mut().zip(&mask.inside).filter(|(_, inside)| **inside) {
-            *pixel = Ink(*pixel).mixed(ink, strength).0;
+            *pixel = Ink(*pixel).blend(ink, strength).0;
         }
         Ok(())
     }
@@ -333,7 +333,7 @@ mod tests {
     /// bar may cover 75 px: 20 mm at 3 px a mm, 5 mm at 10.
     #[test]
     fn a_mix_and_a_bar_are_as_large_as_asked() {
-        assert_eq!(Ink::RIM.mixed(Ink::WHITE, 0.25), Ink([79; 3]));
+        assert_eq!(Ink::RIM.blend(Ink::WHITE, 0.25), Ink([79; 3]));
         let bar_px = |px_per_mm: f64| {
             let mut canvas = Canvas::on(&ColorPicture::filled(300, 200, [90; 3])).expect("a picture");
             canvas.scale_bar_within(px_per_mm).expect("drawn");

@@ -31,7 +31,7 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
             let pixel = Pixel::at((column * step) as f64, (row * step) as f64);
             if let Some(direction) = direction(camera, pixel).filter(|at| is_known(*at)) {
                 let share = at_mm(direction) / most_mm;
-                *color = Ink::WHITE.mixed(if share > 0.0 { FAR } else { NEAR }, share.abs().min(1.0)).0;
+                *color = Ink::WHITE.blend(if share > 0.0 { FAR } else { NEAR }, share.abs().min(1.0)).0;
             }
         }
     });

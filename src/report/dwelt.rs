@@ -25,7 +25,7 @@ const PASSES: [Ink; 3] = [Ink([190, 215, 235]), Ink([66, 133, 190]), Ink([10, 40
 /// If OpenCV refuses to draw.
 pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let longest_s = dwell.longest_s();
-    let ink = |share: f64| TIMES[0].mixed(TIMES[1], share.min(1.0));
+    let ink = |share: f64| TIMES[0].blend(TIMES[1], share.min(1.0));
     let color = |grid: &GridDwell, sample: usize| match f64::from(grid.dwell_s[sample]) {
         dwell_s if dwell_s > 0.0 => ink(dwell_s / longest_s),
         _ => NOT_REACHED,

@@ -33,7 +33,7 @@ const STOPS: [(f64, Ink); 5] = [
 fn scale(share: f64) -> Ink {
     let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
-    STOPS[low].1.mixed(STOPS[next].1, at - low as f64)
+    STOPS[low].1.blend(STOPS[next].1, at - low as f64)
 }
 
 /// Space around the panel in a picture of the panel, px at full size.
@@ -59,7 +59,7 @@ impl View<'_> {
         canvas.polyline(&self.pixels(&thinned), true, pen)
     }
 
-    fn grids(
+    fn draw_grids(
         &self,
         canvas: &mut Canvas,
         grids: &[Grid],
@@ -116,7 +116,7 @@ impl View<'_> {
         let mut canvas = Canvas::on(self.picture)?;
         canvas.shade(&panel.mask, Ink::BLUE, 0.25)?;
         self.outline(&mut canvas, panel, Pen { ink: Ink::BLUE, width_px: self.line_px() })?;
-        self.grids(&mut canvas, &panel.grids, &|_| false)?;
+        self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
         for pixel in self.pixels(corners) {
             canvas.cross(pixel, 14.0, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
         }
@@ -136,7 +136,7 @@ impl View<'_> {
     pub fn located(&self, panel: &TaughtPanel) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
         self.outline(&mut canvas, panel, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
-        self.grids(&mut canvas, &panel.grids, &|_| false)?;
+        self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }
 
@@ -160,7 +160,7 @@ impl View<'_> {
                 canvas.polyline(&contour, true, Pen { ink, width_px: 1 })?;
             }
         }
-        self.grids(&mut canvas, &panel.grids, failed)?;
+        self.draw_grids(&mut canvas, &panel.grids, failed)?;
         let mut legend = vec![
             (Ink::YELLOW, "broken film"),
             (Ink::VERMILLION, "failed grid"),
@@ -191,7 +191,7 @@ impl View<'_> {
             }
         }
         let mut canvas = Canvas::on(&picture)?;
-        self.grids(&mut canvas, &panel.grids, &|_| false)?;
+        self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
         let meaning: Vec<String> =
             STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
         let legend: Vec<(Ink, &str)> = STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
@@ -209,7 +209,7 @@ impl View<'_> {
         planned: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
-        self.grids(&mut canvas, &panel.grids, planned)?;
+        self.draw_grids(&mut canvas, &panel.grids, planned)?;
         let pen = Pen { ink: Ink::YELLOW, width_px: self.line_px() };
         for path in paths {
             let pixels = self.pixels(path);

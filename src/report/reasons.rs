@@ -333,7 +333,7 @@ fn residual_ink(mark: SurfaceMark) -> Option<Ink> {
     let SurfaceMark::On(mm) = mark else { return None };
     let share = (mm / FULL_MM).clamp(-1.0, 1.0);
     let end = if share > 0.0 { Ink::VERMILLION } else { Ink::BLUE };
-    Some(Ink::WHITE.mixed(end, share.abs()))
+    Some(Ink::WHITE.blend(end, share.abs()))
 }
 
 /// Draws a square of ink around a pixel.
@@ -346,7 +346,7 @@ fn dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: Ink) {
                 continue;
             }
             let pixel = &mut picture.rgb[v as usize * picture.width + u as usize];
-            *pixel = Ink(*pixel).mixed(ink, INK).0;
+            *pixel = Ink(*pixel).blend(ink, INK).0;
         }
     }
 }

@@ -31,7 +31,7 @@ pub fn removal_map(
     region: &Region,
     [target_um, max_um]: [f64; 2],
 ) -> Result<ColorPicture, ImagingError> {
-    let ink = |depth_um: f64| DEPTHS[0].mixed(DEPTHS[1], (depth_um / max_um).min(1.0));
+    let ink = |depth_um: f64| DEPTHS[0].blend(DEPTHS[1], (depth_um / max_um).min(1.0));
     let color = |grid: usize, sample: usize, (x, y): (usize, usize)| match field.grids[grid].values[sample] {
         None => NO_PANEL,
         Some(depth_um) if depth_um <= 0.0 => NOTHING,
@@ -85,8 +85,8 @@ mod tests {
         // Calculated by hand: 900 px for 60 mm below the legend; the middles of the four samples.
         let top = map.height - 900;
         let at = |x: usize, y: usize| map.rgb[(top + y) * map.width + x];
-        assert_eq!(at(225, 225), DEPTHS[0].mixed(DEPTHS[1], 1.0 / 6.0).0);
-        assert_eq!([at(675, 225), at(225, 675)], [DEPTHS[0].mixed(DEPTHS[1], 0.5).0, NO_PANEL.0]);
+        assert_eq!(at(225, 225), DEPTHS[0].blend(DEPTHS[1], 1.0 / 6.0).0);
+        assert_eq!([at(675, 225), at(225, 675)], [DEPTHS[0].blend(DEPTHS[1], 0.5).0, NO_PANEL.0]);
         let deep: Vec<_> = (670..676).map(|x| at(x, 675)).collect();
         assert!(deep.contains(&TOO_DEEP.0) && deep.contains(&Ink::RIM.0), "hatched");
     }
@@ -96,7 +96,7 @@ mod tests {
     fn the_ramp_is_read_without_colour() {
         let light =
             |ink: Ink| 0.2126 * f64::from(ink.0[0]) + 0.7152 * f64::from(ink.0[1]) + 0.0722 * f64::from(ink.0[2]);
-        let at = |share: f64| light(DEPTHS[0].mixed(DEPTHS[1], share));
+        let at = |share: f64| light(DEPTHS[0].blend(DEPTHS[1], share));
         assert!((1..=4).all(|step| at(f64::from(step - 1) / 4.0) > at(f64::from(step) / 4.0) + 25.0));
     }
 }

@@ -61,7 +61,7 @@ impl Canvas {
         for (index, pixel) in pixels.iter_mut().enumerate() {
             let (u, v) = (index % width, index / width);
             if (u > 0 && u % step == 0) || (v > 0 && v % step == 0) {
-                *pixel = Ink(*pixel).mixed(Ink::WHITE, FAINT).0;
+                *pixel = Ink(*pixel).blend(Ink::WHITE, FAINT).0;
             }
         }
         Ok(())

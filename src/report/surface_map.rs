@@ -99,7 +99,7 @@ fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step):
 /// Returns white at 0, the colour for the front at 1, and the colour for the back at −1.
 fn shade(share: f64) -> Ink {
     let full = if share >= 0.0 { IN_FRONT } else { BEHIND };
-    Ink::WHITE.mixed(full, share.abs().min(1.0))
+    Ink::WHITE.blend(full, share.abs().min(1.0))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 /// The requests: more may follow while the cell rests in its result, and a request that only the journal had gets
 /// its answer.
-const ASKED: &str = "/asked";
+const REQUESTS_PATH: &str = "/asked";
 /// Motions: a motion that was open when an aborted cycle was signed gets its end later, from the robot or from a
 /// person.
 const MOTION: &str = "/motions/";
@@ -29,7 +29,7 @@ fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
         return;
     }
     match (signed, now) {
-        (Value::Array(signed), Value::Array(now)) if at == ASKED && all_asked(signed, now) => {}
+        (Value::Array(signed), Value::Array(now)) if at == REQUESTS_PATH && all_asked(signed, now) => {}
         (Value::Object(signed), Value::Object(now)) => {
             let is_open = is_motion(at) && signed.get("outcome").is_some_and(Value::is_null);
             for (name, value) in signed.iter().filter(|(name, _)| !is_open || *name == "motion") {

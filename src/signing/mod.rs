@@ -28,8 +28,8 @@ pub use key::{CellKey, PublicKey};
 pub use names::{cycle_stem, page_stem, pdf_name, person_stem};
 pub use page::SignedPage;
 pub use statement::{
-    BEGIN, FORM, HEAD_FORM, Meaning, PersonSignature, SignedCycle, SignedHead, Statement, StatementContent,
-    StorePlace, files_of,
+    BEGIN, FORM, HEAD_FORM, Meaning, PersonSignature, SignedChainPosition, SignedCycle, SignedHead, Statement,
+    StatementContent, files_of,
 };
 
 #[cfg(test)]

@@ -32,14 +32,14 @@ pub struct Statement {
     /// The key that signed the statement, 64 hexadecimal digits.
     pub public_key: String,
     /// The position of the store's chain of all its rows at that time.
-    pub store: StorePlace,
+    pub store: SignedChainPosition,
     /// Its content.
     pub says: StatementContent,
 }
 
 /// A position in the store's chain of rows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct StorePlace {
+pub struct SignedChainPosition {
     /// Number of the link, from 1; 0 before the first link.
     pub link: i64,
     /// Its SHA-256.

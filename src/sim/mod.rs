@@ -54,7 +54,7 @@ pub use film::Film;
 pub use film_spec::FilmSpec;
 pub use real_arm::{RealArm, Reported, TOOL_LENGTH_MM};
 pub use sanding::{SandedLook, Sanding};
-pub use scanner::{NoiseFigures, noise_in_force};
+pub use scanner::{NoiseFigures, scanner_noise};
 pub use scanner_distortion::ScannerDistortion;
 pub use scene::{CornerView, Scene};
 pub use shape::Bend;

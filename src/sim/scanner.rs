@@ -50,7 +50,7 @@ pub struct NoiseFigures {
 }
 
 /// The noise of every rendered shot.
-pub fn noise_in_force() -> NoiseFigures {
+pub fn scanner_noise() -> NoiseFigures {
     NoiseFigures {
         range_white_mm: WHITE_MM,
         range_correlated_mm: CORRELATED_MM,

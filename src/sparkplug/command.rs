@@ -163,7 +163,7 @@ fn describe(metric: &Metric) -> String {
             format!("\"{}\"", name.escape_debug())
         }
         (None, Some(number)) => match of_alias(number) {
-            Some((_, known)) => format!("\"{}\", which is only read", known.name),
+            Some((_, known)) => format!("\"{}\", which is read-only", known.name),
             None => format!("with the alias {number}"),
         },
         (None, None) => "without name and alias".to_owned(),

@@ -40,7 +40,7 @@ impl Blobs {
     /// # Errors
     /// If the disk refuses.
     pub fn make(&self) -> Result<(), StoreError> {
-        fs::create_dir_all(&self.folder).map_err(at("create", &self.folder))
+        fs::create_dir_all(&self.folder).map_err(file_error("create", &self.folder))
     }
 
     /// Their folder.
@@ -68,8 +68,8 @@ impl Blobs {
             Err(error) => return Err(error),
         }
         let part = self.part(&hash);
-        let written = write_flushed(&part, bytes).map_err(at("write", &part));
-        let renamed = written.and_then(|()| fs::rename(&part, &path).map_err(at("rename", &part)));
+        let written = write_flushed(&part, bytes).map_err(file_error("write", &part));
+        let renamed = written.and_then(|()| fs::rename(&part, &path).map_err(file_error("rename", &part)));
         if renamed.is_err() {
             #[expect(
                 clippy::let_underscore_must_use,
@@ -82,7 +82,7 @@ impl Blobs {
     }
 
     fn flush_names(&self) -> Result<(), StoreError> {
-        flush::names(&self.folder).map_err(at("flush", &self.folder))
+        flush::names(&self.folder).map_err(file_error("flush", &self.folder))
     }
 
     fn part(&self, name: &str) -> PathBuf {
@@ -93,10 +93,10 @@ impl Blobs {
     /// Returns the free space, MB, after a file could be written and flushed here.
     pub(super) fn free_mb(&self) -> Result<u64, StoreError> {
         let probe = self.part("probe");
-        let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
-        let removed = fs::remove_file(&probe).map_err(at("remove", &probe));
+        let written = write_flushed(&probe, b"probe").map_err(file_error("write", &probe));
+        let removed = fs::remove_file(&probe).map_err(file_error("remove", &probe));
         written.and(removed)?;
-        free_mb(&self.folder).map_err(at("read the free space on the disk of", &self.folder))
+        free_mb(&self.folder).map_err(file_error("read the free space on the disk of", &self.folder))
     }
 
     /// Returns whether there is a file with this hash; it was complete when it was written.
@@ -110,7 +110,7 @@ impl Blobs {
     /// If the file is missing or no longer has this hash.
     pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         let path = self.folder.join(hash);
-        let bytes = fs::read(&path).map_err(at("read", &path))?;
+        let bytes = fs::read(&path).map_err(file_error("read", &path))?;
         let found = content_hash(&bytes);
         if found == hash { Ok(bytes) } else { Err(StoreError::DamagedBlob { path, found }) }
     }
@@ -136,6 +136,6 @@ fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     file.sync_all()
 }
 
-fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
+fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
     move |source| StoreError::File { doing, path: path.to_owned(), source }
 }

@@ -57,7 +57,7 @@ impl Store {
             Ok((told, last)) => (Ok(told), last),
             // A writer that does not release the lock is no change of the store.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
-                return Err(at("read the head in", folder)(error));
+                return Err(file_error("read the head in", folder)(error));
             }
             Err(error) => (Err(error), begin()),
         };
@@ -68,13 +68,13 @@ impl Store {
             return Ok(Copied { found, ..Copied::default() });
         }
         let copy = to.join(DATABASE);
-        fs::create_dir_all(to).map_err(at("create", to))?;
+        fs::create_dir_all(to).map_err(file_error("create", to))?;
         copy_database(&store.connection, &copy).map_err(|error| StoreError::database("write", &copy, &error))?;
         let write_head = || {
             let hash = file_hash(&copy)?;
             HeadFile::open(to)?.close(last, Some(hash))
         };
-        write_head().map_err(at("write the head in", to))?;
+        write_head().map_err(file_error("write the head in", to))?;
         let removed = prune::removed(&store)?;
         let named = prune::named(&store, &|_| false)?;
         let files = named.into_iter().filter(|hash| !is_removed(&store, &removed, hash)).collect();
@@ -135,8 +135,8 @@ fn kept_at_a_free_name(
     version: i64,
 ) -> Result<PathBuf, StoreError> {
     copy_database(connection, part).map_err(|error| StoreError::database("copy", part, &error))?;
-    File::open(part).and_then(|file| file.sync_all()).map_err(at("flush", part))?;
-    let hash = |file: &Path| file_hash(file).map_err(at("read", file));
+    File::open(part).and_then(|file| file.sync_all()).map_err(file_error("flush", part))?;
+    let hash = |file: &Path| file_hash(file).map_err(file_error("read", file));
     let copied = hash(part)?;
     let mut number = 1;
     let [database, head] = loop {
@@ -148,22 +148,22 @@ fn kept_at_a_free_name(
         }
         // An interrupted migration has already stored the same copy.
         if hash(&database)? == copied {
-            fs::remove_file(part).map_err(at("remove", part))?;
+            fs::remove_file(part).map_err(file_error("remove", part))?;
             return Ok(database);
         }
         number += 1;
     };
     let own_head = folder.join(head::FILE);
     if own_head.exists() {
-        fs::copy(&own_head, &head).map_err(at("write", &head))?;
-        File::open(&head).and_then(|file| file.sync_all()).map_err(at("flush", &head))?;
+        fs::copy(&own_head, &head).map_err(file_error("write", &head))?;
+        File::open(&head).and_then(|file| file.sync_all()).map_err(file_error("flush", &head))?;
     }
     let renamed = renameat_with(CWD, part, CWD, &database, RenameFlags::NOREPLACE);
-    renamed.map_err(|error| at("rename", part)(error.into()))?;
-    flush::names(folder).map_err(at("flush", folder))?;
+    renamed.map_err(|error| file_error("rename", part)(error.into()))?;
+    flush::names(folder).map_err(file_error("flush", folder))?;
     Ok(database)
 }
 
-fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
+fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
     move |source| StoreError::File { doing, path: path.to_owned(), source }
 }

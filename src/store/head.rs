@@ -70,7 +70,7 @@ impl Drop for Turn<'_> {
     fn drop(&mut self) {
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "the file closes with the store; a lock that could not be given back goes with it"
+            reason = "the file closes with the store, which also releases a lock that could not be released here"
         )]
         let _ = self.file.unlock();
     }

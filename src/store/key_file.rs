@@ -46,7 +46,7 @@ pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
             CellKey::read(&pem).map_err(|source| signing(&file, source))?
         }
         Err(error) if error.kind() == ErrorKind::NotFound && may_be_made => made(&file)?,
-        Err(error) => return Err(at("read", &file)(error)),
+        Err(error) => return Err(file_error("read", &file)(error)),
     };
     publish(store, &key)?;
     Ok(key)
@@ -58,13 +58,13 @@ pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
 /// If there is none, or the file holds something else.
 pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
     let file = store.join(PUBLIC);
-    let pem = fs::read_to_string(&file).map_err(at("read", &file))?;
+    let pem = fs::read_to_string(&file).map_err(file_error("read", &file))?;
     PublicKey::read_all(&pem).map_err(|source| signing(&file, source))
 }
 
 /// Checks that only the owner can read the key: another reader could sign in the cell's name.
 fn is_private(file: &Path) -> Result<(), StoreError> {
-    let mode = fs::metadata(file).map_err(at("look at", file))?.mode() & 0o777;
+    let mode = fs::metadata(file).map_err(file_error("look at", file))?.mode() & 0o777;
     if mode & 0o077 == 0 {
         return Ok(());
     }
@@ -72,24 +72,24 @@ fn is_private(file: &Path) -> Result<(), StoreError> {
         "users other than its owner may use it (mode {mode:03o}, valid: 600): chmod 600 it, or replace it if \
          others have read it"
     );
-    Err(at("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
+    Err(file_error("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
 }
 
 /// Creates the key's file under a temporary name and renames it, so that the key is complete or absent. If another
 /// process has created a key first, that key is used.
 fn made(file: &Path) -> Result<CellKey, StoreError> {
-    let bytes = random::bytes().map_err(at("make", file))?;
+    let bytes = random::bytes().map_err(file_error("make", file))?;
     let key = CellKey::of_random(&bytes);
     let pem = key.pem().map_err(|source| signing(file, source))?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(folder).map_err(at("create", folder))?;
-    match written(folder, &pem).map_err(at("make", file))?.persist_noclobber(file) {
-        Ok(_) => flush::names(folder).map(|()| key).map_err(at("make", file)),
+    fs::create_dir_all(folder).map_err(file_error("create", folder))?;
+    match written(folder, &pem).map_err(file_error("make", file))?.persist_noclobber(file) {
+        Ok(_) => flush::names(folder).map(|()| key).map_err(file_error("make", file)),
         Err(error) if error.error.kind() == ErrorKind::AlreadyExists => {
-            let pem = fs::read_to_string(file).map_err(at("read", file))?;
+            let pem = fs::read_to_string(file).map_err(file_error("read", file))?;
             CellKey::read(&pem).map_err(|source| signing(file, source))
         }
-        Err(error) => Err(at("make", file)(error.error)),
+        Err(error) => Err(file_error("make", file)(error.error)),
     }
 }
 
@@ -108,7 +108,7 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
     let before = match fs::read_to_string(&file) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
-        Err(error) => return Err(at("read", &file)(error)),
+        Err(error) => return Err(file_error("read", &file)(error)),
     };
     if PublicKey::read_all(&before).is_ok_and(|keys| keys.contains(&key.public())) {
         return Ok(());
@@ -121,13 +121,13 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
         written.as_file().set_permissions(Permissions::from_mode(0o644))?;
         written.persist(&file).map_err(|error| error.error).map(drop)
     };
-    write().map_err(at("write", &file))
+    write().map_err(file_error("write", &file))
 }
 
 fn signing(file: &Path, source: SigningError) -> StoreError {
     StoreError::Signing { path: file.to_owned(), source }
 }
 
-fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(io::Error) -> StoreError + 'p {
+fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(io::Error) -> StoreError + 'p {
     move |source| StoreError::File { doing, path: path.to_owned(), source }
 }

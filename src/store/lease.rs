@@ -53,7 +53,7 @@ impl Drop for Lease {
     fn drop(&mut self) {
         #[expect(
             clippy::let_underscore_must_use,
-            reason = "the folder closes next; a lock that could not be given back goes with it"
+            reason = "the folder closes next, which also releases a lock that could not be released here"
         )]
         let _ = self.locked.unlock();
     }

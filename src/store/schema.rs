@@ -120,7 +120,7 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
         .filter(|entry| !found.contains(entry))
         .map(|(name, _)| format!("{name} was changed or is gone"));
     let more = found.iter().filter(|(name, _)| !ours.iter().any(|(own, _)| own == name));
-    let more = more.map(|(name, _)| format!("{name} is not of this program"));
+    let more = more.map(|(name, _)| format!("{name} does not belong to this program"));
     let mut told: Vec<String> =
         gone.chain(more).map(|words| format!("in the database's schema: {words}")).collect();
     let check: String = connection.query_row("PRAGMA integrity_check", [], |row| row.get(0))?;

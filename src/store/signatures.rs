@@ -15,8 +15,8 @@ use crate::files::hex;
 use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{
-    BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, SignedCycle, SignedHead, SigningError, Statement,
-    StatementContent, StorePlace,
+    BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, SignedChainPosition, SignedCycle, SignedHead,
+    SigningError, Statement, StatementContent,
 };
 use crate::words::{printable, utc};
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -201,7 +201,7 @@ impl Store {
             previous: previous.clone(),
             unix_ms: unix_ms(self.clock()),
             public_key: key.public().hex(),
-            store: StorePlace { link: place.link, hash: hex(&place.hash) },
+            store: SignedChainPosition { link: place.link, hash: hex(&place.hash) },
             says: says.clone(),
         };
         let bytes = statement.canonical().map_err(|source| self.unsigned(source))?;

@@ -1,6 +1,6 @@
 //! Arguments of a bench: `name=value`.
 
-/// The value of this name, as text.
+/// Returns the value of the argument with this name, as text.
 pub fn argument(name: &str) -> Option<String> {
     std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
 }

@@ -40,7 +40,7 @@ fn normal(random: &mut Pcg64) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// A cell with such an arm.
+/// A cell with an arm that has errors.
 struct Trial {
     arm: TrueArm,
     tip: Vector3<f64>,
@@ -82,12 +82,12 @@ fn seen(
     board.corners().into_iter().map(corner).collect()
 }
 
-/// The true arm comes to the joints it is sent to as well as it repeats.
+/// Returns the flange's pose after the true arm has moved to these joints, with its repeatability error.
 fn stood(arm: &TrueArm, joints: &Joints, random: &mut Pcg64) -> Isometry3<f64> {
     arm.base_from_flange(&Joints::from(joints.degrees().map(|deg| deg + REPEAT_DEG * normal(random))))
 }
 
-/// Joints, near a start, at which a chain brings the tip to a place: Newton over the first three axes.
+/// Returns joints, near a start, at which a chain brings the tip to a position: Newton over the first three axes.
 fn reached(
     chain: &dyn Fn(&Joints) -> Isometry3<f64>,
     tip: Vector3<f64>,
@@ -142,7 +142,7 @@ fn trial(seed: u64) -> Trial {
             break;
         }
         let joints = random_joints(&mut random);
-        // A look without the arm's errors is enough to leave out what cannot be seen.
+        // The arm's errors are left out here: the nominal pose is enough to skip a board that cannot be seen.
         let flange = *pose_of(&geometry, joints).base_from_flange.isometry();
         let look = |flange: &Isometry3<f64>| match rigs[rig].kind {
             RigKind::EyeToHand => rigs[rig].mount.inverse() * flange * rigs[rig].board,
@@ -191,7 +191,7 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
     let mut all = Vec::new();
     for index in 0..35 {
         let (across, along) = (f64::from(index % 7) / 6.0 - 0.5, f64::from(index / 7) / 4.0 - 0.5);
-        // A panel of 360 × 260 mm that bulges by 20 mm.
+        // Corners of a panel of 360 × 260 mm with a bulge of 20 mm.
         let bulge = 20.0 * (1.0 - 4.0 * across * across) * (1.0 - 4.0 * along * along);
         let place = Vector3::new(480.0 + 260.0 * along, 360.0 * across, 220.0 + bulge);
         let believed = (rigs[0].mount * mount().inverse() * Point3::from(place)).coords;
@@ -221,7 +221,7 @@ fn off_mm(trial: &Trial) -> f64 {
     trial.data.views.iter().map(off).fold(0.0, f64::max)
 }
 
-/// Without errors the chain of Denavit and Hartenberg is the controller's.
+/// Checks that without errors the Denavit-Hartenberg chain is the same as the controller's.
 fn is_same_arm() -> bool {
     let geometry = *Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry();
     let (arm, mut random) = (TrueArm::drawn(geometry), Pcg64::seed_from_u64(1));
@@ -291,7 +291,7 @@ fn contact(seeds: u64) -> usize {
     usize::from(!is_good)
 }
 
-/// Every wrong sign and every exchange of two axes, with the controller's poses beside the axes and without.
+/// Tries every wrong sign and every exchange of two axes, with and without the controller's poses beside the axes.
 fn faults(seeds: u64) -> usize {
     let one = |seed: u64| -> Vec<String> {
         let trial = trial(seed);

@@ -17,7 +17,8 @@ use std::time::Instant;
 
 const WIDTH_PX: usize = 1944;
 const SEEDS: u64 = 3;
-/// Wanted: this share of the boards, and times of a full-size picture, s.
+/// Target for the share of boards that are found; `MAX_S` and `TYPICAL_S` are the targets for the time of a
+/// full-size picture, s.
 const FOUND: f64 = 0.98;
 const MAX_S: f64 = 1.0;
 const TYPICAL_S: f64 = 0.2;
@@ -70,7 +71,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// What part of the sweep runs.
+/// The part of the sweep that is run.
 struct Chosen<'a> {
     mixtures: u64,
     part: &'a str,
@@ -80,7 +81,7 @@ struct Chosen<'a> {
     folder: Option<&'a str>,
 }
 
-/// What is hard alone; blur and size as far as markers can be read.
+/// Returns the cases with a single difficulty; blur and size only as far as markers can be read.
 fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
     let easy = Hard::EASY;
     let small = if board.markers().is_some() { 0.25 } else { 0.15 };
@@ -97,10 +98,11 @@ fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
     ]
 }
 
-/// Counts of one peer.
+/// Counts of the results of one detector.
 #[derive(Default)]
 struct Tally {
-    /// All of the board's corners that are to be seen, or all but a tenth; these again alone.
+    /// Boards of which all visible corners, or all but a tenth, were found. `nearly` counts the boards with missing
+    /// corners only.
     found: usize,
     nearly: usize,
     part: usize,
@@ -230,7 +232,7 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
     usize::from(!good)
 }
 
-/// The corners that are farthest off, beside whether the glare leaves them to be seen.
+/// Prints the corners with the largest errors, each with whether the glare leaves the corner visible.
 fn tell_farthest(rendered: &Rendered, found: Corners) {
     let off = |(q, pixel): (Point<BoardFrame>, Pixel)| {
         let (_, there, is_seen) = rendered.truth.iter().find(|(t, ..)| t.distance_mm(q) < 0.01)?;
@@ -269,7 +271,8 @@ fn own(board: &Board, picture: &GrayPicture) -> Corners {
     detect::detect("picture", picture, board, None).ok().map(|found| found.corners)
 }
 
-/// OpenCV as its tutorials call it: all corners, refined by `cornerSubPix` with a window of ± 5 px, in any of four orders.
+/// Orders corners as OpenCV's tutorials find them: all corners, refined by `cornerSubPix` with a window of ± 5 px,
+/// in any of four orders.
 fn ordered(board: &Board, points: &Vector<Point2f>) -> Corners {
     let corners = board.corners();
     if points.len() != corners.len() {
@@ -366,7 +369,7 @@ fn charuco(board: &Board, picture: &GrayPicture) -> Corners {
     if found.is_empty() {
         return None;
     }
-    // Their numbers run row by row from the lower left, or the upper left, by version.
+    // The corner numbers run row by row from the lower left or the upper left, depending on the version.
     let all = board.corners();
     let place = |number: i32| {
         let (column, row) = (number as usize % board.columns(), number as usize / board.columns());

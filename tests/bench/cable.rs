@@ -71,9 +71,9 @@ use table::{Outcome, Table};
 use tried::Tried;
 use truth::{Side, Truth};
 
-/// Kinds and moments in all pairs, and more than a hundred besides.
+/// Number of scenarios: all pairs of kinds and moments, and more than a hundred additional ones.
 const SCENARIOS: u64 = 316;
-/// The cells begin one after the other, so that not all of them compute at the same moment.
+/// Interval between the starts of the cells, so that not all of them compute at the same moment.
 const START_INTERVAL: Duration = Duration::from_millis(2_500);
 
 fn main() -> ExitCode {
@@ -105,7 +105,7 @@ fn main() -> ExitCode {
     if table.violations() == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// One scenario in one line, its violations in one each.
+/// Returns one line for the scenario and one line for each of its violations.
 fn line(scenario: &Scenario, outcome: &Outcome) -> String {
     let told = if outcome.told == 0 { "NOT TOLD".to_owned() } else { format!("told {}", outcome.told) };
     let stop = outcome.worst_stop_ms.map(|ms| format!(", stop {ms:.0} ms")).unwrap_or_default();
@@ -116,7 +116,7 @@ fn line(scenario: &Scenario, outcome: &Outcome) -> String {
     text
 }
 
-/// One scenario, in a cell of its own.
+/// Runs one scenario in a cell of its own.
 fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
     let net = number("net").unwrap_or(77) as u8;
     let [sought, controller] = [1, 2].map(|last| IpAddr::V4(Ipv4Addr::new(127, net, place, last)));
@@ -158,9 +158,9 @@ fn run_scenario(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome 
     }
 }
 
-/// Records, pages, the chain of the store, and the service's own log.
+/// Checks the records, the pages, the chain of the store, and the service's own log.
 fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
-    // A page is made behind its cycle.
+    // A page is made after the end of its cycle.
     let patience = Instant::now();
     let missing = || {
         let log = cell.log();

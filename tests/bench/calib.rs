@@ -1,4 +1,4 @@
-//! Calibration against the renderer's truth: the sweeps. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
+//! Calibration against the renderer's ground truth: the sweeps. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
 //! shortens the statistics from 200 seeds and the rendered sweeps from 20.
 
 #[path = "../boards.rs"]
@@ -40,7 +40,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The value that this share of all stays below.
+/// Returns the value below which this share of all values lies.
 fn share(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() as f64 * share).ceil() as usize).clamp(1, values.len()) - 1]
@@ -92,7 +92,8 @@ fn rendered<A: Side>(seeds: u64) -> usize {
     row(&format!("{}, 15 rendered poses", A::NAME), good, &numbers)
 }
 
-/// Lenses of 15 pictures, judged by ten others: their corners lie within what left-out pictures foretell.
+/// Calibrates lenses with 15 pictures and judges them by ten others: the others' corner errors must be as small as
+/// the left-out pictures predict.
 fn lenses<A: Side>(
     seeds: u64,
     name: &str,
@@ -133,7 +134,7 @@ fn lenses<A: Side>(
     row(&format!("{}, lenses of {seeds} seeds, {name}", A::NAME), (0.90..=0.99).contains(&share), &numbers)
 }
 
-/// A flipped board, two swapped pictures, a mistyped number: each found and named.
+/// Plants a flipped board, two swapped pictures and a mistyped number; each must be found and named.
 fn faults<A: Side>(seeds: u64) -> usize {
     let named = |fault: usize| {
         let is_named = |seed: &u64| boards::is_named(&boards::faulty::<A>(*seed, fault), fault);

@@ -27,7 +27,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// The exposure's own picture: one of the cell's, with the exposure's number in its first eight bytes.
+/// Writes this exposure's own picture: one of the cell's, with the exposure's number in its first eight bytes.
 fn expose(pictures: &[Vec<u8>], exposure: u64, pixels: &mut [u8]) {
     let shown = &pictures[exposure as usize % pictures.len()];
     let both = shown.len().min(pixels.len());
@@ -74,7 +74,7 @@ fn run(span: Duration) -> Result<(), String> {
     let mut sent = vec![0; size_px[0] * size_px[1]];
     while begun.elapsed() < span {
         let frame = match camera.picture() {
-            // A busy machine may be late; what is missing is counted.
+            // A busy machine may be late; missing pictures are counted.
             Err(GigeError::Timeout { .. }) => continue,
             taken => taken.map_err(|error| error.to_string())?,
         };

@@ -17,22 +17,22 @@ use rand_pcg::Pcg64;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// A pose that is off by no more is as good as the undamaged one, mm.
+/// An accepted pose that differs from the undamaged one by no more than this counts as equal, mm.
 const MOVED_MM: f64 = 0.02;
 
-/// What came of files with one kind of damage.
+/// Results for the files with one kind of damage.
 #[derive(Default)]
 struct Tally {
     files: usize,
-    /// The reader refused the file.
+    /// The reader refused the damaged file.
     refused: usize,
     /// The verdict is not an accept.
     told: usize,
-    /// Accepted, with what the undamaged files give.
+    /// Accepted, with the same result as the undamaged files.
     harmless: usize,
-    /// Accepted, and not what the undamaged files give.
+    /// Accepted, with another result than the undamaged files.
     unnoticed: usize,
-    /// The farthest that an accepted pose was moved, mm.
+    /// The largest distance by which an accepted pose was moved, mm.
     moved_mm: f64,
 }
 
@@ -103,10 +103,10 @@ fn main() -> ExitCode {
 /// The result of the stages on the undamaged files with one of them damaged.
 type Part = fn(&Held, &Damage, &mut Pcg64) -> Found;
 
-/// What happens to the bytes of a file.
+/// A function that damages the bytes of a file.
 type Damage = fn(&mut Vec<u8>, &mut Pcg64);
 
-/// A damaged copy of a file.
+/// Returns a damaged copy of a file.
 fn damaged(file: &[u8], damage: &Damage, draw: &mut Pcg64) -> Vec<u8> {
     let mut bytes = file.to_vec();
     damage(&mut bytes, draw);

@@ -9,18 +9,18 @@ use panelprep::verdict::{Judgement, Reason, Verdict};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Every kind of query at its 95th percentile, ms.
+/// Limit for the 95th percentile of the time of each kind of query, ms.
 const P95_MAX_MS: f64 = 100.0;
-/// Queries of each kind.
+/// Number of queries of each kind.
 const QUERIES: usize = 100;
-/// Cycles that a trend is made of; these have findings as large as those of a real cycle.
+/// Number of cycles for a trend; these cycles have findings as large as those of a real cycle.
 const TREND: usize = 200;
 const PANELS: [&str; 4] = ["door", "fin", "rib", "wing"];
 const VERDICTS: [Verdict; 4] = [Verdict::Pass, Verdict::Fail, Verdict::Reject, Verdict::Invalid];
 
 fn part(index: usize) -> PartNames {
     PartNames {
-        // Two cycles of each part.
+        // Each part has two cycles.
         serial: Some(format!("SN-{:05}", index / 2)),
         order: Some(format!("W-{}", index / 100)),
         operator: Some(format!("Operator {}", index % 7)),
@@ -42,7 +42,7 @@ fn reasons(index: usize) -> Vec<Reason> {
     }
 }
 
-/// A film over 24 grids and 60 more numbers, as a cycle has them.
+/// Returns the findings of a cycle in a usual size: a film over 24 grids and 60 more numbers.
 fn findings(index: usize) -> Vec<Finding> {
     let accept = || Judgement { verdict: Verdict::Accept, reasons: vec![] };
     let residual = 0.05 + (index % 9) as f64 * 0.002;

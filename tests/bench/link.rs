@@ -37,26 +37,26 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// 8 commands in each tick of 12 ms.
+/// Commands per second at 8 commands in each tick of 12 ms.
 const TICK_COMMANDS_S: f64 = 8.0 / 0.012;
 const LOOPBACK_SHARE: f64 = 0.95;
 const VIRTUAL_COMMANDS_S: f64 = 100_000.0;
 const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(40);
 const MAX_IDLE_DELAY: Duration = Duration::from_millis(20);
 const MAX_BUSY_DELAY: Duration = Duration::from_millis(50);
-/// From the service's socket to the wire.
+/// Time limit from the service's socket to the wire.
 const MAX_SOCKET_DELAY: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
 /// Each trial lasts longer than the disk hangs.
 const HANGING_TRIALS: usize = 20;
-/// People who look on at the page.
+/// Number of people who look on at the page.
 const VIEWERS: usize = 20;
-/// Links that are tried at the same time; each has its own thread.
+/// Number of links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const TIMEOUT: Duration = Duration::from_secs(20);
 /// A progress line is printed after each block of this number of walks.
 const PROGRESS_WALKS: usize = 5_000;
-/// Walks over the controller's programs as they ship.
+/// Number of walks over the controller's shipped programs.
 const PROGRAM_WALKS: u64 = 200_000;
 
 fn main() -> ExitCode {
@@ -97,7 +97,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Seeded walks of the client against the programs that ship, executed.
+/// Runs seeded walks of the client against the shipped programs, which are executed.
 fn walks_of_the_programs(walks: u64) -> bool {
     let (shipped, started) = (programs::texts("config/kuka"), Instant::now());
     let loaded = programs::load(&shipped);
@@ -128,21 +128,21 @@ fn verdict(reached: bool) -> &'static str {
     if reached { "ok" } else { "MISSED" }
 }
 
-/// From the service's socket to the wire, with two hundred hostile clients.
+/// Measures an abort from the service's socket to the wire, with two hundred hostile clients.
 fn abort_by_socket() -> bool {
     let (found, done) = link::socket::aborts(SOCKET_TRIALS);
     let among = format!("{} hostile clients ({done} requests of theirs)", link::socket::CLIENTS);
     report("abort by the service's socket to the frame", &among, found)
 }
 
-/// From the service's socket to the wire, though the disk hangs on which the loop writes its journal.
+/// Measures an abort from the service's socket to the wire while the disk for the loop's journal hangs.
 fn abort_on_a_hanging_disk() -> bool {
     let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
     let disk = format!("a disk that hangs for {} s", link::socket::HANG_TIME.as_secs());
     report("abort by the service's socket to the frame", &disk, found)
 }
 
-/// From the operator's page to the wire, while others look on and one reads nothing.
+/// Measures an abort from the operator's page to the wire, while others look on and one viewer reads nothing.
 fn abort_on_the_page() -> bool {
     let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
     report("abort on the operator's page to the frame", &format!("{VIEWERS} who look on"), found)
@@ -169,7 +169,8 @@ fn output(index: usize) -> Command {
     Command::SetDigout(Signal { number: 1, on: index.is_multiple_of(2) })
 }
 
-/// Client and controller in one thread, in virtual time, without sockets; commands without motion.
+/// Measures the rate of commands without motion: client and controller in one thread, in virtual time, without
+/// sockets.
 fn virtual_rate() -> bool {
     const COMMANDS: usize = 400_000;
     let mut cell = Cell::new(setup(Clock::Free), LinkLimits::default(), 1);
@@ -198,7 +199,7 @@ fn virtual_rate() -> bool {
     reached
 }
 
-/// What this thread has had of a processor, as Linux counts it, s.
+/// Returns the processor time that this thread has used, as Linux counts it, s.
 fn processor_s() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     Some(text.split_whitespace().next()?.parse::<f64>().ok()? / 1e9)
@@ -219,7 +220,7 @@ fn open(link: &mut BlockingLink) {
     wait(link, |report| matches!(report, Report::EpochOpened { .. }));
 }
 
-/// Over loopback against the controller's own tick.
+/// Measures the rate of commands over loopback against the controller's own tick.
 fn loopback_rate() -> bool {
     const COMMANDS: usize = 6_000;
     let (_server, mut link) = served("");
@@ -282,7 +283,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     let peer = Peer::start();
     let (command_port, state_port) = peer.ports();
     let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
-    // Heartbeats and their answers far inside the timeout, so that only the acknowledgement is missed.
+    // The timeout is much longer than a heartbeat and its answer, so that only the acknowledgement is missed.
     let limits =
         LinkLimits { watchdog: WATCHDOG_TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
     let mut link = BlockingLink::start(address, limits, Pace::Wall).expect("starts");
@@ -290,7 +291,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     wait(&mut link, |report| matches!(report, Report::Connected { .. }));
     while found.len() < trials {
         if link.open_epoch().is_err() {
-            // Busy cores may have cost the connection: it comes back.
+            // Busy cores may have caused a loss of the connection: wait until it is back.
             wait(&mut link, |report| matches!(report, Report::Connected { .. } | Report::State(_)));
             continue;
         }
@@ -311,7 +312,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     found
 }
 
-/// Back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms each.
+/// Returns points back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms each.
 fn meander(points: usize) -> Vec<MoveLin> {
     let row = pass(41, 3.0, false);
     let point = |index: usize| {
@@ -324,7 +325,7 @@ fn meander(points: usize) -> Vec<MoveLin> {
     (0..points).map(point).collect()
 }
 
-/// 10,000 points in virtual time at 20 ms round trip.
+/// Runs 10,000 points in virtual time at 20 ms round trip.
 fn long_virtual_path() -> bool {
     let started = Instant::now();
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -344,7 +345,7 @@ fn long_virtual_path() -> bool {
     reached
 }
 
-/// 500 points over sockets at 20 ms round trip, in pieces.
+/// Runs 500 points over sockets at 20 ms round trip, with fragmented messages.
 fn path_over_sockets() -> bool {
     let (server, mut link) = served("seed=3,delay=10ms,fragment");
     open(&mut link);

@@ -1,6 +1,6 @@
-//! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not
-//! be accepted, wet verifications, and some of the scans through the libraries that others use. All at full size
-//! and with the true calibration. `cargo bench --bench locate --
+//! Localization against the renderer's ground truth: panels of many shapes anywhere in a search box, scenes that
+//! must not be accepted, and wet verifications. Some of the scans also go through other people's libraries. All
+//! scans have full size and the true calibration. `cargo bench --bench locate --
 //! [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate` sets up the
 //! peers and names their Python in `PANELPREP_PEERS`.
 
@@ -39,10 +39,11 @@ const HELD_SEEDS: u64 = 25;
 const CORRELATED_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
-/// What must be reached.
+/// Targets. An accepted pose with a larger error than this is wrong, mm.
 const RIGHT_MM: f64 = 0.3;
 const ACCEPTED: f64 = 0.99;
-/// The same of all, also of those that the surface and outline in view hold too weakly.
+/// Target for the accepted share of all panels, including those that the visible surface and outline determine too
+/// weakly.
 const ACCEPTED_OF_ALL: f64 = 0.97;
 const LARGE_MM: [f64; 2] = [250.0, 180.0];
 const LITTLE_HIDDEN: f64 = 0.05;
@@ -96,7 +97,7 @@ fn main() -> ExitCode {
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// `20` is the seeds from 1 to 20, `7-9` and `seeds=7-9` those from 7 to 9.
+/// Parses a range of seeds: `20` is the seeds from 1 to 20, `7-9` and `seeds=7-9` those from 7 to 9.
 fn range(word: &str) -> Option<RangeInclusive<u64>> {
     let word = word.strip_prefix("seeds=").unwrap_or(word);
     match word.split_once('-') {
@@ -105,7 +106,7 @@ fn range(word: &str) -> Option<RangeInclusive<u64>> {
     }
 }
 
-/// How many times smaller than the real ones pictures are; 1 unless a quick look is wanted.
+/// Returns the factor by which pictures are smaller than real ones; 1 unless a quick run is requested.
 fn reduction() -> usize {
     std::env::var("PANELPREP_REDUCTION").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
@@ -117,7 +118,7 @@ struct Tried {
     elapsed_ms: f64,
 }
 
-/// The recipe of a trial, with further keys of its panel.
+/// Returns the recipe of a trial, with additional keys of its panel.
 fn recipe(trial: &Trial, keys: &str) -> Recipe {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
@@ -156,7 +157,8 @@ fn located(trial: &Trial, taught: (TaughtPanel, Recipe)) -> Tried {
     located_with(trial, taught, (range_errors(), trial.base_from_camera()))
 }
 
-/// What is assumed of a camera that was not measured, but for its scale: as the calibration, it is the true one.
+/// Returns the range errors that are assumed for a camera without a measurement, except for the scale: like the
+/// calibration, it is the true one.
 fn range_errors() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
@@ -201,7 +203,7 @@ fn row(good: bool, words: &str) -> usize {
     usize::from(!good)
 }
 
-/// Scenes that must be found.
+/// Tries scenes in which the panel must be found.
 fn good(seeds: RangeInclusive<u64>) -> usize {
     println!("seed  size mm  hidden  verdict  mean mm  max mm  stated mm  weakest  rms mm  outline px  ms");
     let (mut accepted, mut known, mut wrong, mut times) = (0, 0, 0, Vec::new());
@@ -214,7 +216,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         let [length, width] = trial.size_mm();
         times.push(tried.elapsed_ms);
         let (Some(fit), Some(error)) = (&tried.fit, tried.error) else {
-            // Nothing excuses what was not found.
+            // A panel that was not found counts among those that must be accepted.
             known += 1;
             println!(
                 "{seed:4}  {length:.0}×{width:.0}  {:.2}  not found: {}",
@@ -282,7 +284,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         + row(median_ms <= VERDICT_MS, &format!("scan in memory to verdict {median_ms:.0} ms in the middle"))
 }
 
-/// Scenes that must not be accepted, in turn of each kind.
+/// Tries scenes that must not be accepted, one of each kind in turn.
 fn bad(scenes: RangeInclusive<u64>) -> usize {
     let kinds = Wrong::ALL.len() as u64;
     let count = scenes.clone().count();

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 /// A world hangs if it ends more than this after its time limit, s.
 const LATE_S: u64 = 60;
 
-/// What came of a change.
+/// The result of a mutation.
 enum Outcome {
     /// The number of seeds until it was found, and the judge's message.
     Found(u64, String),
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     let mut running: Option<(&Mutation, JoinHandle<Outcome>)> = None;
     for mutation in &chosen {
         let built = bench.built(mutation);
-        // One world at a time: the bench's two cores build and run.
+        // Only one world runs at a time, because the bench's two cores build and run.
         report(running.take(), &mut tally);
         match built {
             Some(world) => running = Some((mutation, bench.run(mutation, world))),
@@ -89,8 +89,8 @@ fn report(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize;
     tally[kind] += 1;
 }
 
-/// Copies what git keeps of the repository. A file that is the same already keeps its time, so that it is not
-/// compiled again.
+/// Copies the files that git tracks in the repository. An unchanged file keeps its time, so that it is not compiled
+/// again.
 fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(from).output()?;
     for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
@@ -172,7 +172,7 @@ impl Bench {
         executable.filter(|_| built.status.success())
     }
 
-    /// Runs it in a thread.
+    /// Runs the mutation in a thread.
     fn run(&self, mutation: &Mutation, world: PathBuf) -> JoinHandle<Outcome> {
         let (first, step) = mutation.seeds;
         let child = Command::new(world)
@@ -189,7 +189,7 @@ impl Bench {
     }
 }
 
-/// What a world printed until its end, or until it is killed.
+/// Waits until a world ends or is killed, and evaluates what it printed.
 fn outcome(mut child: Child, latest: Instant) -> Outcome {
     let (printed, errors) = (child.stdout.take().map(read), child.stderr.take().map(read));
     let mut hangs = false;
@@ -218,7 +218,7 @@ fn outcome(mut child: Child, latest: Instant) -> Outcome {
 fn read(mut from: impl Read + Send + 'static) -> JoinHandle<String> {
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
-        // What was read before an end that is none is what there is.
+        // If reading fails, the output that was read before is used.
         let _ = from.read_to_end(&mut bytes);
         String::from_utf8_lossy(&bytes).into_owned()
     })

@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 
 const CATCH_UP: usize = 10_000;
 const CATCH_UP_S: f64 = 60.0;
-/// Cycles, and bytes of pictures of each, that a cell with cameras of full size catches up.
+/// Number of cycles, and bytes of pictures in each, that a cell with full-size cameras must catch up.
 const LARGE: (usize, usize) = (200, 10_000_000);
 
 fn main() -> ExitCode {
@@ -105,7 +105,7 @@ fn sum(found: &serde_json::Value, what: &str) -> u64 {
     found["cells"].as_array().into_iter().flatten().filter_map(|cell| cell[what].as_u64()).sum()
 }
 
-/// Cells that end with this.
+/// Cell processes that are killed when this value is dropped.
 struct Cells(Vec<Child>);
 
 impl Drop for Cells {
@@ -117,7 +117,7 @@ impl Drop for Cells {
     }
 }
 
-/// Cells that write and are killed; everything else is, too.
+/// Kills cells while they write, and also kills everything else in turn.
 fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: u64) -> bool {
     let mut plant = Plant::start(programs);
     let network = Network::to(plant.broker_port, seed);

@@ -98,7 +98,7 @@ fn lens(set: &str, files: &[PathBuf], board: &str, out: &Path) -> usize {
     usize::from(!good)
 }
 
-/// The camera's mount, and what the poses hold of the arm.
+/// Calibrates the camera's mount, and what the poses show of the arm.
 fn mounted(set: &str, folder: &Path, board: &str, mount: &str, out: &Path) -> usize {
     let lens = out.join(format!("{set}.toml"));
     let Some(poses) = poses(folder).filter(|_| lens.is_file()) else {
@@ -133,7 +133,7 @@ fn mounted(set: &str, folder: &Path, board: &str, mount: &str, out: &Path) -> us
     }
 }
 
-/// The set's poses as a poses file: theirs are metres and a quaternion each.
+/// Returns the set's poses as a poses file; the set states each as metres and a quaternion.
 fn poses(folder: &Path) -> Option<String> {
     let count = pictures(&folder.join("images"), "", "png").len();
     let mut text = String::new();

@@ -60,7 +60,7 @@ fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
     usize::from(missed)
 }
 
-/// The same for one that must be so large.
+/// Prints a number with its lower target; returns 1 if it misses the target.
 fn reached(what: &str, found: f64, least: f64, unit: &str) -> usize {
     let missed = found.is_nan() || found < least;
     println!("   {what}: {found:.3} {unit}, at least {least}{}", if missed { "  MISSED" } else { "" });

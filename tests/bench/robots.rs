@@ -5,9 +5,9 @@
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// Robots, by how far the tool is off its drawing, rms, mm: repeatable, good, usual, bad.
+/// Robots by the tool's rms deviation from the nominal pose, mm: repeatable, good, usual, bad.
 const ARMS_MM: [f64; 4] = [0.02, 0.1, 0.5, 1.6];
-/// What a corrected arm must reach.
+/// Targets for a corrected arm; this one for a touch, mm.
 const TOUCH_MAX_MM: f64 = 0.3;
 const SURFACE_MAX_MM: f64 = 0.5;
 const REFINED_MAX_MM: f64 = 0.5;
@@ -23,7 +23,7 @@ fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // Best effort: what stays behind is in the system's own folder for such things.
+    // Best effort: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
         println!("{}", String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default());
@@ -45,7 +45,7 @@ fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value) -> bool {
         && surface <= SURFACE_MAX_MM
         && coverage >= COVERAGE_MIN
         && result["verdict"] == "pass";
-    // An arm that its own touch refuses has harmed nothing.
+    // An arm that is refused because of its own touch has harmed nothing.
     let is_refused = uncorrected && result["verdict"] == "reject" && abrade.is_empty();
     let state = match (is_right, is_refused, uncorrected) {
         (true, ..) => "ok",

@@ -4,7 +4,7 @@
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// What each seed must reach, over the panel and as the mock executed it.
+/// Targets for each seed, over the panel and as the mock executed the path; this one for the refined pose, mm.
 const REFINED_MAX_MM: f64 = 1.5;
 const COVERAGE_MIN: f64 = 0.95;
 const SURFACE_MAX_MM: f64 = 1.0;
@@ -21,7 +21,7 @@ fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
         .arg(&folder)
         .output()
         .expect("the program starts");
-    // Best effort: what stays behind is in the system's own folder for such things.
+    // Best effort: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
@@ -83,7 +83,7 @@ fn row(seed: u64, result: &Value) -> bool {
         number("/wall_s"),
         if number("/wall_s") < WALL_S { "" } else { " (slow)" },
     );
-    // A number that is missing is not a number, and keeps no floor.
+    // A missing number is NaN and misses every target.
     result["verdict"] == "pass"
         && !abrade.is_empty()
         && executed("/waypoints_done") == executed("/waypoints")

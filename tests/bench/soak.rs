@@ -38,8 +38,8 @@ use numbers::{Growth, Period, Sample};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// From one sample of the process to the next: free memory is given back at the end of a cycle, and the next one
-/// may begin at once.
+/// Interval between two samples of the process. It is short because memory is freed at the end of a cycle, and the
+/// next cycle may begin at once.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
 /// Limit for the growth of the memory that the process keeps, as a share of its size in an hour. A picture of 400
 /// kB kept from each of some 180 cycles is more than thirty times as much. The store's page cache and the
@@ -90,7 +90,7 @@ fn main() -> ExitCode {
     judge((&periods, pace), &counts, &watchdog, running.ended_by_itself())
 }
 
-/// Prints what was found, each with what is allowed.
+/// Prints the results, each with its limit.
 fn judge(
     (periods, pace): (&[Period], Pace),
     counts: &Counts,
@@ -109,7 +109,7 @@ fn judge(
             told(false, format!("{name}: there are too few periods for a slope"));
             continue;
         };
-        // Memory by its size; a descriptor or a thread that is kept is one too many.
+        // Memory may grow by a share of its size; one descriptor or thread that is kept is already too many.
         let most = least.unwrap_or(MAX_GROWTH_PER_HOUR * growth.mean);
         let grows = growth.an_hour > most && growth.an_hour > SURE * growth.standard_error;
         let text = format!(

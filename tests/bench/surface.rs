@@ -21,12 +21,12 @@ use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Seeds of the accuracy's scans, and random paths.
+/// Number of seeds for the scans that test accuracy; `PATHS` is the number of random paths.
 const SEEDS: u64 = 20;
 const PATHS: usize = 100_000;
 
 const PARTS: [&str; 6] = ["fit", "evaluate", "paths", "patterns", "attitudes", "gauntlet"];
-/// Seeds of the demo on which every pattern is planned, and its discs, mm.
+/// Number of the demo's seeds on which every pattern is planned; `DISCS_MM` has the disc diameters, mm.
 const DEMO_SEEDS: u64 = 10;
 const DISCS_MM: [f64; 5] = [20.0, 30.0, 40.0, 50.0, 60.0];
 
@@ -72,7 +72,7 @@ fn held(what: &str, found: f64, most: f64, unit: &str) -> usize {
 
 /// Duration of a piece of work, medians, ms.
 struct Timed {
-    /// By the wall clock: another's work on the machine is in it.
+    /// Time by the wall clock, which includes other work on the machine, ms.
     wall_ms: f64,
     /// On the processors, all threads together, divided by their number. It is the wall clock's time on an idle
     /// machine on which all threads work all the time.
@@ -91,14 +91,14 @@ fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> Timed {
     Timed { wall_ms: median(&mut walls).unwrap_or(f64::NAN), share_ms: median(&mut shares).unwrap_or(f64::NAN) }
 }
 
-/// The same for work of one thread: here its share is its own.
+/// Times work that runs on one thread: `share_ms` is then this thread's own time.
 fn timed_alone<T>(runs: usize, work: impl FnMut() -> T) -> Timed {
     let threads = std::thread::available_parallelism().map_or(1.0, |threads| threads.get() as f64);
     let Timed { wall_ms, share_ms } = timed(runs, work);
     Timed { wall_ms, share_ms: share_ms * threads }
 }
 
-/// What all threads have spent on processors, ms, by the kernel's own count.
+/// Returns the time that all threads have spent on processors, as the kernel counts it, ms.
 fn processors_ms() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let text = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("schedstat")).unwrap_or_default();
@@ -106,8 +106,8 @@ fn processors_ms() -> f64 {
     spent.sum::<f64>() / 1e6
 }
 
-/// Every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs of 20
-/// to 60 mm.
+/// Plans every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs
+/// of 20 to 60 mm.
 fn every_pattern(seeds: u64) -> usize {
     let rows = patterns::run((1..=seeds, 1), &DISCS_MM, |_, _| true);
     println!(
@@ -132,7 +132,7 @@ fn every_pattern(seeds: u64) -> usize {
     faults.len()
 }
 
-/// Good paths and the same with one defect, through every gate.
+/// Sends good paths, and the same paths with one defect each, through every gate.
 fn random_paths() -> usize {
     let outcome = gauntlet::run(PATHS);
     println!("   {PATHS} good paths, {} of them refused; and each once with one defect:", outcome.refused.len());

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// From the fault until the tool's output is off, or the path leaves the panel, at most, ms.
+/// Longest time from the fault until the tool's output is off, or until the path leaves the panel, ms.
 const OFF_MS: u64 = 500;
 /// The faults, and the code that reports each.
 const FAULTS: [(&str, &str); 10] = [
@@ -23,7 +23,7 @@ const FAULTS: [(&str, &str); 10] = [
     ("stuck", "tool_stuck or no_contact or force_band or tool_stroke"),
 ];
 
-/// The demo with this fault; none without one.
+/// Runs the demo with this fault; `None` runs it without a fault.
 fn demo(fault: Option<&str>) -> Value {
     let name = fault.unwrap_or("none").replace(['@', '='], "-");
     let folder = std::env::temp_dir().join(format!("panelprep-tool-faults-{}-{name}", std::process::id()));
@@ -33,12 +33,12 @@ fn demo(fault: Option<&str>) -> Value {
         command.args(["--tool-fault", fault]);
     }
     let output = command.output().expect("the program starts");
-    // Best effort: what stays behind is in the system's own folder for such things.
+    // Best effort: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
 
-/// How one run went.
+/// The result of one run.
 struct Row {
     from: u64,
     code: Option<String>,
@@ -76,7 +76,7 @@ fn main() -> ExitCode {
     if missed == 0 && contacts > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Prints a fault's line; how many runs missed the target.
+/// Prints a fault's line; returns the number of runs that missed the target.
 fn line(fault: &str, rows: &[Row]) -> usize {
     // If the path left the panel by itself earlier, nothing was sanded any more.
     let ended_ms = |row: &Row| row.off_ms.or(row.lifted_ms);

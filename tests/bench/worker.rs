@@ -1,6 +1,6 @@
 //! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain
-//! copy of as many bytes, and a worker that is killed two hundred times. The camera is the played one: nothing of
-//! the SDK is in these numbers.
+//! copy of the same number of bytes. A worker is also killed two hundred times. The camera is the played one, so
+//! these numbers do not include the SDK.
 //!
 //! `cargo bench --bench worker -- [shots] [kills]`
 
@@ -14,7 +14,7 @@ use rand::SeedableRng;
 use std::time::{Duration, Instant};
 
 const FULL: [usize; 2] = [1944, 1200];
-/// x, y, z and signal to noise as f32, three colours.
+/// Bytes of a full-size shot: x, y, z and signal to noise as f32, and three colours.
 const BYTES: usize = 1944 * 1200 * (12 + 3 + 4);
 const MAX_MS: f64 = 30.0;
 const TIMEOUT: Duration = Duration::from_secs(120);
@@ -43,7 +43,7 @@ fn main() {
     std::process::exit(i32::from(!right));
 }
 
-/// From a shot in the worker's memory to a checked one in the daemon's.
+/// Returns the time from a shot in the worker's memory to a checked shot in the daemon's.
 fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
     let source: Vec<u8> = (0..BYTES).map(|k| k as u8).collect();
     let (mut crossed, mut copied) = (Vec::new(), Vec::new());

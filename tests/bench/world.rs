@@ -24,7 +24,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 use world::{Counts, SABOTAGES, Sabotage, World};
 
-/// The mistake that is to be put in.
+/// Returns the mistake that is to be put in, if one is requested.
 fn mistake() -> Option<Sabotage> {
     let name = argument("mistake")?;
     let known = SABOTAGES.iter().find(|(known, _)| *known == name);
@@ -56,7 +56,7 @@ fn main() -> ExitCode {
     let mut wrong = 0;
     let sabotage = mistake();
     let imagine_every = number("imagine_every").unwrap_or(1).max(1);
-    // Pictures and results that are kept for all worlds are there after some of them.
+    // The pictures and results that all worlds share exist after the first half of the worlds.
     let warm = from + count / 2;
     let mut before = held();
     for seed in from..from + count {
@@ -129,13 +129,13 @@ fn alone() {
 
 /// Processor time that the process has used so far, s.
 fn cpu_s() -> f64 {
-    // Behind the name in brackets: the 12th and 13th field, in hundredths.
+    // After the name in brackets: the 12th and 13th field, in hundredths of a second.
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
     fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
 }
 
-/// The process's memory, kB, and its open descriptors.
+/// Returns the process's memory, kB, and the number of its open descriptors.
 fn held() -> (u64, usize) {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kb =
@@ -144,12 +144,12 @@ fn held() -> (u64, usize) {
     (kb.unwrap_or(0), descriptors)
 }
 
-/// Worlds whose pictures and results are kept before the first process is copied.
+/// Number of worlds that fill the shared pictures and results before the first process is copied.
 const KEPT_WORLDS: u64 = 200;
 
-/// Processes that are killed at any moment.
+/// Kills processes at any moment.
 fn kills(from: u64, count: u64) -> ExitCode {
-    // Its loops would run in threads, which a copy of the process has not.
+    // OpenCV's loops would run in threads, which a copy of the process does not have.
     opencv::core::set_num_threads(0).unwrap_or_else(|error| panic!("{error}"));
     for seed in 0..KEPT_WORLDS.min(count) {
         World::from_seed(seed).run();

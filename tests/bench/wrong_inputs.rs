@@ -1,5 +1,5 @@
-//! Calibrations of wrong inputs: every mistake, many seeds, both mounts. None may be accepted, each is to be named,
-//! and the right input is accepted. `cargo bench --bench wrong_inputs -- seeds=20`.
+//! Calibrations with wrong inputs: every mistake, many seeds, both mounts. Each wrong input must be refused and
+//! named, and the right input must be accepted. `cargo bench --bench wrong_inputs -- seeds=20`.
 
 mod arguments;
 #[path = "../boards.rs"]
@@ -16,10 +16,10 @@ use panelprep::verdict::Verdict;
 use rayon::prelude::*;
 use std::process::ExitCode;
 
-/// At least this share of what is refused is named as what it is.
+/// Minimum share of the refused inputs whose message names the actual mistake.
 const NAMED: f64 = 0.95;
 
-/// What a person does wrong, and a word of the message that names it.
+/// A person's mistake, and words of the message that names it.
 struct Mistake {
     name: &'static str,
     named: &'static str,
@@ -137,7 +137,7 @@ fn corners<C: Frame>(
     stations.iter().map(changed).collect()
 }
 
-/// What became of an input: its verdict, and all words.
+/// Calibrates with an input; returns the verdict and all words of the messages.
 fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
     let cell = boards::cell(seed, GOOD_ROBOT);
     let shots = A::shots(&cell, POSES);
@@ -185,7 +185,7 @@ fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
     }
 }
 
-/// A row of the table: how many seeds were accepted, and how many named.
+/// Returns a row of the table: the number of seeds that were accepted, and the number that were named.
 fn row<A: Side>(seeds: u64, mistake: &Mistake) -> [usize; 2] {
     let all: Vec<(Verdict, String)> = (1..=seeds).into_par_iter().map(|seed| judged::<A>(seed, mistake)).collect();
     let accepted = all.iter().filter(|(verdict, _)| *verdict == Verdict::Accept).count();

@@ -42,7 +42,7 @@ fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     let (code, text) = run("replay arm.mcap");
     assert!(code == Some(0) && text.contains("the same as recorded"), "{text}");
 
-    // What is left over the working volume, with its map.
+    // Verification shows the remaining error over the working volume, with its map.
     let verify = "calibrate verify --cell arm/cell/cell.toml --camera flange-camera --target arm/cell/boards/flange/target.toml \
                   --poses arm/cell/boards/flange/poses.toml --pictures maps";
     let (code, text) = run(verify);
@@ -66,7 +66,8 @@ fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
         "{text}"
     );
 
-    // A pose without axes cannot be corrected; mounts that were measured with the correction are no use without it.
+    // A pose without axes cannot be corrected. Mounts that were measured with the correction cannot be used without
+    // it.
     let pose = "arm/cell/target/flange.json";
     let whole: Value =
         serde_json::from_slice(&std::fs::read(folder.path().join(pose)).expect("a pose")).expect("JSON");

@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Pictures of the fixed camera with their poses and the true lens, in a folder.
+/// Saves pictures of the fixed camera with their poses and the true lens in a folder.
 fn folder_of_poses(cell: &BoardCell, count: usize) -> (tempfile::TempDir, Vec<String>) {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::create_dir(folder.path().join("board")).expect("a folder");
@@ -25,7 +25,8 @@ fn folder_of_poses(cell: &BoardCell, count: usize) -> (tempfile::TempDir, Vec<St
     (folder, poses)
 }
 
-/// From pictures to files: lens, mount, verification; then what is wrong is named and nothing is written.
+/// Calibrates from pictures to files: lens, mount, verification. Then each wrong input is named, and no file is
+/// written.
 #[test]
 fn commands_calibrate_verify_and_refuse() {
     let cell = boards::cell(3, GOOD_ROBOT);
@@ -81,7 +82,7 @@ fn commands_calibrate_verify_and_refuse() {
     assert!(!folder.join("wrong_out.toml").exists(), "nothing is written");
 }
 
-/// Learns the board's place from a picture, finds it again, and refuses a bumped camera.
+/// Learns the board's pose from a picture, finds the board again, and refuses a bumped camera.
 fn verify(folder: &Path) {
     let cell =
         "store = \"store\"\n[calibration]\nscanner = \"lens.toml\"\nbase_from_camera = \"base_from_camera.toml\"\n";
@@ -101,14 +102,15 @@ fn verify(folder: &Path) {
     write(folder, "base_from_camera.toml", mount.replace(&format!("x_mm = {x_mm}"), &bumped));
     let (exit, found, _) = look("--image board/00.png");
     assert_eq!((exit, found["reasons"][0]["code"].as_str()), (1, Some("verification_limit")), "{found}");
-    // Another pose of the board is no look at it.
+    // A picture of the board in another pose is refused.
     let (exit, found, _) = look("--image board/01.png");
     assert_eq!((exit, found["reasons"][0]["code"].as_str()), (1, Some("implausible")), "{found}");
     let trend = std::fs::read_to_string(folder.join("pictures/trend_scanner.svg")).expect("a trend");
     assert_eq!(trend.matches("<circle").count(), 2);
 }
 
-/// Three points on the command line, with the 3D camera's own shot as the picture: first the picture, then the mount.
+/// Calibrates with three points on the command line and the 3D camera's own shot as the picture: first only the
+/// picture is made, then the mount.
 #[test]
 fn three_points_from_files() {
     let cell = boards::cell(4, GOOD_ROBOT);
@@ -176,7 +178,7 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     };
     write(folder, "other.toml", Intrinsics::from_camera(other).to_toml());
     let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics other.toml"));
-    // The robot's motions alone show it already.
+    // The robot's motions are enough to show the mistake.
     let reasons = found["reasons"].to_string();
     assert!(
         exit == 1 && (reasons.contains("second_result") || reasons.contains("focal_length_differs")),
@@ -184,7 +186,8 @@ fn the_3d_camera_s_own_points_give_a_second_mount() {
     );
 }
 
-/// The tool's point and axis from a poses file: by hand, the tip is 150 mm out along the flange's Z.
+/// Calibrates the tool's point and axis from a poses file. Calculated by hand: the tip is 150 mm out along the
+/// flange's Z.
 #[test]
 fn a_tool_from_files() {
     let folder = tempfile::tempdir().expect("a folder");

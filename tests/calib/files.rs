@@ -1,4 +1,4 @@
-//! The program run on files in a folder, and what is written there for it.
+//! Runs the program on files in a folder, and writes files for it there.
 
 use crate::boards::GOOD_ROBOT;
 use panelprep::files::write_gray_png;
@@ -10,7 +10,7 @@ use std::process::Command;
 
 pub const BOARD: &str = "--board 9x6 --square-mm 25";
 
-/// Runs the program in a folder: exit code, its object, its standard error.
+/// Runs the program in a folder; returns its exit code, its JSON object and its standard error.
 pub fn panelprep(folder: &Path, arguments: &str) -> (i32, Value, String) {
     let arguments = format!("calibrate {arguments} --json");
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
@@ -39,12 +39,13 @@ pub fn save(folder: &Path, name: &str, picture: &GrayPicture) {
     write(folder, name, write_gray_png(picture).expect("a picture"));
 }
 
-/// A quarter of the size, and a board that is still well seen: what is tested with it is not accuracy.
+/// Returns a cell at a quarter of the size, with a board that is still seen well; the tests with it do not test
+/// accuracy.
 pub fn small_cell() -> BoardCell {
     BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT).with_reduction(4)
 }
 
-/// Saves shots of the fixed camera and gives the text of their poses file.
+/// Saves shots of the fixed camera and returns the text of their poses file.
 pub fn poses_of(cell: &BoardCell, count: usize, save: impl Fn(&str, &BoardShot<Camera>) -> String) -> String {
     let entry = |shot: &BoardShot<Camera>| {
         let name = save(&format!("{:02}", shot.index), shot);

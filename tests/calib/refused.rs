@@ -8,7 +8,7 @@ use panelprep::sim::{BoardCell, BoardPrint};
 use std::fmt::Write;
 use std::process::Command;
 
-/// Each with what was found, what is needed, and no file.
+/// Each bad input is refused with what was found and what is needed, and no file is written.
 #[test]
 fn bad_input_is_told_and_writes_nothing() {
     let cell = small_cell();

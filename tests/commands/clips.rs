@@ -1,4 +1,4 @@
-//! Clips: sets with labels, advice from one, and those by which nothing can be judged.
+//! Clips: sets with labels, advice from a clip, and clips that cannot be judged.
 
 use super::{LOCATE, TEACH, VERIFY, json, keep, panelprep};
 use serde_json::Value;

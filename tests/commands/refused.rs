@@ -80,8 +80,8 @@ fn refuses(folder: &Path, arguments: &str, words: &[&str]) {
     }
 }
 
-/// A scan is looked at, and what cannot be taught is shown, with all that is wrong at once; a cell that runs cycles needs
-/// a corner.
+/// `look` shows a scan. `teach` shows what cannot be taught, with all problems at once. A cell that runs cycles
+/// needs a corner.
 #[test]
 fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
     let folder = rendered("clean");
@@ -109,7 +109,7 @@ fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
         assert!(exit == 2 && message.contains(words), "{words}: {told}");
     }
     assert!(folder.join("wrong/taught_region.png").is_file());
-    // Pictures of no corner: both are named.
+    // Pictures without a corner: both are named.
     let corners = "--corner cell/target/flange_camera.png --flange cell/target/flange.json \
                    --corner cell/target/flange_camera.png --flange cell/target/flange.json";
     let teach =
@@ -137,7 +137,7 @@ fn a_missing_or_wrong_panel_is_rejected_in_words() {
             "{located}"
         );
         assert!(!reasons.is_empty());
-        // What was rejected cannot be used further.
+        // A rejected result cannot be used further.
         keep(folder.path(), "located.json", &located);
         let (exit, refined) = json(folder.path(), REFINE);
         assert_eq!((exit, &refined["verdict"]), (2, &Value::Null), "{scene}: {refined}");

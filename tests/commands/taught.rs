@@ -1,7 +1,7 @@
 //! The command lines after which a rendered cell may run, and its configuration if a line requests its cycles.
 //! Benches include this file, too.
 
-/// Learns the panel of the rendered cell.
+/// The command that teaches the panel of the rendered cell.
 pub const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
                      --corner cell/taught_corner.png --flange cell/taught_flange.json";
 
@@ -22,5 +22,5 @@ fail = 43
 review = 44
 fault = 45
 ";
-/// The same of its inputs, in place of the first line of this table.
+/// The inputs of a simulated line, with the first line of the table that they replace.
 pub const LINE_INPUTS: [&str; 2] = ["[io.feedbacks]\n", "[io.feedbacks]\npart_present = 30\nstart_request = 31\n"];

@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Numbers at the ends of their ranges, and what parsers look for.
+/// Numbers at the ends of their ranges, and characters that parsers look for.
 const PIECES: [&[u8]; 24] = [
     b"0",
     b"-1",
@@ -33,7 +33,7 @@ const PIECES: [&[u8]; 24] = [
 /// The largest size that a change produces.
 const MAX_BYTES: usize = 64 << 10;
 
-/// The bytes with some changes; `other` is what they may be crossed with.
+/// Returns the bytes with some changes; `other` may be crossed with them.
 pub fn changed(bytes: &[u8], other: &[u8], draw: &mut Pcg64) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..draw.random_range(1..5) {

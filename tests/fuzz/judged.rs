@@ -12,9 +12,10 @@ use std::time::Duration;
 
 /// Changes per target; `FUZZ_CHANGES` in the environment sets a higher number.
 const CHANGES: u64 = 3_000;
-/// What an execution may compute for. The thread's own clock: other tests run beside it.
+/// Limit of the computing time of one execution. It is measured by the thread's own clock, because other tests run
+/// at the same time.
 const EXECUTION_TIMEOUT: Duration = Duration::from_secs(1);
-/// A target ends here, whatever is left of its changes.
+/// Time limit of a target, even if some of its changes were not tried.
 const TARGET_TIME_LIMIT: Duration = Duration::from_secs(20);
 
 fn computed() -> Duration {
@@ -30,7 +31,7 @@ fn corpus(target: &Target) -> Vec<Vec<u8>> {
     files.iter().map(|file| std::fs::read(file).expect("a file")).collect()
 }
 
-/// Why an execution is not as it must be.
+/// Returns the reason why an execution was not as it must be, if there is one.
 fn wrong(target: &Target, bytes: &[u8]) -> Option<String> {
     let before = computed();
     let ended = catch_unwind(AssertUnwindSafe(|| (target.run)(bytes)));
@@ -45,7 +46,7 @@ fn wrong(target: &Target, bytes: &[u8]) -> Option<String> {
     }
 }
 
-/// Writes down what is wrong, so that it can be given to `make fuzz` and kept.
+/// Writes the bytes of a wrong execution to a file, so that they can be given to `make fuzz` and stored.
 fn keep(target: &Target, bytes: &[u8], why: &str) -> String {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fuzz");
     std::fs::create_dir_all(&folder).expect("a folder");
@@ -77,7 +78,7 @@ fn no_reader_falls_over_bytes_that_nobody_meant() {
     assert!(found.is_empty(), "{found:#?}");
 }
 
-/// The judge sees a reader that panics, and one that does not come back in time.
+/// Checks that the judge sees a reader that panics, and a reader that does not return in time.
 #[test]
 fn a_reader_that_falls_over_is_told() {
     let panics = Target { name: "panics", run: |bytes| assert!(bytes.len() < 3, "too long"), seeds: Vec::new };
@@ -93,7 +94,7 @@ fn a_reader_that_falls_over_is_told() {
     assert!(wrong(&slow, b"").is_some_and(|why| why.starts_with("it computes for 1.")));
 }
 
-/// `make fuzz` searches in each of them.
+/// Checks that `make fuzz` searches in every target.
 #[test]
 fn the_search_knows_every_target() {
     let makefile =

@@ -23,7 +23,7 @@ fn texts(texts: &[&str]) -> Vec<Vec<u8>> {
     texts.iter().map(|text| text.as_bytes().to_vec()).collect()
 }
 
-/// One message of each kind, and a stream of both.
+/// Returns one message of each kind, and a stream of both kinds.
 pub fn messages() -> Vec<Vec<u8>> {
     let state = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" In=\"5\" Out=\"2\" \
         Done=\"17\" Under=\"0\" Ov=\"100\"><J A1=\"4.9\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"45.5\" A6=\"-185.25\"></J><Tcp X=\"100.25\" \
@@ -33,15 +33,15 @@ pub fn messages() -> Vec<Vec<u8>> {
     texts(&[state, ack, &format!("\u{7}{ack}\r\n{state}{ack}"), "<!-- a --><a b='&lt;'/>"])
 }
 
-/// The files of both channels.
+/// Returns the files of both channels.
 pub fn channels() -> Vec<Vec<u8>> {
     ["config/kuka/CELLCMD.xml", "config/kuka/CELLSTAT.xml"].map(shipped).to_vec()
 }
 
-/// From the first connection to a path, its end, and a stop, at either pace.
+/// Returns sessions from the first connection to a path, its end, and a stop, at each pace.
 pub fn sessions() -> Vec<Vec<u8>> {
-    // Connect and hear a state; open an epoch and hear that it is open; base, tool, speed and a path; states and
-    // acknowledgements that follow; time; a stop and the state after it.
+    // Connect and receive a state. Open an epoch and receive its confirmation; send base, tool, speed and a path;
+    // receive states and acknowledgements. Let time pass; stop and receive the state after it.
     let state = [3, 200, 0, 0, 0, 0, 0, 0, 0, 0];
     let ack = [6, 0, 0, 0, 0];
     let mut run = vec![0];
@@ -68,7 +68,7 @@ pub fn sessions() -> Vec<Vec<u8>> {
     vec![run, lock_step]
 }
 
-/// Every line of the socket.
+/// Returns every kind of line of the socket.
 pub fn requests() -> Vec<Vec<u8>> {
     let start = json!({"ask": "start", "recipe": "a.toml", "text": "panel = \"a\"", "record": {"file": "/tmp/a.mcap"},
         "part": {"serial": "SN-7"}, "operator": "Anna"});
@@ -93,12 +93,12 @@ pub fn cells() -> Vec<Vec<u8>> {
     ["config/cell.toml", "config/cell-example.toml"].map(shipped).to_vec()
 }
 
-/// A lens as its calibration writes it.
+/// Returns a lens as its calibration writes it.
 pub fn lenses() -> Vec<Vec<u8>> {
     vec![panelprep::cell::Intrinsics::from_camera(CAMERA).to_toml().into_bytes()]
 }
 
-/// A mount, and corrections of either kind.
+/// Returns a mount, and corrections of each kind.
 pub fn mounts() -> Vec<Vec<u8>> {
     let mount = panelprep::cell::MountedPose::<panelprep::cell::ToolMount>::from_pose(Default::default()).to_toml();
     let smooth = "kind = \"smooth\"\nnumbers = [0.0, 0.0, 0.0]\nmiddle_mm = [1.0, 2.0, 3.0]\nhalf_mm = [4.0, 5.0, 6.0]\n\
@@ -106,12 +106,12 @@ pub fn mounts() -> Vec<Vec<u8>> {
     texts(&[&mount, smooth, &smooth.replace("smooth", "geometry")])
 }
 
-/// Clouds as the Point Cloud Library writes them, in its three encodings.
+/// Returns clouds as the Point Cloud Library writes them, in its three encodings.
 pub fn pcd() -> Vec<Vec<u8>> {
     ["ascii", "binary", "binary_compressed"].map(|kind| shipped(&format!("fixtures/pcl/shot_{kind}.pcd"))).to_vec()
 }
 
-/// A cloud as Zivid's programs write it, and as text.
+/// Returns a cloud as Zivid's programs write it, and one as text.
 pub fn ply() -> Vec<Vec<u8>> {
     let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
         property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 700 9 9 9\nnan nan nan 0 0 0\n";
@@ -120,7 +120,7 @@ pub fn ply() -> Vec<Vec<u8>> {
     binary.into_iter().chain([text.as_bytes().to_vec()]).collect()
 }
 
-/// The list of a clip.
+/// Returns the list of a clip.
 pub fn clips() -> Vec<Vec<u8>> {
     texts(&["file,time_s,phase\n000.png,0.0,dry\n001.png,0.2,spray\n002.png,0.4,film\n"])
 }
@@ -130,7 +130,7 @@ fn small_picture() -> ColorPicture {
     ColorPicture { width: 40, height: 30, rgb }
 }
 
-/// A picture in each format, in colour and in grey.
+/// Returns a picture in each format, in colour and in grey.
 pub fn pictures() -> Vec<Vec<u8>> {
     let picture = small_picture();
     let mut tiff = Cursor::new(Vec::new());
@@ -150,7 +150,7 @@ pub fn pictures() -> Vec<Vec<u8>> {
     vec![color, gray, jpeg, tiff.into_inner()]
 }
 
-/// Poses bare, named, and as `locate` prints them.
+/// Returns poses without a name, with a name, and as `locate` prints them.
 pub fn poses() -> Vec<Vec<u8>> {
     let pose = json!({"x_mm": 1.0, "y_mm": -2.5, "z_mm": 3e2, "a_deg": 180.0, "b_deg": 0.0, "c_deg": -0.5});
     let located = json!({"verdict": "accept", "base_from_panel": pose, "uncertainty_mm": 0.1});
@@ -216,8 +216,8 @@ pub fn zivid_settings() -> Vec<Vec<u8>> {
     ["config/zivid/scan.yml", "config/zivid/film.yml"].map(shipped).to_vec()
 }
 
-/// The controller's programs, one of each statement, what integrators write (`fixtures/krl`), and what would be too deep or
-/// too large for a reader without limits.
+/// Returns the controller's programs, one program of each statement, programs that integrators write
+/// (`fixtures/krl`), and programs too deep or too large for a reader without limits.
 pub fn programs() -> Vec<Vec<u8>> {
     let small = "DEF a()\nDECL INT i[3]\nDECL FRAME f\nFOR i[1]=1 TO 3 STEP 1\nIF i[1]==2 THEN\nLIN f C_DIS\nENDIF\nENDFOR\n\
         f={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\nWAIT FOR $IN[1]\nEND\nDEFFCT REAL g(x:IN)\nREAL x\nRETURN x*2.0+SIN(x)\nENDFCT\n";
@@ -234,7 +234,8 @@ fn integrators() -> Vec<Vec<u8>> {
     files.iter().filter(|file| file.is_file()).map(|file| std::fs::read(file).expect("a file")).collect()
 }
 
-/// Within the length that changes keep, each a thousand times as deep as a person writes.
+/// Returns programs that are short enough for changes to keep them whole, each nested a thousand times deeper than
+/// a person writes.
 pub fn hostile_programs() -> Vec<Vec<u8>> {
     let body = |lines: &str| format!("DEF a()\nINT i\nBOOL b\ni=0\n{lines}END\n");
     let nested = |open: &str, inside: &str, close: &str, depth: usize| {
@@ -265,7 +266,7 @@ pub fn hostile_programs() -> Vec<Vec<u8>> {
     ])
 }
 
-/// An archive with a cell's file, its seal left out: a seal is put behind whatever comes.
+/// Returns an archive with a cell's file and without a seal: the target adds a seal to any bytes.
 pub fn archives() -> Vec<Vec<u8>> {
     let content = b"panel = 1\n";
     let hash = hexadecimal(content);
@@ -287,7 +288,7 @@ pub fn archives() -> Vec<Vec<u8>> {
     vec![packed, raw_frame(&tar)]
 }
 
-/// A zstd frame of one raw block: a window of 1 MiB, no checksum.
+/// Returns a zstd frame of one raw block: a window of 1 MiB, no checksum.
 fn raw_frame(content: &[u8]) -> Vec<u8> {
     let head = ((content.len() as u32) << 3 | 1).to_le_bytes();
     [&0xFD2F_B528_u32.to_le_bytes()[..], &[0, 0x50], &head[..3], content].concat()
@@ -297,13 +298,13 @@ fn hexadecimal(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// These bytes as an archive ends: with their SHA-256 in a frame that zstd skips.
+/// Returns these bytes with the end of an archive: their SHA-256 in a frame that zstd skips.
 pub fn sealed(bytes: &[u8]) -> Vec<u8> {
     let hash: [u8; 32] = Sha256::digest(bytes).into();
     [bytes, &0x184D_2A50_u32.to_le_bytes(), &48_u32.to_le_bytes(), b"panelprep seal 1", &hash].concat()
 }
 
-/// A frame of the 3D camera's worker, and heads of others.
+/// Returns a frame of the 3D camera's worker, and heads of other frames.
 pub fn frames() -> Vec<Vec<u8>> {
     let mut frame = Vec::new();
     wire::write(&mut frame, (wire::Kind::Reply, 7), b"\"clip_begun\"", &[&[1; 12]]).expect("memory");
@@ -311,7 +312,7 @@ pub fn frames() -> Vec<Vec<u8>> {
     texts(&heads).into_iter().chain([frame]).collect()
 }
 
-/// Labels of a clip.
+/// Returns the labels of a clip.
 pub fn labels() -> Vec<Vec<u8>> {
     let said = json!({"version": 1, "author": "Anna", "saved_at": "2026-01-01T00:00:00Z", "clip_sha256": "00",
         "size_px": [40, 30], "clean": false,
@@ -319,7 +320,7 @@ pub fn labels() -> Vec<Vec<u8>> {
     vec![said.to_string().into_bytes()]
 }
 
-/// Replies of a compliant tool, and what is none.
+/// Returns messages to the office: two parts, a record and a state.
 pub fn office_parts() -> Vec<Vec<u8>> {
     let hash = "ab".repeat(32);
     let epoch = "0123456789abcdef".repeat(2);

@@ -13,12 +13,12 @@ use std::sync::OnceLock;
 
 const BASE: KukaPose = KukaPose { x_mm: 400.0, y_mm: 0.0, z_mm: 12.5, a_deg: 0.5, b_deg: 0.0, c_deg: 0.0 };
 const TOOL: KukaPose = KukaPose { x_mm: 0.0, y_mm: 0.0, z_mm: 120.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
-/// Steps of one run; more of them find nothing that fewer do not.
+/// Maximum number of steps of one run; more steps do not find more.
 const MAX_STEPS: usize = 2_000;
 const ABORT: i64 = 11;
 const RESET: i64 = 12;
 
-/// The shipped files, as the client reads them.
+/// Returns the shipped EthernetKRL files, as the client reads them.
 pub fn wire() -> Wire {
     static FILES: OnceLock<[ChannelFile; 2]> = OnceLock::new();
     let [command, state] =
@@ -47,7 +47,7 @@ pub fn run(bytes: &[u8]) {
     }
 }
 
-/// The rest of the bytes.
+/// The bytes that were not used yet.
 struct Bytes<'b>(&'b [u8]);
 
 impl Bytes<'_> {
@@ -61,7 +61,7 @@ impl Bytes<'_> {
         self.next().unwrap_or(0)
     }
 
-    /// The right number, or one near it, or the ends of its range.
+    /// Returns the right number, a number near it, or one at the ends of its range.
     fn near(&mut self, right: i64) -> i64 {
         match self.or_zero() {
             0..=200 => right,
@@ -159,7 +159,7 @@ impl Run<'_> {
         }
     }
 
-    /// A stop can be sent in every state, and nothing of the epoch is sent after it.
+    /// Sends a stop. This is possible in every state, and nothing of the epoch is sent after it.
     fn abort(&mut self) {
         let is_connected = self.session.is_connected();
         assert_eq!(self.session.abort().is_ok(), is_connected);
@@ -203,7 +203,7 @@ impl Run<'_> {
 
     /// Reads the messages to the program and to the controller.
     fn drain(&mut self) {
-        // What is done makes room in the window, so it is heard first.
+        // Completed commands make room in the window, so they are received first.
         self.receive();
         while let Some((channel, bytes)) = self.session.poll_transmit(self.now) {
             let text = String::from_utf8(bytes).expect("text");
@@ -228,7 +228,8 @@ impl Run<'_> {
         self.heard.request = number(text, "Id");
         match number(text, "Op") {
             ABORT => {
-                // It stops whatever its number is; one that does not follow leaves the controller's count as it is.
+                // The request stops the epoch whatever its number is. A number that does not follow leaves the
+                // controller's count unchanged.
                 if next > self.heard.epoch {
                     (self.heard.epoch, self.heard.command, self.heard.done) = (next, 0, 0);
                 }

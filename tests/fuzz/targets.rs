@@ -20,7 +20,7 @@ use std::time::Duration;
 
 /// A reader under test.
 pub struct Target {
-    /// Its name: that of its corpus in `fixtures/fuzz/`.
+    /// The target's name, which is also that of its corpus in `fixtures/fuzz/`.
     pub name: &'static str,
     /// Reads these bytes.
     pub run: fn(&[u8]),
@@ -70,7 +70,7 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Reads a part, and the possible contents of a message, a state and a list.
+/// Reads a part, and the contents that it may have: a message, a state and a list.
 fn office(bytes: &[u8]) {
     if let Ok(chunk) = Chunk::read(bytes) {
         assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
@@ -86,7 +86,8 @@ fn office(bytes: &[u8]) {
     }
 }
 
-/// Reads a compliant tool's messages, from its log-in on, in one piece and cut in two, with the same result.
+/// Reads a compliant tool's messages from its log-in on, in one piece and cut in two; both must give the same
+/// result.
 fn tool(bytes: &[u8]) {
     let limits = SessionLimits {
         login: "ferba".to_owned(),
@@ -107,7 +108,7 @@ fn tool(bytes: &[u8]) {
     assert_eq!(heard([bytes, b""]), heard([first, rest]));
 }
 
-/// Documents and the first error of a stream that comes in these pieces.
+/// Returns the documents and the first error of a stream that arrives in these pieces.
 pub fn documents(pieces: &[&[u8]]) -> (Vec<String>, Option<String>) {
     let (mut framer, mut found) = (Framer::default(), Vec::new());
     for piece in pieces {
@@ -123,7 +124,7 @@ pub fn documents(pieces: &[&[u8]]) -> (Vec<String>, Option<String>) {
     (found, None)
 }
 
-/// What is read depends on no cut.
+/// Checks that the result does not depend on where the stream is cut.
 fn framer(bytes: &[u8]) {
     let Some((&cut, stream)) = bytes.split_first() else { return };
     let cut = usize::from(cut).min(stream.len());
@@ -132,7 +133,7 @@ fn framer(bytes: &[u8]) {
     assert!(whole.iter().all(|document| document.len() <= MAX_DOCUMENT_BYTES));
 }
 
-/// No document is both an acknowledgement and a state.
+/// Checks that no document is both an acknowledgement and a state.
 fn messages(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let wire = session::wire();
@@ -222,13 +223,13 @@ fn picture(bytes: &[u8]) {
     if let Ok(picture) = files::read_color(bytes) {
         assert_eq!(picture.rgb.len(), picture.width * picture.height);
     }
-    // What a measurement reads is of the camera's size.
+    // A picture that is read for a measurement has the camera's size.
     if let Ok(picture) = files::read_measured_gray(bytes, &CAMERA) {
         assert_eq!((picture.width, picture.height, picture.gray.len()), (40, 30, 1_200));
     }
 }
 
-/// Every pose that is read is finite.
+/// Checks that every pose that is read is finite.
 fn pose(bytes: &[u8]) {
     let reported = files::read_reported_flange(bytes).map(|flange| flange.base_from_flange);
     for pose in [files::read_located(bytes), files::read_flange(bytes), reported].into_iter().flatten() {
@@ -263,7 +264,8 @@ fn program(bytes: &[u8]) {
     assert_eq!((analysis.problems.len(), analysis.warnings.len(), analysis.unexecuted.len()), (1, 1, 1));
 }
 
-/// With the seal that belongs to these bytes, so that what is behind it is reached.
+/// Reads these bytes as they are, and with the seal that belongs to them, so that the code after the seal is
+/// reached.
 fn archive(bytes: &[u8]) {
     let file = tempfile::NamedTempFile::new_in("/dev/shm").expect("memory");
     for bytes in [bytes.to_vec(), seeds::sealed(bytes)] {
@@ -278,7 +280,7 @@ fn archive(bytes: &[u8]) {
     }
 }
 
-/// Frames as they come, and the bytes as the head of a frame that is whole.
+/// Reads the bytes as frames, and as the head of a complete frame.
 fn worker(mut bytes: &[u8]) {
     let head = bytes;
     drop(serde_json::from_slice::<message::Request>(head));
@@ -301,14 +303,14 @@ fn label(bytes: &[u8]) {
     }
 }
 
-/// At this time of its own clock.
+/// Returns the time for this value of the node's steady clock.
 fn at_ms(steady_ms: u64) -> Now {
     Now { unix_ms: 1_700_000_000_000, steady_ms }
 }
 
 const STATE: &str = "spBv1.0/STATE/host";
 
-/// A node that is born, with its primary host online.
+/// Returns a node that is born, with its primary host online.
 fn born_node() -> EdgeNode {
     let (group_id, edge_node_id) = ("G".to_owned(), "cell".to_owned());
     let ids = Ids { group_id, edge_node_id, primary_host_id: Some("host".to_owned()) };

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// What a hostile client does for as long as it may.
+/// Acts as one kind of hostile client until the test ends.
 pub fn harass(socket: &Path, kind: usize, ends: &AtomicBool, done: &AtomicUsize) {
     while !ends.load(Ordering::Relaxed) {
         let Ok(mut stream) = UnixStream::connect(socket) else { continue };

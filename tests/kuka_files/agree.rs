@@ -1,4 +1,4 @@
-//! The programs and everything that they must agree with: EthernetKRL files, client, mock, example cell, page.
+//! Checks that the programs agree with the EthernetKRL files, client, mock, example cell and installation page.
 
 use super::each;
 use super::krl::{data, files, folder};
@@ -25,7 +25,8 @@ fn is_of(kind: Kind, function: &str) -> bool {
     }
 }
 
-/// What is read is received, what is set is sent, both by their type; and nothing of the files is left out.
+/// The programs read only elements that they receive and set only elements that they send, both by their type. No
+/// element of the files is left out.
 #[test]
 fn programs_and_channel_files_name_the_same_elements() {
     let files = files();
@@ -101,7 +102,7 @@ fn flags_and_timers_agree_everywhere() {
     }
     let numbers: BTreeSet<&String> = named.iter().map(|name| &data[*name]).collect();
     assert_eq!(numbers.len(), named.len(), "each number once");
-    // CELL_INIT starts them in one loop.
+    // CELL_INIT starts the timers in one loop.
     let timers = [
         "CELL_T_HEARD",
         "CELL_T_SUBMIT",
@@ -113,7 +114,7 @@ fn flags_and_timers_agree_everywhere() {
     ];
     let timers = timers.map(|name| number(&data, name));
     assert!(timers.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "the timers follow one another");
-    // Elsewhere they are used by their names.
+    // Elsewhere the programs use flags, timers and signals by their names.
     each(&files, |routine, statement| {
         for array in ["$FLAG[", "$TIMER[", "$TIMER_FLAG[", "$TIMER_STOP[", "$OUT[", "$IN["] {
             for (at, _) in statement.code.match_indices(array) {
@@ -125,7 +126,7 @@ fn flags_and_timers_agree_everywhere() {
     });
 }
 
-/// `const NAME: … = value;` anywhere in the mock.
+/// Returns the value of `const NAME: … = value;` anywhere in the mock.
 fn mock_constant(name: &str) -> f64 {
     let folder = folder().join("../../src/devices/mock");
     let mut texts = Vec::new();
@@ -156,7 +157,8 @@ fn the_numbers_are_those_of_client_and_mock() {
     assert_eq!(of("CELL_WATCHDOG_MS"), limits.watchdog.as_millis() as f64);
     assert!(of("CELL_STATE_MS") <= limits.heartbeat.as_millis() as f64);
     assert!(of("CELL_RING_N") >= 2.0 * limits.window_commands as f64, "a ring that the client cannot fill");
-    // The client gives a silent controller up after 1 s; the controller waits longer, so that it is not the first.
+    // The client closes the connection to a silent controller after 1 s. The controller waits longer, so that it is
+    // not the first.
     assert!(of("CELL_SILENT_MS") > 1000.0);
     for (ours, mocks, unit) in [
         ("CELL_WATCHDOG_MS", "WATCHDOG_MS", 1.0),
@@ -168,7 +170,7 @@ fn the_numbers_are_those_of_client_and_mock() {
         ("CELL_CYCLE_MS", "TICK_MS", 1.0),
         ("CELL_SILENT_MS", "SILENCE_MS", 1.0),
         ("CELL_EPOCH_STEP", "EPOCH_STEP", 1.0),
-        ("CELL_OFF_AGAIN_MS", "OFF_AGAIN_MS", 1.0),
+        ("CELL_OFF_AGAIN_MS", "KEEP_OFF_MS", 1.0),
         ("CELL_LINE_ALONE", "LINE_ALONE", 1.0),
         ("CELL_RETRACT_MM", "RETRACT_MM", 1.0),
         ("CELL_RETRACT_VEL", "RETRACT_MM_S", 1000.0),
@@ -223,7 +225,7 @@ fn refusals_and_operations_have_the_same_numbers() {
     assert_eq!(cases["cell_link.src"], ["ABORT", "RESET", "LINE"]);
 }
 
-/// Bits of In and Out: the example cell's numbers, ascending, as the client counts them.
+/// The bits of In and Out have the example cell's numbers, ascending, as the client counts them.
 #[test]
 fn the_mapped_signals_are_those_of_the_example_cell() {
     let data = data(&files());
@@ -238,7 +240,8 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
             assert_eq!(number(&data, &format!("{array}[{}]", index + 1)), f64::from(expected));
         }
     }
-    // What the controller switches off by itself: all but the lens shutter, by the numbers and times of the example.
+    // Outputs that the controller switches off automatically: all except the lens shutter, with the example's
+    // numbers and times.
     let after_ms: BTreeMap<u16, f64> = cell
         .io()
         .off_after_s()
@@ -263,7 +266,8 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
     }
 }
 
-/// Sum times 31 plus the byte, modulo 1000003, over the programs that are not edited, without their headers.
+/// Calculates the checksum: sum times 31 plus the byte, modulo 1000003, over the programs that are not edited,
+/// without their headers.
 #[test]
 fn the_checksum_is_of_these_programs() {
     let files = files();
@@ -277,7 +281,7 @@ fn the_checksum_is_of_these_programs() {
     }
     let found = number(&data(&files), "CELL_PROGRAM_SUM");
     assert_eq!(found, sum as f64, "programs were changed: CELL_PROGRAM_SUM in cell_data.dat must be {sum}");
-    // Every value that may be edited is mixed in.
+    // Every value that may be edited is part of the checksum.
     let tell = &files.iter().find(|file| file.name == "cell_tell.src").expect("it").text;
     for name in data(&files[..1]).keys() {
         let name = name.split('[').next().unwrap_or_default();
@@ -288,7 +292,7 @@ fn the_checksum_is_of_these_programs() {
     }
 }
 
-/// The page names every file, every refusal that a person meets, and both folds.
+/// The installation page names every file, every refusal that a person may see, and both folds.
 #[test]
 fn the_page_is_complete() {
     let page = page();

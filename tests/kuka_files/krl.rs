@@ -15,13 +15,13 @@ pub struct File {
     pub routines: Vec<Routine>,
 }
 
-/// One `DEF … END` or `DEFFCT … ENDFCT`.
+/// One routine: `DEF … END` or `DEFFCT … ENDFCT`.
 pub struct Routine {
     pub name: String,
     pub file: String,
     pub global: bool,
     pub parameters: Vec<String>,
-    /// Without comments, blank lines and the closing word.
+    /// The statements without comments, blank lines and the closing keyword.
     pub body: Vec<Statement>,
 }
 
@@ -36,7 +36,8 @@ pub struct Statement {
 }
 
 impl Statement {
-    /// Its words, strings left out; what follows `.` or `#` is a part of something else and left out too.
+    /// Returns the statement's words, without strings. A word after `.` or `#` is a part of something else and also
+    /// left out.
     pub fn words(&self) -> Vec<String> {
         let mut words = Vec::new();
         let (mut word, mut before, mut in_string) = (String::new(), ' ', false);
@@ -58,7 +59,7 @@ impl Statement {
         words
     }
 
-    /// Every `NAME(arguments)` in it, the arguments split at their commas.
+    /// Returns every `NAME(arguments)` in the statement, with the arguments split at their commas.
     pub fn calls(&self) -> Vec<(String, Vec<String>)> {
         let mut calls = Vec::new();
         for (at, _) in self.code.match_indices('(') {
@@ -77,7 +78,7 @@ impl Statement {
     }
 }
 
-/// Up to the bracket that closes.
+/// Splits the arguments at the commas, up to the closing bracket.
 fn arguments(text: &str) -> Vec<String> {
     let (mut depth, mut found) = (0, vec![String::new()]);
     for c in text.chars() {
@@ -137,13 +138,13 @@ impl File {
         File { name, text, routines }
     }
 
-    /// Every statement of the file, also of a data list.
+    /// Returns every statement of the file, also of a data list.
     pub fn statements(&self) -> Vec<Statement> {
         self.text.lines().enumerate().filter_map(|(index, text)| statement(index + 1, text)).collect()
     }
 }
 
-/// All KRL files, by name.
+/// Returns all KRL files, sorted by name.
 pub fn files() -> Vec<File> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder())
         .expect("the folder")
@@ -154,7 +155,7 @@ pub fn files() -> Vec<File> {
     paths.iter().map(|path| File::read(path)).collect()
 }
 
-/// What the data lists declare: name to initial value, as written; arrays by element, `CELL_IN[1]`.
+/// Returns the declarations of the data lists: name to initial value, as written; arrays by element, `CELL_IN[1]`.
 pub fn data(files: &[File]) -> BTreeMap<String, String> {
     let mut data = BTreeMap::new();
     for statement in files.iter().filter(|file| file.name.ends_with(".dat")).flat_map(File::statements) {

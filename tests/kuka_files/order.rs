@@ -82,7 +82,7 @@ fn the_order_that_a_stop_stands_on_is_kept() {
         );
         assert_eq!(routines[isr].body.last().expect("some").code, "ENDIF", "nothing follows RESUME");
     }
-    // The advance pointer stays in the level that RESUME leaves.
+    // The advance pointer must stay in the subprogram level that RESUME leaves.
     for below in ["CELL_STREAM", "CELL_RETREAT"] {
         assert_eq!(routines[below].body.last().expect("some").code, "$ADVANCE=0", "{below}");
     }
@@ -114,21 +114,21 @@ fn body(name: &str) -> Vec<String> {
     routines[name].body.iter().map(|statement| statement.code.clone()).collect()
 }
 
-/// What the mock does the same way, word for word: each of these was once otherwise on one of the two sides.
+/// Rules that the mock implements in the same way. Each one once differed between the two sides.
 #[test]
 fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
-    // An epoch ends with its client, busy or not.
+    // An epoch ends when its client disconnects, whether the robot is busy or not.
     assert_eq!(body("CELL_LOST"), ["IF CELL_OPEN THEN", "CELL_STOP(FALSE)", "ENDIF"]);
     let has = |routine: &str, codes: &[&str]| {
         let body = body(routine).join("\n");
         assert!(body.contains(&codes.join("\n")), "{routine}: {codes:?} not in\n{body}");
     };
-    // With the program its epoch goes, before the program is forgotten.
+    // When the robot program ends, its epoch ends first; only then is the program forgotten.
     has(
         "CELL_PROGRAM",
         &["IF CELL_NO_PROGRAM( ) THEN", "IF CELL_OPEN AND (CELL_READY OR CELL_BUSY( )) THEN", "CELL_STOP(FALSE)"],
     );
-    // A tool that runs, or water, is watched like a motion.
+    // While the tool runs or water is on, the watchdog is active as it is during a motion.
     has("CELL_WATCH", &["IF (CELL_BUSY( ) OR CELL_AT_STAKE( )) AND ($TIMER[CELL_T_HEARD]>=CELL_WATCHDOG_MS) THEN"]);
     has("CELL_AT_STAKE", &["IF (CELL_OFF_MS[I]==0) AND $OUT[CELL_OFF[I]] THEN", "RETURN TRUE"]);
     // Outputs go off after an epoch's end, each by its own time, and stay off for a second; never in an open epoch.
@@ -145,7 +145,7 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
         ],
     );
     has("CELL_MOTION", &["IF $TIMER_FLAG[CELL_T_SUBMIT] THEN", "CELL_OFF_NOW(TRUE)"]);
-    // No request raises the epoch by more than a step; an abort stops in any case.
+    // No request raises the epoch by more than one; an abort stops in any case.
     has(
         "CELL_FOLLOWS",
         &["IF NUMBER<=CELL_EP THEN", "RETURN FALSE", "ENDIF", "RETURN ((NUMBER-CELL_EP)<=CELL_EPOCH_STEP)"],
@@ -160,9 +160,9 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
         &["RIGHT=CELL_MAPPED(CMD.N1) AND ((CMD.N2==0) OR (CMD.N2==1)) AND ((CMD.R1==0.0) OR (CMD.R1==1.0))"],
     );
     has("CELL_JUDGE_VALUES", &["IF CELL_VIRTUAL(CMD.N1)==0 THEN", "RETURN CELL_E_READ_ONLY"]);
-    // A move_j stops exactly.
+    // A move_j must stop exactly.
     has("CELL_JUDGE_VALUES", &["RIGHT=(CMD.R1>=1.0) AND (CMD.R1<=100.0) AND (CMD.R2==0.0)"]);
-    // No tip before block coincidence.
+    // The TCP is not reported before block coincidence.
     has(
         "CELL_TELL_STATE",
         &[
@@ -184,7 +184,7 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     );
     assert!(body("CELL_REQUEST").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
     assert!(!body("CELL_COMMAND").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
-    // A dead submit interpreter stops the arm after as long as a silent client.
+    // A dead submit interpreter stops the arm after the same time as a silent client.
     has("CELL_CYCLE", &["$TIMER[CELL_T_SUBMIT]=-CELL_WATCHDOG_MS"]);
 }
 

@@ -1,7 +1,8 @@
-//! The modules inside each room: no file names, directly or through others, a file that names it.
+//! The modules inside each room: no file names, directly or through others, a file that names it in turn.
 //!
-//! The graph has a node for each file and an edge for each path that the code of one file names in another. A name that
-//! a module only re-exports counts as the module's that defines it. What is compiled for tests alone does not count.
+//! The graph has a node for each file and an edge for each path that the code of one file names in another. A name
+//! that a module only re-exports counts for the module that defines it. Code that is compiled only for tests does
+//! not count.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,28 +11,28 @@ use syn::visit::{self, Visit};
 /// A module's path below the crate's root, `["panel", "region"]`.
 type ModulePath = Vec<String>;
 
-/// The names of one module, and what it names in others.
+/// The names that one module defines, and the names of other modules that it uses.
 #[derive(Default)]
 struct Module {
-    /// The file that holds the module, as a module path: an inline module belongs to the file around it.
+    /// The file that contains the module, as a module path: an inline module belongs to the file around it.
     file: ModulePath,
     children: BTreeSet<String>,
     items: BTreeSet<String>,
     /// Imported name → imported path.
     imports: BTreeMap<String, Vec<String>>,
     globs: Vec<Vec<String>>,
-    /// Paths as they are written.
+    /// Paths as they are written in the code.
     named: BTreeSet<Vec<String>>,
 }
 
-/// From file to file, by which names.
+/// For each file, the files that it names, and the names that it uses for this.
 type Edges = BTreeMap<ModulePath, BTreeMap<ModulePath, BTreeSet<String>>>;
 
-/// Files each of which reaches all others.
+/// A set of files each of which reaches all others.
 pub struct Circle {
     /// `calib::fit, calib::gate`.
     pub members: String,
-    /// One line for each edge: who names whom, and by which names.
+    /// One line for each edge: the naming file, the named file, and the names.
     pub edges: Vec<String>,
 }
 
@@ -66,7 +67,7 @@ fn attributes(item: &syn::Item) -> &[syn::Attribute] {
     }
 }
 
-/// The name that an item has in its module.
+/// Returns the name that an item has in its module.
 fn name(item: &syn::Item) -> Option<String> {
     match item {
         syn::Item::Const(item) => Some(item.ident.to_string()),
@@ -85,7 +86,7 @@ struct Reader<'c> {
     all: &'c mut Crate,
     /// The file's module.
     file: ModulePath,
-    /// The module inside of which the reader is.
+    /// The module in which the reader currently is.
     inside: ModulePath,
 }
 
@@ -161,7 +162,7 @@ impl<'ast> Visit<'ast> for Reader<'_> {
         visit::visit_macro(self, invocation);
     }
 
-    /// `pub(super)` names a module only as the place from which an item is seen.
+    /// Does nothing: `pub(super)` names a module only to state where an item is visible.
     fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
 
     fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}
@@ -183,7 +184,7 @@ impl Crate {
         all
     }
 
-    /// Adds a file's modules; gives back the modules that it declares and that have files of their own.
+    /// Adds a file's modules; returns the modules that it declares and that have files of their own.
     pub fn add(&mut self, code: &str, module: &[String]) -> Vec<ModulePath> {
         let file = syn::parse_file(code).expect("the code parses");
         let mut reader = Reader { all: self, file: module.to_vec(), inside: module.to_vec() };
@@ -218,14 +219,14 @@ impl Crate {
             name if here.children.contains(name) || here.items.contains(name) => self.walk(module, path, depth),
             name => {
                 let import = here.imports.get(name)?;
-                // `use tracing;` and `use name;` of a crate name themselves.
+                // A crate's `use tracing;` and `use name;` refer to themselves.
                 let own = import.first() == Some(first);
                 if own { None } else { self.defining(module, &[import, rest].concat(), depth + 1) }
             }
         }
     }
 
-    /// Follows the names of `rest` from `module` on, through re-exports.
+    /// Follows the names of `rest`, starting in `module`, through re-exports.
     fn walk(&self, module: &[String], rest: &[String], depth: usize) -> Option<ModulePath> {
         let here = self.modules.get(module)?;
         let Some((name, after)) = rest.split_first() else { return Some(module.to_vec()) };
@@ -252,7 +253,7 @@ impl Crate {
         }
     }
 
-    /// For each file of a room, the files of the same room that it names.
+    /// Returns, for each file of a room, the files of the same room that it names.
     fn edges(&self, room: &str) -> Edges {
         let mut edges = Edges::new();
         for (path, module) in
@@ -272,7 +273,7 @@ impl Crate {
         edges
     }
 
-    /// Does the path name the module itself, and not an item in it?
+    /// Returns whether the path names the module itself, and not an item in it.
     fn names_module(&self, from: &[String], name: &[String], target: &[String]) -> bool {
         let Some(last) = name.last() else { return false };
         let is_glob = self.modules[from].globs.iter().any(|glob| glob == name);
@@ -283,7 +284,7 @@ impl Crate {
         self.modules.keys().filter_map(|path| path.first().cloned()).collect()
     }
 
-    /// The circles of a room, by name.
+    /// Returns the circles of a room, by name.
     pub fn circles(&self, room: &str) -> Vec<Circle> {
         let edges = self.edges(room);
         let reached: BTreeMap<&ModulePath, BTreeSet<&ModulePath>> =
@@ -307,7 +308,7 @@ impl Crate {
     }
 }
 
-/// The modules that can be reached from one along the edges.
+/// Returns the modules that can be reached from a module along the edges.
 fn reach<'e>(from: &ModulePath, edges: &'e Edges) -> BTreeSet<&'e ModulePath> {
     let mut reached = BTreeSet::new();
     let mut open = vec![from];

@@ -1,7 +1,7 @@
-//! A client's session and a mock controller in virtual time, without sockets: four ways for bytes, which may be late,
-//! in pieces, or end.
+//! A client's session and a mock controller in virtual time, without sockets. Bytes travel in four directions, and
+//! may be late, in pieces, or cut off.
 //!
-//! Time jumps from one event to the next: a tick of the controller, a deadline of the session, bytes that arrive.
+//! Time jumps from one event to the next: a tick of the controller, a deadline of the session, an arrival of bytes.
 
 // By its path, because benches include this file by its own path.
 #[path = "cell/transport.rs"]
@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 use std::sync::LazyLock;
 use transport::{CHANNELS, Piece, Way};
 
-/// Wrist bent down: the flange is at (390, 0, 670), its Z straight down.
+/// Start joints with the wrist bent down: the flange is at (390, 0, 670), its Z straight down.
 pub const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 90.0, a6_deg: 0.0 };
 
@@ -35,7 +35,7 @@ pub const TOOL_OUTPUT: u16 = 5;
 /// A controller's tick, ms.
 pub const TICK_MS: u64 = 12;
 
-/// The shipped files, as the client reads them.
+/// Returns the shipped EthernetKRL files, as the client reads them.
 pub fn wire() -> Wire {
     static WIRE: LazyLock<Wire> = LazyLock::new(|| {
         let [command, state] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
@@ -44,13 +44,14 @@ pub fn wire() -> Wire {
     WIRE.clone()
 }
 
-/// A controller on these files.
+/// Returns the setup of a controller with the shipped files.
 pub fn setup(clock: Clock) -> Setup {
     static FILES: LazyLock<[mock::ChannelFile; 2]> =
         LazyLock::new(|| [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file")));
     let [command, state] = FILES.clone();
     let mut setup = Setup { clock, start: START, ..Setup::new(command, state) };
-    // The paths of these tests end so near to axis 5's limit that the retract from their last point would lie beyond it.
+    // The paths of these tests end near axis 5's limit. With the usual limit, the retract from their last point
+    // would go beyond it.
     setup.arm.limits_deg[4] = [-130.0, 130.0];
     setup
 }
@@ -68,12 +69,13 @@ pub fn sanding_tool() -> Command {
     Command::SetTcp(SetTcp { flange_from_tool: TOOL, kind: TcpKind::Sanding })
 }
 
-/// Through the air, along the panel in contact, and off again: points so far apart, rounded by half of that.
+/// Returns a path through the air, along the panel in contact, and off again. The points have this spacing and are
+/// rounded by half of it.
 pub fn pass(points: usize, step_mm: f64, contact: bool) -> Vec<MoveLin> {
     let point = |index: usize| {
         let in_air = index < 2 || index + 2 >= points;
         let z_mm = if in_air { -10.0 } else { 0.0 };
-        // A shallow zigzag, so that every corner is one.
+        // A shallow zigzag, so that the path turns at every point.
         let y_mm = if index.is_multiple_of(2) { 0.0 } else { 0.2 * step_mm };
         let pose = KukaPose { x_mm: step_mm * index as f64 - 40.0, y_mm, z_mm, ..KukaPose::default() };
         let blend_mm = if index + 1 == points { 0.0 } else { 0.4 * step_mm };
@@ -82,14 +84,14 @@ pub fn pass(points: usize, step_mm: f64, contact: bool) -> Vec<MoveLin> {
     (0..points).map(point).collect()
 }
 
-/// How far the tool's tip is above the panel, mm.
+/// Returns the height of the tool's tip above the panel, mm.
 pub fn height_mm(controller: &Controller) -> f64 {
     let base_from_tool: Rigid<Base, Tool> = controller.flange_pose() * TOOL.to_rigid();
     let panel_from_tool: Rigid<Panel, Tool> = BASE.to_rigid::<Base, Panel>().inverse() * base_from_tool;
     -panel_from_tool.origin().mm.z
 }
 
-/// Who closes a connection.
+/// The side that closes a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     Client,
@@ -98,7 +100,7 @@ pub enum Side {
 
 /// The traffic of the cell, for the judges.
 pub trait Watch {
-    /// A command's epoch and id, as they leave the client.
+    /// Called with a command's epoch and id when the command leaves the client.
     fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
     /// A report of the session.
     fn on_report(&mut self, _report: &Report, _cell: &Insides<'_>) {}
@@ -116,12 +118,12 @@ pub struct Blind;
 
 impl Watch for Blind {}
 
-/// What can be seen of a cell.
+/// The state of a cell that tests may see.
 pub struct Insides<'a> {
     pub session: &'a Session,
     pub controller: &'a Controller,
     pub now_ms: u64,
-    /// When bytes of the state channel last reached the client.
+    /// Time at which bytes of the state channel last reached the client.
     pub heard_ms: u64,
     /// The client's process is stalled.
     pub stalled: bool,
@@ -132,27 +134,27 @@ pub struct Cell {
     pub session: Session,
     pub controller: Controller,
     pub now_ms: u64,
-    /// How late bytes are, each way.
+    /// Delay of bytes in each direction, ms: least and most.
     pub delay_ms: (u64, u64),
     pub fragment: bool,
-    /// Until then the client's process does nothing.
+    /// Until this time the client's process does nothing.
     pub client_stalls_until_ms: u64,
     /// Until this time the client's messages do not arrive.
     pub deaf_until_ms: u64,
-    /// Messages that were put on any way.
+    /// Number of messages that were sent in any direction.
     pub messages: usize,
-    /// Who changes messages on their way.
+    /// A function that changes messages on their way.
     pub tamper: Option<Tamper>,
     draw: Pcg64,
     to_robot: [Way; 2],
     to_client: [Way; 2],
-    /// The client has two connections; the controller has its end of each.
+    /// Whether the client has both connections; `robot_open` is the controller's end of each.
     up: bool,
     robot_open: [bool; 2],
     retry_at_ms: u64,
     pause_ms: u64,
     heard_ms: u64,
-    /// When bytes, or a connection, last reached the controller.
+    /// Time at which bytes, or a connection, last reached the controller.
     reached_ms: u64,
     reports: VecDeque<Report>,
 }
@@ -163,7 +165,7 @@ impl Cell {
         Cell::within(setup, limits, seed, Box::new(Unwired))
     }
 
-    /// Not yet connected; the controller's terminals lead to this world.
+    /// Returns a cell that is not connected yet; the controller's terminals lead to this world.
     pub fn within(setup: Setup, limits: LinkLimits, seed: u64, world: Box<dyn World>) -> Self {
         Cell {
             session: Session::new(wire(), limits, Pace::Wall),
@@ -188,7 +190,7 @@ impl Cell {
         }
     }
 
-    /// With an epoch open, base, tool and speed set and seen.
+    /// Returns a cell with an open epoch, in which base, tool and speed are set and confirmed.
     pub fn ready(setup: Setup, speed_m_s: f64) -> Self {
         let mut cell = Cell::new(setup, LinkLimits::default(), 1);
         cell.open(speed_m_s);
@@ -251,7 +253,7 @@ impl Cell {
         next.clamp(self.now_ms + 1, end_ms.max(self.now_ms + 1))
     }
 
-    /// To the next event, and through it.
+    /// Advances to the next event and performs it.
     pub fn step(&mut self, end_ms: u64, watch: &mut impl Watch) {
         let next_ms = self.next_event_ms(end_ms);
         self.controller.advance_ms(next_ms - self.now_ms);
@@ -286,7 +288,7 @@ impl Cell {
         (self.retry_at_ms, self.pause_ms) = (self.now_ms, 100);
     }
 
-    /// The old connections of a client that lost its power are found dead.
+    /// Closes the old connections of a client that lost its power.
     pub fn close_dead_connections(&mut self) {
         for (_, end) in CHANNELS {
             self.controller.disconnect(end);
@@ -309,31 +311,31 @@ impl Cell {
         }
     }
 
-    /// How long the client, which runs and is connected, has heard nothing of the controller's states, ms.
+    /// Returns the time since the client last received a state, ms, if the client runs and is connected.
     pub fn silence_ms(&self) -> Option<u64> {
         let runs = self.up && self.session.is_connected() && self.now_ms >= self.client_stalls_until_ms;
         runs.then(|| self.now_ms - self.heard_ms)
     }
 
-    /// How long nothing has reached the controller, although it holds a place for a client, ms.
+    /// Returns the time since anything last reached the controller, ms, if a client's connection is open there.
     pub fn unreached_ms(&self) -> Option<u64> {
         let holds = CHANNELS.iter().any(|(_, end)| self.controller.is_connected(*end));
         holds.then(|| self.now_ms - self.reached_ms)
     }
 
-    /// Whether nothing waits to be heard.
+    /// Returns whether no message waits to be received.
     pub fn all_heard(&self) -> bool {
         self.reports.is_empty()
     }
 
-    /// A request that this client did not send reaches the controller.
+    /// Sends a request of another client to the controller.
     pub fn foreign_request(&mut self, operation: i32, number: i32) {
         let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{operation}\" N1=\"{number}\"></Req>");
         self.controller.state_bytes(request.as_bytes());
         self.reached_ms = self.now_ms;
     }
 
-    /// One end closes one connection; what is under way arrives, or is lost.
+    /// Closes one end of one connection; bytes on their way arrive, or are lost if `loses` is set.
     pub fn cut(&mut self, channel: Channel, side: Side, loses: bool) {
         if !self.up {
             return;

@@ -21,7 +21,7 @@ impl<'a> Field<'a> {
         Field { tag, is_int: kind == "int", low: number(low), high: number(high) }
     }
 
-    /// Its element's path, and its own name.
+    /// Returns the path of the field's element, and the field's own name.
     fn parts(&self) -> (&'a str, &'a str) {
         self.tag.split_once("/@").expect("an attribute")
     }
@@ -36,7 +36,7 @@ impl<'a> Field<'a> {
         start..start + document[start..].find('"').expect("quoted")
     }
 
-    /// A number as this field is written.
+    /// Returns a number in the format of this field.
     fn number(&self, value: f64) -> String {
         if self.is_int { format!("{value:.0}") } else { format!("{value:.6}") }
     }
@@ -57,7 +57,7 @@ impl<'a> Field<'a> {
         values.iter().fold(template.to_owned(), |text, (name, value)| text.replace(name, value))
     }
 
-    /// The document with this edit.
+    /// Returns the document with this edit.
     fn edited(&self, document: &str, edit: &str) -> String {
         let place = self.place(document);
         let (_, name) = self.parts();
@@ -76,7 +76,7 @@ impl<'a> Field<'a> {
     }
 }
 
-/// `\n`, `\r` and `\xNN`.
+/// Replaces `\n`, `\r` and `\xNN` by the bytes that they represent.
 fn unescape(text: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut rest = text;

@@ -1,5 +1,5 @@
-//! The link cut at every waypoint and at every message of a path, on both sides: an ended epoch never moves the robot,
-//! and the pad is off the surface within half a second.
+//! The link is cut at every waypoint and at every message of a path, on each side. An ended epoch must never move
+//! the robot, and the pad must be off the surface within half a second.
 
 use super::cell::{Blind, Cell, Side, height_mm, pass, setup};
 use super::oracles::Oracles;
@@ -8,15 +8,15 @@ use panelprep::eki::{Channel, CommandId, Report};
 
 const POINTS: usize = 40;
 const SPEED_M_S: f64 = 0.1;
-/// From the cut to the pad off the surface, ms.
+/// Longest time from the cut until the pad is off the surface, ms.
 const OFF_MS: u64 = 500;
-/// Off: farther than any pad is pressed in.
+/// Height from which the pad counts as off the surface: more than any pad is pressed in, mm.
 const OFF_MM: f64 = 2.0;
 
 #[derive(Debug, Clone, Copy)]
 enum Cut {
     Closed(Channel, Side, bool),
-    /// The cable is out for good.
+    /// The cable is unplugged permanently.
     Silent,
 }
 
@@ -32,7 +32,7 @@ const CUTS: [Cut; 9] = [
     Cut::Silent,
 ];
 
-/// A path in contact, under way, with everything judged.
+/// Returns a cell in the middle of a path in contact, with oracles that judge everything.
 fn sanding() -> (Cell, Oracles, CommandId) {
     let mut cell = Cell::ready(setup(Clock::Free), SPEED_M_S);
     cell.delay_ms = (2, 2);
@@ -45,7 +45,7 @@ fn sanding() -> (Cell, Oracles, CommandId) {
     (cell, oracles, last)
 }
 
-/// Cuts, and looks on for three seconds. What was executed afterwards comes back.
+/// Cuts the link and judges the next three seconds; motions that are executed after the cut are checked.
 fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     let ended = cell.session.epoch();
     let cut_ms = cell.now_ms;

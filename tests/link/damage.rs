@@ -1,5 +1,5 @@
-//! What reaches the programs and no good client sends: commands that must be refused, documents with an element missing,
-//! requests with any number.
+//! Messages that no good client sends: commands that must be refused, documents with a missing element, requests
+//! with any number.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -7,7 +7,7 @@ use rand_pcg::Pcg64;
 /// The input that the controller maps to a flag.
 pub const MAPPED_INPUT: u16 = 33;
 
-/// Operation, N1, N2, R1, R2 and the first number of P, of commands that the programs refuse whatever came before.
+/// Commands that the programs refuse whatever came before: operation, N1, N2, R1, R2 and the first number of P.
 #[rustfmt::skip] // a row for each command
 const REFUSED: [(i32, i32, i32, f32, f32, f32); 27] = [
     (0, 0, 0, 0.0, 0.0, 0.0), (9, 0, 0, 0.0, 0.0, 0.0), (99, 0, 0, 0.0, 0.0, 0.0),
@@ -39,12 +39,12 @@ pub fn documents(draw: &mut Pcg64, epoch: i32, received: i32) -> Vec<Result<Stri
     let good = (6, 1, 0, 0.0, 0.0, 0.0);
     match draw.random_range(0..16) {
         0..6 => vec![Ok(document(epoch, received + 1, refused))],
-        // An id is missing; another epoch; one that has ended.
+        // A command after a missing id; a command of another epoch; a command of an epoch that has ended.
         6 => vec![Ok(document(epoch, received + 2, good))],
         7 => vec![Ok(document(next, 1, good))],
         8 => vec![Ok(document(epoch - 1, received + 1, good))],
-        // A line before base and tool are set; contact with a tool that is none, a line out of the box, a contact
-        // too far away.
+        // A line before base and tool are set; contact with tool number 0; a line out of the box; a contact too far
+        // away.
         9 => vec![request(12, next), Ok(document(next, 1, (2, 0, 0, 0.0, 0.0, 0.0)))],
         10 => {
             let (tool, contact, x) = [(0, 1, 0.0), (0, 0, 20_000.0), (1, 1, 5_000.0)][next.rem_euclid(3) as usize];

@@ -33,7 +33,7 @@ fn good_streams() -> [Vec<u8>; 2] {
     ends.map(|end| controller.take_output(end))
 }
 
-/// Damage as it comes: bits, bytes, holes, repeats, foreign pieces.
+/// Damages a stream as real faults do: bits, bytes, holes, repeats, foreign pieces.
 fn damage(stream: &[u8], draw: &mut Pcg64) -> Vec<u8> {
     const PIECES: [&[u8]; 16] = [
         b"<",
@@ -108,7 +108,7 @@ fn damaged_streams_are_read_alike_at_any_cut_and_never_panic() {
         }
         broken += usize::from(error.is_some());
     }
-    // The damage is neither harmless nor total.
+    // Some documents survive the damage, and some do not.
     assert!(whole > 1_000 && broken > 1_000 && refused > 1_000, "{whole} {broken} {refused}");
 }
 
@@ -132,7 +132,7 @@ fn a_session_survives_any_stream() {
     }
 }
 
-/// The controller with damaged commands: nothing moves by rubbish, and a good client is served afterwards.
+/// Sends damaged commands to the controller: no rubbish moves the arm, and a good client is served afterwards.
 #[test]
 fn a_controller_survives_any_stream() {
     let good = "<Cmd Id=\"1\" Ep=\"1\" Op=\"2\" N1=\"0\" N2=\"0\" R1=\"2.000000\" R2=\"0.000000\"><P X=\"1.000000\" Y=\"0.000000\" \
@@ -150,7 +150,7 @@ fn a_controller_survives_any_stream() {
 }
 
 proptest! {
-    /// Good documents of either kind, cut anywhere: the same documents.
+    /// Good documents of each kind that are cut anywhere give the same documents.
     #[test]
     fn any_split_of_a_stream_gives_the_same_documents(
         kinds in prop::collection::vec(0..3usize, 1..12),

@@ -1,5 +1,5 @@
-//! What must hold at every moment of every run, whatever goes wrong. Judged by the arm and by what was sent, not by what
-//! either program believes.
+//! Rules that must be satisfied at every moment of every run, whatever goes wrong. They are judged by the arm and
+//! by the messages sent, not by the state that either program reports about itself.
 
 use super::cell::{BASE, Insides, TICK_MS, TOOL, TOOL_OUTPUT, Watch, height_mm};
 use panelprep::devices::mock::{Controller, Executed, Stop};
@@ -7,22 +7,23 @@ use panelprep::eki::{CommandId, Epoch, MoveLin, Refusal, Report};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
 
-/// From full speed to standing.
+/// Longest time from full speed to standstill, ms.
 const BRAKE_MS: u64 = 260;
 /// Time limit for the retract by 50 mm from the panel at 0.2 m/s, after braking; the second value is for an arm
 /// that is slowed to a fifth of that speed.
 const RETRACT_MS: u64 = 800;
 const SLOW_RETRACT_MS: u64 = 1_600;
-/// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
+/// Longest time from the client's end of an epoch to the arm's: the watchdog, the commands on their way, and
+/// braking, ms.
 const END_MS: u64 = 400 + 400 + BRAKE_MS;
 /// The longest time after which the connection of a client that sends nothing is closed and the epoch ends, ms.
 const SILENCE_MS: u64 = 3_000 + 400;
-/// Off the surface after a stop in contact.
+/// Time in which the pad must be off the surface after a stop in contact, ms.
 const LEAVE_MS: u64 = 100;
 /// Contact without motion.
 const DWELL_MS: u64 = 200;
 const WINDOW_MS: f64 = 1_000.0;
-/// What the end of an epoch switches off, and how long after it, ms.
+/// Outputs that the end of an epoch switches off, and the time after the end, ms.
 const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_OUTPUT, 0)];
 
 /// Time that the programs may need in addition to the model, which stops in one step: cycles of a scheduler that
@@ -39,40 +40,42 @@ pub type Violation = Option<String>;
 #[derive(Default)]
 pub struct Oracles {
     pub violation: Violation,
-    /// Until then the arm is slowed.
+    /// Until this time the arm is slowed.
     pub slowed_until_ms: u64,
     /// Another client has sent commands, in epochs up to this one.
     pub strange_epoch: i32,
-    /// Aborts that are taken for heartbeats, which the controller's watchdog believes: until the next one is sent, ms.
+    /// Time until the next abort is sent, ms, if aborts are taken for heartbeats. The controller's watchdog accepts
+    /// these as signs of life.
     pub unheeded_ms: u64,
-    /// The longest way of a byte.
+    /// The longest delay of a byte, ms.
     pub delay_ms: u64,
     /// Returns whether the tool is on the panel, if the panel differs from the one of these tests.
     pub is_low: Option<fn(&Controller) -> bool>,
-    /// Bits of the state's outputs while one of which is on silence counts as while something is queued.
+    /// Bits of the outputs for which silence counts as if a command were queued, while one of them is on.
     pub harmful_outputs: u32,
     /// One of them was on at the last report to the client.
     is_harmful: bool,
     points: BTreeMap<(u32, u32), MoveLin>,
-    /// How long each point lasts, ms.
+    /// Duration of the motion to each point, ms.
     lasts_ms: BTreeMap<(u32, u32), f64>,
-    /// The controller was started again under another process.
+    /// Whether the controller was started again under another process.
     begins_anew: bool,
-    /// Of the last epoch, how far the controller counted what is done.
+    /// The last epoch, and the highest number of done commands that the controller counted in it.
     most_done: (u32, i32),
     sent: BTreeMap<u32, u32>,
     first_sent_ms: BTreeMap<u32, u64>,
     ended_ms: BTreeMap<u32, u64>,
     open: Option<Epoch>,
-    /// Since when the client has no epoch, and when no robot program could have helped.
+    /// Time since which the client has no epoch; `unable_ms` is the last time at which no robot program could have
+    /// helped.
     closed_ms: Option<u64>,
     unable_ms: u64,
     told_done: CommandId,
     joints: Option<Joints>,
     moved_ms: u64,
-    /// When the link was last whole.
+    /// Time at which the link was last completely connected.
     linked_ms: u64,
-    /// In this contact the arm could not move for a while: from there it is jogged off by hand.
+    /// Whether the arm could not move for a while during this contact: a person jogs it off from there.
     left_there: bool,
     executed: usize,
     last_executed: BTreeMap<i32, i32>,
@@ -85,14 +88,14 @@ impl Oracles {
         Oracles { delay_ms, ..Oracles::default() }
     }
 
-    /// Watching begins in this epoch, behind this command.
+    /// Starts watching in this epoch, after this command.
     pub fn before(&mut self, epoch: Epoch, last: CommandId) {
         self.open = Some(epoch);
         self.sent.insert(epoch.0, last.0);
         self.told_done = last;
     }
 
-    /// A path was queued: these are its points, the last with this id, and how long each lasts.
+    /// Adds a queued path: its points, the last of them with this id, and the duration of each.
     pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
         self.lasts(epoch, last, points, speed_m_s);
         let first = last.0 + 1 - points.len() as u32;
@@ -116,12 +119,12 @@ impl Oracles {
         self.begins_anew = true;
     }
 
-    /// A person has brought the arm here.
+    /// Notes that a person has jogged the arm to these joints.
     pub fn jogged(&mut self, joints: Joints) {
         self.joints = Some(joints);
     }
 
-    /// The last command of an epoch that was sent.
+    /// Returns the last command that was sent in an epoch.
     pub fn last_sent(&self, epoch: Epoch) -> u32 {
         self.sent.get(&epoch.0).copied().unwrap_or(0)
     }
@@ -134,7 +137,7 @@ impl Oracles {
     fn retract_ms(&self, from_ms: u64) -> u64 {
         match self.slowed_until_ms.saturating_sub(from_ms) {
             0 => RETRACT_MS,
-            // At the least speed it has hardly begun when the arm is as fast as before.
+            // At the lowest speed the retract has hardly begun when the arm reaches its previous speed again.
             slowed_ms => SLOW_RETRACT_MS.max(slowed_ms + RETRACT_MS),
         }
     }
@@ -154,7 +157,7 @@ impl Oracles {
         if step.id <= before {
             self.wrong(now_ms, format!("command {id} of epoch {epoch} was executed after command {before}"));
         }
-        // A stranger may have used the number on a controller that has forgotten it since.
+        // Another client may have used the number before, on a controller that has forgotten it since.
         let began_ms = self.first_sent_ms.get(&epoch).copied().unwrap_or(0);
         if let Some(stop) = stops.iter().find(|stop| stop.epoch == step.epoch && stop.time_ms >= began_ms)
             && now_ms > stop.time_ms + BRAKE_MS + STARVED_MS
@@ -194,7 +197,7 @@ impl Oracles {
         let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
         let retract_ms = last_stop.map_or(0, |stop| self.retract_ms(stop.time_ms));
         let brake_ms = if is_program(cell) { BRAKE_MS + STARVED_MS } else { BRAKE_MS };
-        // Behind a stop in contact there may be another one, while the arm retracts.
+        // Another stop may follow a stop in contact while the arm retracts.
         let retracts = controller
             .stops()
             .iter()
@@ -251,14 +254,16 @@ impl Oracles {
         }
         if let Some(stop) = last_stop.filter(|stop| stop.contact && cell.controller.is_stopped())
             && low
-            // The override scales the retract, too: the disc is off by then, and leaves the panel once the arm is faster.
+            // The override also scales the retract. The disc is switched off by then, and leaves the panel once the
+            // arm is faster.
             && now_ms > stop.time_ms.max(self.slowed_until_ms) + LEAVE_MS + more_ms
         {
             self.wrong(now_ms, format!("on the panel {LEAVE_MS} ms after {stop:?}"));
         }
     }
 
-    /// What the robot still does on its own is at most a second, or five points.
+    /// Checks that the motions that the robot still executes without the client take at most a second, or are at
+    /// most five points.
     fn judge_window(&mut self, cell: &Insides<'_>) {
         // The commands that an ended epoch has received wait for no client.
         if is_program(cell) && (cell.controller.is_stopped() || self.is_strange(cell)) {
@@ -289,7 +294,7 @@ impl Oracles {
         }
     }
 
-    /// After any end no output but those that may stay is on for longer than its time.
+    /// Checks that, after any end of an epoch, each output goes off within its time, except those that may stay on.
     fn judge_outputs(&mut self, cell: &Insides<'_>) {
         if cell.session.epoch().is_some() {
             self.closed_ms = None;
@@ -303,8 +308,8 @@ impl Oracles {
         let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms + self.unheeded_ms;
         let late_ms = self.late_end_ms(cell, closed_ms);
         for (output, after_ms) in OFF_AFTER_MS {
-            // While nothing is queued, and neither tool nor water is on, silence ends the epoch by the loss of the
-            // connection alone.
+            // If nothing is queued, and neither tool nor water is on, silence ends the epoch only when the
+            // connection is lost.
             let since_ms = if after_ms > 0 { since_ms.max(late_ms) } else { since_ms };
             if cell.controller.outputs().get(&output) == Some(&true) && cell.now_ms > since_ms + after_ms {
                 self.wrong(
@@ -323,7 +328,7 @@ impl Oracles {
         stop.map_or(0, |stop| stop.time_ms + PROGRAMS_MS)
     }
 
-    /// Silence while something is under way has ended the epoch.
+    /// Checks that silence during work has ended the client's epoch.
     fn judge_client(&mut self, cell: &Insides<'_>) {
         let open = cell.session.epoch();
         if let Some(ended) = self.open.filter(|ended| Some(*ended) != open) {
@@ -340,7 +345,7 @@ impl Oracles {
     }
 }
 
-/// The largest difference of an axis.
+/// Returns the largest difference of an axis, degrees.
 fn apart_deg(one: &Joints, other: &Joints) -> f64 {
     let axes = |joints: &Joints| {
         [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
@@ -348,8 +353,8 @@ fn apart_deg(one: &Joints, other: &Joints) -> f64 {
     axes(one).into_iter().zip(axes(other)).fold(0.0, |most, (one, other)| most.max((one - other).abs()))
 }
 
-/// The controller executes the programs that ship.
-/// The robot program was started anew and executes nothing more of the epoch, which the submit interpreter is about to end.
+/// Returns whether the robot program of a controller that executes the shipped programs was restarted. It executes
+/// nothing more of the epoch, which the submit interpreter is about to end.
 fn has_left(cell: &Insides<'_>) -> bool {
     let ended = cell.controller.shared("CELL_DEAD_EP");
     ended.is_some() && ended == cell.controller.shared("CELL_EP")
@@ -437,8 +442,8 @@ impl Watch for Oracles {
     }
 }
 
-/// What a good client's commands are refused for: the robot does not move, it has stopped, it was set to refuse, or
-/// its override is another one.
+/// Reasons for which a good client's commands may be refused: the robot cannot move, it has stopped, it was set to
+/// refuse, or its override has changed.
 const MAY_BE_REFUSED: [Refusal; 5] = [
     Refusal::NoMotionMode,
     Refusal::Stopped,

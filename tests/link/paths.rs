@@ -1,11 +1,12 @@
-//! Whole paths: long ones without a stop, a slow robot, a base that is lost, numbers at their end.
+//! Whole paths: long ones without a stop, a slow robot, a lost base, numbers at the end of their range.
 
 use super::cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
 use panelprep::devices::mock::{Clock, Fault, Setup, StopCause};
 use panelprep::eki::{Command, EchoMismatch, LinkLimits, MoveLin, Report};
 use panelprep::geometry::KukaPose;
 
-/// Back and forth over 120 mm in steps of 3 mm, at 150 mm/s: 20 ms each, as long as the round trip.
+/// Returns points back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms each, which equals the round-trip
+/// time.
 fn meander(points: usize) -> Vec<MoveLin> {
     let point = |index: usize| {
         let (row, column) = (index / 40, index % 40);
@@ -44,12 +45,13 @@ fn ten_thousand_points_run_without_a_stop() {
     }
     assert_eq!((cell.controller.underruns(), stood), (0, 0));
     assert!(cell.until(200, |report| *report == Report::PathDone { last }));
-    // By hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, rows are changed in 3 mm.
+    // Calculated by hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, and rows change within 3 mm.
     let took_ms = cell.executed()[9_999].time_ms - cell.executed()[0].time_ms;
     assert!((190_000..206_000).contains(&took_ms), "{took_ms} ms");
 }
 
-/// At a fifth of its speed the robot is late and nothing else: all is executed once, nothing starves, nothing times out.
+/// At a fifth of its speed the robot is only late: all points are executed once, the queue never runs empty, and
+/// nothing times out.
 #[test]
 fn a_slow_robot_is_waited_for() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
@@ -57,7 +59,7 @@ fn a_slow_robot_is_waited_for() {
     let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
     assert!(cell.until(20_000, |report| *report == Report::PathDone { last }));
     assert_eq!((cell.executed().len(), cell.controller.underruns(), cell.controller.stops().len()), (60, 0, 0));
-    // 57 steps and the ends at 30 mm/s are a good 6 s.
+    // Calculated by hand: 57 steps and the ends at 30 mm/s take slightly more than 6 s.
     assert!(cell.now_ms > 6_000);
 }
 
@@ -95,7 +97,7 @@ fn a_client_that_stands_still_in_contact_is_not_waited_for() {
     assert!(super::cell::height_mm(&cell.controller) > 40.0);
 }
 
-/// A lost `set_base` is a crash that looks plausible: no line is sent, and the epoch ends.
+/// With a lost `set_base`, the arm would execute plausible but wrong lines. No line is sent, and the epoch ends.
 #[test]
 fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
     for fault in [Fault::LoseBase, Fault::WrongBase, Fault::LoseTool] {

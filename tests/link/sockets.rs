@@ -1,5 +1,5 @@
-//! The link and the mock over loopback, on the wall clock: what only sockets show. No test depends on how fast the
-//! machine is beyond the link's own deadlines.
+//! The link and the mock over loopback in real time, for behaviour that only sockets show. No test depends on the
+//! machine's speed beyond the link's own deadlines.
 
 use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, speed};
 use super::loopback::served;
@@ -8,7 +8,7 @@ use panelprep::devices::robot::BlockingLink;
 use panelprep::eki::{Command, CommandId, LinkLoss, QueueError, Report, Signal, StopCause};
 use std::time::Duration;
 
-/// Waits for the first report of which this is something.
+/// Waits for the first report for which `found` returns a value, and returns the value.
 fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     for _ in 0..5_000 {
         let report = link.next(Duration::from_secs(20)).expect("the link goes on");
@@ -19,7 +19,7 @@ fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     panic!("five thousand reports and not the one");
 }
 
-/// Connected, an epoch open, base, tool and speed on their way.
+/// Connects, opens an epoch, and sends base, tool and speed.
 fn open(link: &mut BlockingLink, speed_m_s: f64) {
     wait(link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");
@@ -40,7 +40,8 @@ fn path_done(link: &mut BlockingLink, last: CommandId) {
     });
 }
 
-/// 500 points of 20 ms each with 20 ms round trip, in pieces: all executed, none starved, no stop.
+/// 500 points of 20 ms each with 20 ms round trip, in fragmented messages: all are executed, the queue never runs
+/// empty, and the arm does not stop.
 #[test]
 fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
     let (server, mut link) = served("seed=3,delay=10ms,fragment");
@@ -59,7 +60,8 @@ fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
     });
 }
 
-/// The cable is out in contact: both ends stop by themselves, the link comes back by itself and moves nothing.
+/// The cable is unplugged in contact: both ends stop by themselves, and the link reconnects by itself without
+/// moving the arm.
 #[test]
 fn a_half_open_connection_is_noticed_on_both_ends() {
     let (server, mut link) = served("");
@@ -73,7 +75,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
         Report::LinkLost { why } => Some(why.clone()),
         _ => None,
     });
-    // The abort was not answered, which ends the connections before the silence does.
+    // The unanswered abort ends the connections before the silence does.
     assert!(matches!(why, LinkLoss::AbortNotAnswered { waited_ms: 400..900 }), "{why}");
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     let executed = server.handle().with(|controller| {

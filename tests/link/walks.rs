@@ -1,7 +1,7 @@
-//! Seeded walks: a client that sends path after path, and everything that can go wrong on the way, in virtual time.
+//! Seeded walks: a client that sends one path after another, with every possible fault on the way, in virtual time.
 //!
-//! A walk has at least 100 commands, 3 faults and 20 s. Healthy steps are far more likely than faults, so that the walk
-//! reaches motion; at its end everything is mended, and the link must come back and execute a path.
+//! A walk has at least 100 commands, 3 faults and 20 s. Steps without a fault are far more likely than faults, so
+//! that the walk reaches motion. At the end all faults are removed, and the link must reconnect and execute a path.
 
 // By its path, because a bench includes this file by its own path.
 #[path = "walks/faults.rs"]
@@ -22,7 +22,7 @@ use std::cell::Cell as Flag;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// More of them: `LINK_WALKS=20000`, as `make bench-link` has it.
+/// Number of walks in each test run. For more, set `LINK_WALKS=20000`, as `make bench-link` does.
 const WALKS: u64 = 2_500;
 
 const WEAK_WALKS: u64 = 400;
@@ -35,10 +35,11 @@ const PROGRAM_COMMANDS: usize = 60;
 
 const PROGRAM_LENGTH_MS: u64 = 8_000;
 
-/// From mended to connected, opened and executed.
+/// Time limit from the end of all faults to a connected link, an open epoch and an executed path, ms.
 const RECOVERY_MS: u64 = 12_000;
 
-/// What is weakened, to see that the walks notice; and which programs the controller executes, if not the model in Rust.
+/// A rule or limit that is weakened to see that the walks notice it, and the programs that the controller executes
+/// in place of the model in Rust.
 #[derive(Debug, Clone, Default)]
 pub struct Weak {
     pub rule: Option<Rule>,
@@ -52,18 +53,18 @@ struct Walk {
     draw: Pcg64,
     commands: usize,
     faults: usize,
-    /// When the next fault strikes.
+    /// Time of the next fault.
     next_fault_ms: u64,
     mended: bool,
-    /// When the foreign program is done and the cell's is selected again.
+    /// Time at which the foreign program is done and the cell's program is selected again.
     home_at_ms: Option<u64>,
-    /// The controller executes the programs that ship.
+    /// Whether the controller executes the shipped programs.
     is_program: bool,
     /// A line receives outputs in each round.
     has_line: bool,
 }
 
-/// Outputs of a line, apart from those that commands switch.
+/// Outputs of a line, other than those that commands switch.
 const LINE_OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
 
 /// Some walks have a line: its outputs disturb nothing.
@@ -71,12 +72,12 @@ fn has_line(seed: u64) -> bool {
     seed % 32 == 10
 }
 
-/// One walk; what was wrong.
+/// Runs one walk; the error states what was wrong.
 fn walk(seed: u64, weak: &Weak) -> Result<(), String> {
     walk_over(seed, weak).1
 }
 
-/// One walk: the cell at its end, and what was wrong.
+/// Runs one walk; returns the cell at its end, and what was wrong.
 pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
     let mut draw = Pcg64::seed_from_u64(seed);
     let is_program = weak.programs.is_some();
@@ -156,7 +157,7 @@ impl Walk {
         }
     }
 
-    /// An epoch and a path in it, or whatever becomes of that.
+    /// Opens an epoch and sends a path in it, as far as the faults allow.
     fn round(&mut self) -> Result<(), String> {
         match self.cell.session.open_epoch() {
             Ok(_) => {}
@@ -200,7 +201,7 @@ impl Walk {
             self.queue(Command::SetDigin(Signal { number: MAPPED_INPUT, on }));
         }
         for _ in 0..self.draw.random_range(1..3) {
-            // Now and then more than the window holds.
+            // One path in ten has more points than the window holds.
             let count = if self.draw.random_bool(0.1) { 60..140 } else { 5..36 };
             let mut points = pass(self.draw.random_range(count), 3.0, self.draw.random_bool(0.6));
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: true }));
@@ -230,7 +231,7 @@ impl Walk {
         self.pass_time(pause_ms)
     }
 
-    /// Here and there a line that brings its speed, and one that stops exactly in the air.
+    /// Gives some lines a speed of their own, and makes some lines in the air stop exactly.
     fn vary(&mut self, points: &mut [MoveLin], speed_m_s: f64) {
         for point in points {
             point.speed_m_s = self.draw.random_bool(0.2).then_some(speed_m_s);
@@ -254,14 +255,14 @@ impl Walk {
         Some(last)
     }
 
-    /// Nothing goes wrong any more: the link comes back and a path is executed.
+    /// Removes all faults: the link must reconnect and execute a path.
     fn recover(&mut self) -> Result<(), String> {
         self.mended = true;
         self.cell.controller.hold_start_key(false);
         self.pass_time(4_000)?;
         let end_ms = self.cell.now_ms + RECOVERY_MS;
         while self.cell.now_ms < end_ms {
-            // What was set to happen to the next base or command may still happen, once.
+            // A fault that was set for the next base or command may still strike once.
             if self.cell.session.open_epoch().is_err() {
                 let _ = self.cell.session.abort();
                 self.pass_time(100)?;
@@ -300,7 +301,7 @@ fn no_walk_violates_a_rule() {
     assert_eq!(found, None);
 }
 
-/// Each rule that is taken out, on the controller or at the client, is missed within four hundred walks.
+/// Each rule that is removed from the controller or the client is detected within four hundred walks.
 #[test]
 fn a_missing_rule_turns_a_walk_red() {
     let of = |rule| Weak { rule: Some(rule), ..Weak::default() };

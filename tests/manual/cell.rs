@@ -68,14 +68,14 @@ impl Cell {
         Ok(Cell { scenery, answers, server: None, _flange_camera: flange_camera, feed })
     }
 
-    /// The file that describes the played Zivid camera.
+    /// Returns the file that describes the played Zivid camera.
     pub fn zivid(&self) -> String {
         let camera = self.scenery.boards.scanner();
         let (width, height) = (camera.width_px, camera.height_px);
         format!("serial ZIVID1\nwidth {width}\nheight {height}\nfeed {}\n", self.feed.display())
     }
 
-    /// The controller, with the inputs and outputs of the cell's file.
+    /// Starts the controller with the inputs and outputs of the cell's file.
     pub fn start_controller(&mut self, cell: &cell::Cell) {
         let greasy = self.scenery.nominal.clone();
         let clean = sim::Cell::new(SEED, Scene::Clean, REDUCTION).placed(1);
@@ -98,7 +98,7 @@ impl Cell {
         self.server = Some(server);
     }
 
-    /// A person puts something else into the cell.
+    /// Changes the contents of the cell, as a person does.
     pub fn put(&self, stands: CellContents) {
         *self.scenery.stands.lock().expect("nobody failed") = stands;
         let CellContents::Panel(number) = stands else { return };
@@ -112,7 +112,7 @@ impl Cell {
         &self.scenery.arm.get().expect("the controller runs").0
     }
 
-    /// A person jogs the arm so that the flange is here.
+    /// Jogs the arm so that the flange is at this pose, as a person does.
     pub fn jog(&self, base_from_flange: &Rigid<Base, Flange>) {
         let joints =
             joints_at(base_from_flange).unwrap_or_else(|| panic!("the arm comes there: {base_from_flange:?}"));
@@ -132,7 +132,7 @@ impl Cell {
         assert!(self.handle().with(|arm| arm.jog(joints)), "the arm stands");
     }
 
-    /// A person brings the camera on the flange to the taught corner.
+    /// Brings the camera on the flange to the taught corner, as a person does.
     pub fn jog_to_corner(&self, index: usize) {
         self.jog(&self.scenery.nominal.corner_views()[index].base_from_flange);
     }
@@ -142,14 +142,14 @@ impl Cell {
         joints_at(&self.scenery.nominal.flange_target().base_from_flange).expect("within reach")
     }
 
-    /// A person touches an inner corner of the verification's board with the tool's tip.
+    /// Touches an inner corner of the verification's board with the tool's tip, as a person does.
     pub fn touch_corner(&self, column: usize, row: usize) {
         let board = self.scenery.targets.print();
         let corner = board.corners()[row * 5 + column];
         self.jog(&held_at(self.scenery.base_from_targets[0] * corner, [0.0; 3], TOOL_LENGTH_MM));
     }
 
-    /// A person holds the tip, or a mark behind it, at the spot.
+    /// Moves the tip, or a mark behind the tip, to the spot, as a person does.
     pub fn hold_tip(&self, number: usize, is_mark: bool) {
         const TURNS_DEG: [[f64; 3]; 6] = [
             [0.0, 0.0, 0.0],
@@ -163,12 +163,13 @@ impl Cell {
         self.jog(&held_at(Point::at(520.0, 30.0, 250.0), TURNS_DEG[number % 6], out_mm));
     }
 
-    /// The region's corners in the taught scan, and its rows and columns, as a person draws them.
+    /// Returns the region's corners in the taught scan, and its rows and columns, as a person draws them.
     pub fn region(&self) -> sim::Region {
         self.scenery.nominal.region()
     }
 
-    /// The truth of the greasy panel, what was executed, and how much of its grease is left.
+    /// Returns the ground truth of the greasy panel, the executed motions, and the number of its greasy spots that
+    /// are left.
     pub fn greasy(&self) -> (Truth, Vec<Sample>, usize) {
         let (handle, worlds) = self.scenery.arm.get().expect("the controller runs");
         let trace = handle.with(|arm| arm.trace().to_vec());
@@ -184,13 +185,14 @@ impl Cell {
     }
 }
 
-/// Axes that bring the flange there.
+/// Returns joints that bring the flange to this pose.
 fn joints_at(base_from_flange: &Rigid<Base, Flange>) -> Option<Joints> {
     let arm = Kinematics::new(cell::Cell::check("", "").expect("an arm").arm());
     reach::postures(&arm, base_from_flange, Point::at(0.0, 0.0, 0.0)).into_iter().next()
 }
 
-/// The flange while a tool of this length holds its tip at a place, its axis turned from straight down.
+/// Returns the flange's pose when a tool of this length has its tip at a point, with the tool's axis turned from
+/// straight down.
 fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));

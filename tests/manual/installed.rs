@@ -7,19 +7,19 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Folders of the system that a command may name.
+/// System folders that a command may name.
 const OF_THE_SYSTEM: [&str; 4] = ["/etc/", "/usr/share/", "/var/", "/run/"];
 
 /// The computer.
 pub struct Computer {
     pub root: PathBuf,
-    /// The folder in which the person works, and what was exported.
+    /// The folder in which the person works; `exported` has the exported environment variables.
     pub works_in: PathBuf,
     pub exported: Vec<(String, String)>,
 }
 
 impl Computer {
-    /// With the package's files.
+    /// Makes a computer with the package's files.
     pub fn new(root: &Path) -> Self {
         let home = Path::new(env!("CARGO_MANIFEST_DIR"));
         let table: toml::Table =
@@ -50,7 +50,7 @@ impl Computer {
         computer
     }
 
-    /// The same text with this computer's folders, its controller's address, and fewer seconds of waiting.
+    /// Returns the text with this computer's folders, its controller's address, and shorter waiting times.
     pub fn here(&self, text: &str) -> String {
         let root = self.root.display().to_string();
         let folders = OF_THE_SYSTEM.iter().fold(text.to_owned(), |text, folder| {
@@ -61,7 +61,7 @@ impl Computer {
         folders.replace("172.31.1.147", "127.0.0.1").replace("--count 20 --every-s 4", "--count 12 --every-s 0")
     }
 
-    /// A command as a person types it.
+    /// Returns a shell command for a line, as a person types it.
     pub fn shell(&self, line: &str) -> Command {
         let mut command = Command::new("sh");
         let path = format!("{0}/bin:{0}/usr/bin:{1}", self.root.display(), env!("PATH"));
@@ -101,7 +101,8 @@ impl Computer {
     }
 }
 
-/// Starts the unit's own command line and waits until it answers; ends it by SIGTERM.
+/// Returns a script that starts the unit's own command line, waits until the service answers, and ends it by
+/// SIGTERM.
 fn systemctl(root: &str, starts: &str) -> String {
     format!(
         "[ \"$1\" = daemon-reload ] && exit 0\n\

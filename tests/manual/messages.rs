@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The codes of the page, and what is wrong with its rows.
+/// Returns the codes of the page; panics if a row is wrong.
 fn rows(text: &str) -> BTreeSet<String> {
     let mut codes = BTreeSet::new();
     for line in text.lines().filter(|line| line.starts_with("| `")) {
@@ -17,7 +17,7 @@ fn rows(text: &str) -> BTreeSet<String> {
     codes
 }
 
-/// The sources of the program without their tests.
+/// Adds the source files of the program, without their tests.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
@@ -30,14 +30,14 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// A stable word: lower case and underscores.
+/// Returns the quoted word at the start of a text if it can be a code: lower case letters and underscores.
 fn word(text: &str) -> Option<String> {
     let word = text.trim_start().strip_prefix('"')?.split('"').next()?;
     let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_lowercase() || c == '_');
     is_word.then(|| word.to_owned())
 }
 
-/// The part of a text from these words on to the end of their function.
+/// Returns the part of a text from these words to the end of their function.
 fn function<'t>(text: &'t str, begins: &str) -> &'t str {
     let rest = text.split(begins).nth(1).unwrap_or_default();
     let indent = text.split(begins).next().map_or(0, |before| before.len() - before.trim_end_matches(' ').len());
@@ -49,7 +49,7 @@ fn arms(text: &str) -> impl Iterator<Item = String> {
     text.split("=>").skip(1).filter_map(|arm| word(arm.trim_start_matches(['{', '(', ' ', '\n'])))
 }
 
-/// Tables that give a code for a cause: the file, and the function that holds one.
+/// Tables that assign a code to a cause: the file, and the function with the table.
 const TABLES: [(&str, &str); 4] = [
     ("daemon/words.rs", "pub(super) fn robot("),
     ("daemon/words.rs", "pub(super) fn trouble("),
@@ -72,7 +72,7 @@ const CALLS: [(&str, &str); 11] = [
     (".rs", ".broken("),
 ];
 
-/// The codes that a file names: behind the calls that make a reason, and in the tables.
+/// Returns the codes that a file names: after the calls that make a reason, and in the tables.
 fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let name = path.display().to_string();
@@ -94,7 +94,7 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     called.chain(given).chain(arms(flaws)).collect()
 }
 
-/// Every code that the sources name has its row, and no row has a code that nothing gives.
+/// Every code in the sources has its row, and every row has a code that the program gives.
 #[test]
 fn every_code_has_a_row_in_the_manual() {
     let page = rows(&fs::read_to_string(pages::folder().join("messages.md")).expect("the page"));
@@ -107,7 +107,7 @@ fn every_code_has_a_row_in_the_manual() {
     assert!(named.len() > 140, "{}", named.len());
     let without: Vec<&String> = named.difference(&page).collect();
     assert!(without.is_empty(), "no row in messages.md: {without:?}");
-    // The table of priorities lists codes and gives none.
+    // The table of priorities lists codes but does not give them as reasons.
     let giving = texts.iter().filter(|(path, _)| !path.ends_with("history/codes.rs"));
     let all: String = giving.map(|(_, text)| text.as_str()).collect();
     let unknown: Vec<&String> = page.iter().filter(|code| !all.contains(&format!("\"{code}\""))).collect();

@@ -23,7 +23,7 @@ use std::path::Path;
 use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// As `make bench-seeds` has it for a cycle: the tool's tip from the true surface, mm.
+/// Limit for the distance of the tool's tip from the true surface, mm, as `make bench-seeds` has it for a cycle.
 const SURFACE_MAX_MM: f64 = 1.0;
 /// Commands whose exit code may report a result that is not good yet.
 const MAY_FIND_FAULT: [&str; 8] = [
@@ -42,7 +42,7 @@ const RETRY_TIMEOUT: Duration = Duration::from_secs(60);
 struct Walk {
     computer: Computer,
     cell: Cell,
-    /// Commands that were sent into the background.
+    /// Commands that run in the background.
     beside: Vec<(String, std::process::Child)>,
 }
 
@@ -111,7 +111,7 @@ impl Walk {
         }
         let output = loop {
             let output = self.answered(&here);
-            // The robot's link, or a reset, may still be on its way.
+            // The robot's link may not be connected yet, or a reset may still be in progress.
             let may_settle = line.starts_with("panelprep ctl") && !line.contains(" start ")
                 || line.starts_with("panelprep robot set-out spray");
             if output.status.success() || !may_settle || began.elapsed() > RETRY_TIMEOUT {
@@ -136,7 +136,7 @@ impl Walk {
         self.after(line);
     }
 
-    /// What the person edits after a command.
+    /// Makes the edits that the person makes after a command.
     fn after(&mut self, line: &str) {
         let etc = self.computer.root.join("etc/panelprep");
         if line.starts_with("panelprep new cell") {
@@ -210,7 +210,7 @@ impl Walk {
             errors.samples, errors.surface_max_mm, errors.normal_max_deg
         );
         assert!(errors.surface_max_mm < SURFACE_MAX_MM, "{errors:?}");
-        // What is smaller than the recipe's break may stay.
+        // Spots smaller than the recipe's smallest break may remain.
         let spots = truth.spots.len();
         eprintln!("of {spots} greasy spots {greasy} are left, each smaller than the smallest break that counts");
         assert!(2 * greasy < spots, "{greasy} of {spots} spots are still greasy");

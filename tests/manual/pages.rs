@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A step of a page.
+/// A step in a page of the manual.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Step {
-    /// `<!-- cell: … -->`: what a person has put into the cell.
+    /// `<!-- cell: … -->`: the contents that a person has put into the cell.
     Cell(String),
     /// A line of a block of commands.
     Command(String),
@@ -17,14 +17,14 @@ pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual")
 }
 
-/// The names of the pages in the order of the manual's table of contents.
+/// Returns the names of the pages in the order of the manual's table of contents.
 pub fn names() -> Vec<String> {
     let contents = fs::read_to_string(folder().join("README.md")).expect("the contents");
     let linked = contents.lines().filter_map(|line| line.strip_prefix("| [")?.split_once("](")?.1.split_once(')'));
     linked.map(|(name, _)| name.to_owned()).collect()
 }
 
-/// The steps of a page.
+/// Returns the steps of a page.
 pub fn steps(text: &str) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut in_block = false;
@@ -112,7 +112,8 @@ fn wrong(line: &str, program: &clap::Command) -> Option<String> {
     None
 }
 
-/// Every command that a page names, also in the middle of a sentence, is one of the program's, with its options.
+/// Every command that a page names, also in the middle of a sentence, is a command of the program, with valid
+/// options.
 #[test]
 fn the_pages_name_no_command_that_is_not_there() {
     use clap::CommandFactory as _;

@@ -67,7 +67,7 @@ fn numbered(line: &str) -> Option<usize> {
     line.split_once("Press Enter for pose ")?.1.split(' ').next()?.parse().ok()
 }
 
-/// On the page: the region's corners, fewer grids, save, done.
+/// Draws on the page as a person does: the region's corners, fewer grids, save, done.
 fn draw(cell: &Cell, url: &str) {
     let url = url.trim_end_matches('.').to_owned();
     let region = cell.region();
@@ -82,7 +82,7 @@ fn draw(cell: &Cell, url: &str) {
     ask(&url, "POST", "done", "");
 }
 
-/// The body of a good answer.
+/// Sends a request to the page; returns the body of the answer, which must be good.
 fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     let answer = teach_page::ask(url, method, page, body);
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
@@ -113,12 +113,12 @@ pub fn edit_cell(file: &Path, verify: Joints) {
     });
 }
 
-/// A film and a feed that are shorter than a panel's, and the place of the simulated panel.
+/// Sets a film and an abrasion that take less time than a real panel's, and the search box of the simulated panel.
 pub fn edit_recipe(file: &Path) {
     edited(file, |recipe| {
         recipe["process"]["observation_s"] = value(8.0);
         recipe["path"]["feed_mm_s"] = value(120.0);
-        // What `panelprep tune` proposes for pictures of half the size.
+        // The value that `panelprep tune` proposes for pictures of half the size.
         recipe["inspect"]["min_break_mm2"] = value(18.0);
         let corner = |corner: [f64; 3]| value(corner.into_iter().collect::<Array>());
         let [least, greatest] = panelprep::sim::SEARCH_BOX_MM;

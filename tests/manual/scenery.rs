@@ -16,14 +16,14 @@ use std::sync::{Mutex, OnceLock};
 
 /// Factor by which pictures have fewer pixels each way than those of the real cameras.
 pub const REDUCTION: usize = 2;
-/// The simulated panel, its grease and its places come from this number.
+/// Random seed for the simulated panel, its grease and its places.
 pub const SEED: u64 = 3;
 /// Error of the robot if the board or the camera is on it.
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 const SCAN_NOISE_MM: f64 = 0.05;
 const LENS_PICTURES: usize = 80;
 
-/// What a person has put into the cell.
+/// The objects that a person has put into the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellContents {
     LensScanner,
@@ -32,7 +32,7 @@ pub enum CellContents {
     BoardLies,
     Target,
     Nominal,
-    /// A panel at its place of the day, by its number among the worlds.
+    /// A panel at its place of the day; the number is its index among the worlds.
     Panel(usize),
 }
 
@@ -55,7 +55,7 @@ impl CellContents {
     }
 }
 
-/// What the cameras look at.
+/// The objects that the cameras see.
 pub struct Scenery {
     pub stands: Mutex<CellContents>,
     taken: AtomicU64,
@@ -70,7 +70,7 @@ pub struct Scenery {
 }
 
 impl Scenery {
-    /// Before there is a cell's file: no arm yet.
+    /// Returns the scenery before there is a cell's file: it has no arm yet.
     pub fn new() -> Self {
         let nominal = sim::Cell::new(SEED, Scene::Good, REDUCTION);
         let of = |print: BoardPrint| BoardCell::new(SEED, print, EXACT).with_reduction(REDUCTION);
@@ -139,7 +139,7 @@ impl Scenery {
         Some(simulated(&worlds[world], &Arm::Mock(handle.clone())))
     }
 
-    /// The shot of a board before the scanner.
+    /// Returns the shot of a board in front of the scanner.
     fn board_shot(&self) -> Option<(&BoardCell, BoardShot<Camera>)> {
         let number = self.number();
         match self.contents() {
@@ -203,7 +203,7 @@ impl Scenery {
     }
 }
 
-/// No two exposures of a sensor are alike: a grey level more here and there.
+/// Makes each exposure of a sensor different: a grey level more at some pixels.
 pub struct Flicker(pub u64);
 
 impl Flicker {

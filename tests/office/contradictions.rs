@@ -64,7 +64,7 @@ fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     });
 }
 
-/// What is no part of anything, and parts that contradict one another.
+/// Publishes messages that are no part of anything, and parts that contradict one another.
 fn garbage(plant: &Plant) {
     let name = CellName::new("cell-1").expect("a name");
     let part = |hash: &str, part, parts| Chunk {
@@ -76,6 +76,6 @@ fn garbage(plant: &Plant) {
     };
     publish(plant, &[part("ab", 1, 1), part("cd", 1, 2), part("cd", 2, 3)]);
     let other = CellName::new("cell-2").expect("a name");
-    // In another cell's name.
+    // A part in another cell's name.
     publish(plant, &[Chunk { cell: other, ..part("ef", 1, 1) }]);
 }

@@ -1,4 +1,4 @@
-//! Records that are lost on the way, and sent again: by kills, by disks, by another name, by another office.
+//! Records that are lost on the way and sent again: after kills, disk faults, a changed name, and a changed office.
 
 use super::offices::{Cell, Plant, TIMEOUT, count, publish, runtime, sql};
 use panelprep::broker::CellLink;
@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Whatever is killed meanwhile, every record arrives once.
+/// Every record arrives exactly once, whatever is killed meanwhile.
 #[test]
 fn nothing_is_lost_or_kept_twice_where_everything_is_killed_in_turn() {
     let Some(mut plant) = Plant::start() else { return };
@@ -55,7 +55,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     plant.start_archive();
     let found = plant.holds("cell-1", &cell.path());
     assert_eq!(count(&found, "same"), 20);
-    // A database of yesterday.
+    // Sets the database back to the state of the day before.
     plant.kill_archive();
     sql(
         &plant,
@@ -119,7 +119,7 @@ fn a_record_counts_with_its_files() {
     wait_for(2);
 }
 
-/// Waits until the broker has taken everything up to this number of the only epoch.
+/// Waits until the broker has accepted all records up to this number of the only epoch.
 fn wait_until_sent(progress: &Path, number: u64) {
     let since = Instant::now();
     loop {

@@ -1,4 +1,4 @@
-//! An office of broker, database and archive, and cells that send to it, as the service does.
+//! An office of broker, database and archive, and cells that send to it, each with the same sender as the service.
 
 use crate::commands::json;
 use crate::plant::{Server, archive_settings, broker, database, free_port, nats_server, postgres_programs};
@@ -19,7 +19,7 @@ use tempfile::TempDir;
 
 pub const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// Broker, database and archive.
+/// The office: broker, database and archive.
 pub struct Plant {
     pub folder: TempDir,
     pub settings: PathBuf,
@@ -74,12 +74,12 @@ impl Plant {
         fs::read_to_string(self.folder.path().join("archive.log")).unwrap_or_default()
     }
 
-    /// `archive check` with these cells.
+    /// Runs `archive check` with these cells.
     pub fn check(&self, cells: &str) -> (i32, Value) {
         json(self.folder.path(), &format!("archive check --settings {} {cells}", self.settings.display()))
     }
 
-    /// Waits until the archive holds the same as the cell.
+    /// Waits until the archive contains the same records as the cell.
     pub fn holds(&self, cell: &str, store: &Path) -> Value {
         let since = Instant::now();
         loop {
@@ -99,7 +99,7 @@ impl Plant {
     }
 }
 
-/// A store with its sender, as the service has them.
+/// A store with its sender, as in the service.
 pub struct Cell {
     pub folder: TempDir,
     pub store: Store,
@@ -152,7 +152,7 @@ pub fn publish(plant: &Plant, parts: &[Chunk]) {
     let office = plant.office("cell-1");
     runtime().block_on(async {
         let link = CellLink::connect(&office.broker, &office.cell).await.expect("connected");
-        // The archive makes the stream when it starts.
+        // The archive makes the stream when it starts, so this may need several attempts.
         let since = Instant::now();
         while let Err(error) = link.stream().await {
             assert!(since.elapsed() < TIMEOUT, "{error}\n{}", plant.log());

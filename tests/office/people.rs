@@ -1,4 +1,4 @@
-//! The office's page, and what people do there.
+//! The office's page, and the actions of people there.
 
 use super::offices::{Cell, Plant, TIMEOUT, runtime};
 use super::with_office;
@@ -12,7 +12,7 @@ use std::fs;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// The office's page as people use it: a wrong password, then every page, in a browser.
+/// Uses the office's page in a browser as people do: a wrong password, then every page.
 #[test]
 fn people_look_at_all_cells_in_a_browser() {
     let Some(mut plant) = Plant::start() else { return };
@@ -70,7 +70,7 @@ fn people_look_at_all_cells_in_a_browser() {
     assert!(told.status.success() && words.lines().last() == Some("whole"), "{words}\n{problems}");
 }
 
-/// Is killed when the test ends.
+/// A child process that is killed when the test ends.
 struct Ends(Child);
 
 impl Drop for Ends {

@@ -11,13 +11,14 @@ use std::time::{Duration, Instant};
 /// A database that was killed repeatedly on a busy machine needs time.
 const TIMEOUT: Duration = Duration::from_secs(180);
 
-/// Ports below those that the system gives to connections that go out: a server that is killed must get its own one again.
+/// Ports below the range that the system uses for outgoing connections: a server that is killed must get its port
+/// back.
 const PORTS: std::ops::Range<u16> = 20_000..32_000;
 
 /// Returns a port that is free at this moment.
 pub fn free_port() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
-    // Other processes of the tests begin elsewhere.
+    // Other test processes begin at another port.
     let begin = (std::process::id() % 397) as u16 * 30;
     let is_free = |port: &u16| TcpListener::bind(("127.0.0.1", *port)).is_ok();
     let ports = std::iter::repeat_with(|| {
@@ -47,13 +48,13 @@ impl Server {
         server
     }
 
-    /// Starts it and waits until its port answers.
+    /// Starts the server and waits until its port answers.
     pub fn start(&mut self) {
         self.begin();
         let since = Instant::now();
         while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
             assert!(since.elapsed() < TIMEOUT, "the server on port {} does not answer", self.port);
-            // PostgreSQL waits for no process of a server that was killed: it ends.
+            // PostgreSQL ends if processes of a killed server are still there: start it again.
             if self.child.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_some())) {
                 self.begin();
             }
@@ -61,13 +62,13 @@ impl Server {
         }
     }
 
-    /// Starts it, and does not wait.
+    /// Starts the server without waiting.
     pub fn begin(&mut self) {
         self.kill();
         self.child = Some((self.start)());
     }
 
-    /// Ends it as a power cut does, without a word.
+    /// Kills the server without a shutdown, as a power cut does.
     pub fn kill(&mut self) {
         if let Some(mut child) = self.child.take() {
             let _ = child.kill();
@@ -81,7 +82,7 @@ pub fn nats_server() -> Option<&'static str> {
     Command::new("nats-server").arg("--version").output().ok().map(|_| "nats-server")
 }
 
-/// A broker with JetStream that keeps its streams in this folder.
+/// Starts a broker with JetStream that stores its streams in this folder.
 pub fn broker(folder: &Path, port: u16) -> Server {
     let folder = folder.join("nats");
     Server::new(port, move || {
@@ -103,7 +104,7 @@ pub fn postgres_programs() -> Option<PathBuf> {
     folders.into_iter().rev().find(|folder| folder.join("postgres").is_file())
 }
 
-/// A command as a user that PostgreSQL accepts: it refuses to run as root.
+/// Returns a command that runs as a user that PostgreSQL accepts, because it refuses to run as root.
 fn as_user(program: &Path) -> Command {
     if !rustix::process::geteuid().is_root() {
         return Command::new(program);
@@ -118,12 +119,12 @@ fn appended(log: &Path) -> fs::File {
     fs::OpenOptions::new().create(true).append(true).open(log).expect("a log")
 }
 
-/// A database server with the database and the user `panelprep`, in this folder.
+/// Starts a database server with the database and the user `panelprep`, in this folder.
 pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     let data = folder.join("postgres");
     fs::create_dir_all(&data).expect("a folder");
     if rustix::process::geteuid().is_root() {
-        // The folder above must let the other user in.
+        // The other user needs access to the folder above.
         let open = |path: &Path| fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755));
         open(folder).expect("opened");
         let given = Command::new("chown").arg("postgres").arg(&data).status().expect("chown");
@@ -139,7 +140,8 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     }
     let (programs, started, log) = (programs.to_owned(), programs.to_owned(), folder.join("postgres.log"));
     let server = Server::new(port, move || {
-        // What a killed server leaves is not its own: a new one looks itself whether it may start.
+        // Processes that a killed server left do not belong to the new server; it checks by itself whether it may
+        // start.
         as_user(&started.join("postgres"))
             .args(["-D", &data_text, "-p", &port.to_string(), "-k", "", "-c", "listen_addresses=127.0.0.1"])
             .stdout(Stdio::null())
@@ -159,7 +161,7 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     }
 }
 
-/// The archive's settings for these ports, in this folder.
+/// Writes the archive's settings for these ports into this folder.
 pub fn archive_settings(folder: &Path, broker_port: u16, database_port: u16) -> PathBuf {
     let file = folder.join("archive.toml");
     let text = format!(

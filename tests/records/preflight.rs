@@ -8,8 +8,8 @@ use std::process::Command;
 const LIBRARIES: [&str; 8] =
     ["preflight", "pdfbox2", "fontbox2", "xmpbox", "commons-logging", "commons-io", "javax.activation", "jaxb-api"];
 
-/// What PDF/A-3 (ISO 19005-3) allows and PDF/A-1 does not: an embedded file in its dictionary and among the names,
-/// a colour profile of version 4, and the number of the part.
+/// Codes for features that PDF/A-3 (ISO 19005-3) allows and PDF/A-1 does not. These are an embedded file in its
+/// dictionary and among the names, a colour profile of version 4, and the part's number.
 const PART_3: [&str; 4] = ["1.2.9", "1.4.7", "2.1.6", "7.11.2"];
 
 /// Returns the codes of its findings, each once; `None` if Preflight or Java is not installed.
@@ -44,8 +44,8 @@ fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Preflight finds what part 3 allows beyond part 1, and no more; and it finds a colour space and a font that are
-/// not as they must be.
+/// Checks that Preflight finds only the features that part 3 allows beyond part 1. It must also find a wrong colour
+/// space and a wrong font.
 pub fn accepts(pdf: &Path) {
     let Some(codes) = found(pdf) else {
         eprintln!(

@@ -1,4 +1,4 @@
-//! A store that is not what the service left: its database is of yesterday, or its disk is full.
+//! A store that is not as the service left it: its database is a day old, or its disk is full.
 
 use super::super::commands::{json, rendered, taught_and_verified};
 use super::{START, Service, taught};

@@ -37,7 +37,7 @@ fn survives(folder: &Path, after: Duration) -> bool {
     let found = service.done("state");
     assert_eq!(found["state"], expected.at.word(), "after {after:?}: {found}");
     assert!(matches!(expected.at, At::Aborted { .. } | At::Stopped), "{expected:?}");
-    // It only hears: a start, the robot's condition and override, and that its outputs are off.
+    // The service only receives reports: a start, the robot's condition and override, and that its outputs are off.
     std::thread::sleep(Duration::from_millis(300));
     let since = journal(folder)[before.len()..].to_vec();
     assert!(since.contains(&Event::Told(Report::Boot)), "{since:?}");
@@ -82,14 +82,14 @@ fn a_killed_service_leaves_a_cell_at_rest() {
     kills(3, 1);
 }
 
-/// The same at more moments: `cargo test -- --ignored killed`.
+/// Kills the service at more moments: `cargo test -- --ignored killed`.
 #[test]
 #[ignore = "some minutes"]
 fn a_service_killed_anywhere_leaves_a_cell_at_rest() {
     kills(24, 2);
 }
 
-/// The journal of a cycle that broke off on its way to the corner, in a store of its own.
+/// Returns the store, in a folder of its own, of a cycle that broke off on its way to the corner.
 fn broken_off(folder: &Path) -> PathBuf {
     let (store, left) = (folder.join("cell/store"), folder.join("left"));
     std::fs::create_dir_all(left.join("blobs")).expect("a folder");
@@ -116,7 +116,8 @@ fn broken_off(folder: &Path) -> PathBuf {
     panic!("no way to the corner in {:?}", journal(folder));
 }
 
-/// A store with an open motion is refused by the command that runs one cycle, which names the way out; that is one.
+/// The command that runs one cycle refuses a store with an open motion and names the service as the way out.
+/// Clearing through the service works.
 #[test]
 fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
     let folder = taught("clean");

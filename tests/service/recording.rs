@@ -6,9 +6,9 @@ use panelprep::tape::{TapeError, check};
 use serde_json::Value;
 use std::path::Path;
 
-/// The cell's recipe with two pictures of the film a second, and with more tables. With one picture a second or
-/// fewer, a place that was sanded stays in doubt in some films, and when a person accepts the plan decides which
-/// film is seen.
+/// Sets two pictures of the film per second in the cell's recipe, and adds tables. With one picture per second or
+/// fewer, a sanded place stays in doubt in some films. The time at which a person accepts the plan then decides
+/// which film is seen.
 fn slow_film(folder: &Path, more: &str) {
     let file = folder.join("cell/recipe.toml");
     let text = std::fs::read_to_string(&file).expect("rendered");
@@ -17,7 +17,7 @@ fn slow_film(folder: &Path, more: &str) {
     std::fs::write(file, format!("{slow}\n{more}")).expect("written");
 }
 
-/// Waits until the last cycle's recording is written, and runs it again.
+/// Waits until the last cycle's recording is written, and replays it.
 pub fn replays(service: &Service, folder: &Path, verdict: &str) -> String {
     service.wait("its recording is written", |service| service.done("state")["recording"]["is"] != "under_way");
     let recording = service.done("state")["recording"].clone();
@@ -34,7 +34,7 @@ pub fn replays(service: &Service, folder: &Path, verdict: &str) -> String {
 fn cycles_of_the_service_are_recorded_and_replay() {
     let folder = taught("good");
     let folder = folder.path();
-    // A disc that is worn before it began: the plan is for a person to see.
+    // The disc is worn before the cycle begins, so that a person must decide about the plan.
     slow_film(folder, "[path]\ndisc_life_mm2 = 1000.0\n");
     let service = Service::start(folder);
     service.reset();
@@ -50,7 +50,7 @@ fn cycles_of_the_service_are_recorded_and_replay() {
     assert!(service.done("state")["reasons"].to_string().contains("disc"), "a worn disc");
     service.refused(START, 2, "start is not possible in state held");
     service.done("new-disc");
-    // Of what the arm reaches, and of each plan.
+    // A person accepts the reach of the arm and each plan.
     service.wait("its end", |service| {
         let state = service.state();
         if state == "held" {
@@ -100,7 +100,7 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
     let reason = told["reasons"][0]["message"].as_str().expect("words");
     let words = format!("with {entries} whole entries; the program that wrote it ended too early");
     assert!(exit == 2 && reason.contains("cut.mcap") && reason.contains(&words), "{told}");
-    // The next one may record again, and its cycle is another.
+    // The next service may record again, and its cycle has another number.
     let service = Service::start(folder);
     if service.state() == "aborted" {
         service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);

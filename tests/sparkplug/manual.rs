@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use strum::VariantArray;
 
-/// The rows of a page that begin so, as cells.
+/// Returns the rows of a page that begin with this text, as cells.
 fn rows(page: &str, begin: &str) -> Vec<Vec<String>> {
     let text =
         fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual").join(page)).expect("a page");
@@ -14,7 +14,7 @@ fn rows(page: &str, begin: &str) -> Vec<Vec<String>> {
     rows.map(|line| line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect()).collect()
 }
 
-/// The table of metrics has those of the program, in their order, with alias, type and meaning; and the commands.
+/// The manual's table lists the program's metrics in their order, with alias, type and meaning, and its commands.
 #[test]
 fn the_manual_lists_every_metric() {
     let listed: Vec<_> =

@@ -1,5 +1,5 @@
-//! A broker and host applications for the tests: Debian's mosquitto, and Python's in environments of their own
-//! below `target/`.
+//! A broker and host applications for the tests: Debian's mosquitto, and Python packages in environments of their
+//! own below `target/`.
 
 use serde_json::Value;
 use std::fs;
@@ -10,7 +10,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-/// Long enough for a busy machine.
+/// Time limit that is long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(120);
 /// The user that the broker knows.
 pub const USER: &str = "cell";
@@ -42,11 +42,11 @@ pub fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port()
 }
 
-/// A broker that runs; killed when the test ends.
+/// A broker that is running; it is killed when the test ends.
 pub struct Broker {
     child: Child,
     folder: PathBuf,
-    /// Without TLS, and with it.
+    /// Port without TLS; `tls_port` is the port with TLS.
     pub port: u16,
     pub tls_port: u16,
 }
@@ -59,8 +59,8 @@ impl Drop for Broker {
 }
 
 impl Broker {
-    /// Starts it with one user, and TLS by a certificate that is made for it; the authority's certificate is
-    /// `ca.pem` in its folder.
+    /// Starts a broker with one user and TLS. Its certificate is made here; the authority's certificate is `ca.pem`
+    /// in the folder.
     pub fn start(folder: &Path) -> Self {
         let [port, tls_port] = [free_port(), free_port()];
         certificates(folder);
@@ -69,7 +69,7 @@ impl Broker {
         let made = Command::new("mosquitto_passwd").arg("-b").arg("-c").arg(&users).args([USER, PASSWORD]).status();
         assert!(made.expect("it starts").success());
         let at = |name: &str| folder.join(name).display().to_string();
-        // Without a user of its own: it reads files of this test's folder alone.
+        // The broker does not switch to a user of its own, because it reads files of this test's folder.
         let root = if rustix::process::getuid().is_root() { "user root\n" } else { "" };
         let text = format!(
             "{root}allow_anonymous false\npassword_file {}\nlistener {port} 127.0.0.1\nlistener {tls_port} 127.0.0.1\n\
@@ -83,7 +83,7 @@ impl Broker {
         Broker { child: run(folder, port), folder: folder.to_owned(), port, tls_port }
     }
 
-    /// Kills it, as a power cut does, and starts it anew.
+    /// Kills the broker, as a power cut does, and starts it again after this time.
     pub fn restart(&mut self, without_for: Duration) {
         self.child.kill().expect("killed");
         self.child.wait().expect("gone");
@@ -109,7 +109,7 @@ fn run(folder: &Path, port: u16) -> Child {
     child
 }
 
-/// An authority, and a certificate for the broker on this computer.
+/// Makes an authority, and a certificate for the broker on this computer.
 fn certificates(folder: &Path) {
     let authority_key = rcgen::KeyPair::generate().expect("a key");
     let mut authority = rcgen::CertificateParams::new(vec![]).expect("parameters");
@@ -127,7 +127,7 @@ fn certificates(folder: &Path) {
     }
 }
 
-/// A host application in Python; killed when the test ends.
+/// A host application in Python; it is killed when the test ends.
 pub struct Host {
     child: Child,
     stdin: ChildStdin,
@@ -144,7 +144,7 @@ impl Drop for Host {
 }
 
 impl Host {
-    /// Starts it, and waits until it is connected.
+    /// Starts the host application, and waits until it is connected.
     pub fn start(environment: &str, script: &str, arguments: &[&str]) -> Self {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/sparkplug").join(script);
         let mut child = Command::new(python(environment))
@@ -176,7 +176,7 @@ impl Host {
         &self.heard
     }
 
-    /// Waits for a message of which this is true; all that came are kept.
+    /// Waits for a message for which `is_it` is true; all messages that arrive are stored.
     pub fn until(&mut self, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         loop {
             match self.lines.recv_timeout(TIMEOUT) {

@@ -6,25 +6,26 @@ use panelprep::eki::{CommandId, Epoch, MoveLin};
 use panelprep::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
 
-/// Single precision, and the turn of the controller's own frames, mm.
+/// Tolerance for single precision and for the rotation of the controller's own frames, mm.
 const OFF_MM: f64 = 0.05;
 
-/// The flange at the end of a line, the tool there, and how far it may be rounded, mm.
+/// The required end of a line: the tool's pose, the tool's frame on the flange, and the largest allowed rounding,
+/// mm.
 type Aim = (Rigid<Base, Tool>, Rigid<Flange, Tool>, f64);
 
-/// What was sent, and how much of what was executed was looked at.
+/// The motions that were sent, and the number of executed motions that were already checked.
 #[derive(Debug, Default)]
 pub struct Aims {
     pub base: Option<KukaPose>,
     pub tool: Option<KukaPose>,
     aims: BTreeMap<(u32, u32), Aim>,
     looked: usize,
-    /// The epoch and the id of the last motion.
+    /// The epoch and the id of the last motion that was executed.
     last: (u32, u32),
 }
 
 impl Aims {
-    /// A path was queued, its last point with this id.
+    /// Adds a queued path, the last point of which has this id.
     pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin]) {
         let (Some(base), Some(tool)) = (self.base, self.tool) else { return };
         let first = last.0 + 1 - points.len() as u32;
@@ -34,7 +35,8 @@ impl Aims {
         }
     }
 
-    /// What of the lines executed since the last look ended elsewhere, and what was executed behind a line that was not.
+    /// Checks the lines executed since the last call. Returns a line that ended elsewhere, and a line that was
+    /// executed after one that was left out.
     pub fn look(&mut self, executed: &[Executed]) -> [Option<String>; 2] {
         let fresh = executed.get(self.looked..).unwrap_or_default();
         self.looked = executed.len();

@@ -16,20 +16,20 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
-/// Of this share of its area covered, a spot of grease is gone.
+/// Share of its area that must be covered before a spot of grease is gone.
 const HEALED_FROM: f64 = 0.9;
 /// Interval between rendered pictures of the film, s.
 const STEP_S: f64 = 2.0;
 /// Factor by which films of this cell break faster than the renderer's, so that five seconds show as much as a
 /// minute.
 const HASTE: f64 = 8.0;
-/// Pictures that are kept at most, of each kind.
+/// Maximum number of stored pictures of each kind.
 const MAX_CACHED_PICTURES: usize = 4_000;
 
-/// Which spots are gone.
+/// For each spot, whether it is gone.
 type Healed = Vec<bool>;
 
-/// What was rendered before.
+/// Pictures that were already rendered.
 #[derive(Default)]
 struct Rendered {
     scans: BTreeMap<CellContents, Arc<OrganizedCloud<Camera>>>,
@@ -44,20 +44,20 @@ fn rendered() -> MutexGuard<'static, Rendered> {
     RENDERED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A film that is being taken.
+/// A film that the camera is taking.
 struct Taking {
-    /// Since when, ms, and by the camera's clock, s.
+    /// Time at which the film began, ms; `began_s` is the same by the camera's clock, s.
     began_ms: u64,
     began_s: f64,
     per_second: f64,
     taken: u32,
 }
 
-/// A film's pictures are taken at the camera's own moments, which are these parts of a second and whole periods
-/// behind: so times between them are the same numbers in each film.
+/// Number of parts into which the camera's clock divides a second. A film's pictures are taken at these times,
+/// whole periods apart, so that the times between pictures are the same numbers in each film.
 const CLOCK_PARTS: f64 = 64.0;
 
-/// How many pictures are kept for all worlds, and their bytes.
+/// Returns the number of stored pictures that all worlds share, and their bytes.
 pub fn kept() -> (usize, usize) {
     let rendered = rendered();
     let pictures = rendered.film.values().chain(rendered.corners.values());
@@ -69,20 +69,20 @@ pub struct Cameras {
     world: Shared,
     film: Option<Taking>,
     healed: Healed,
-    /// The wetting up to which `healed` is known.
+    /// Time of the last wetting that `healed` takes into account, ms.
     healed_at_ms: Option<u64>,
-    /// What a frozen camera gives: its last picture.
+    /// The last picture, which a frozen camera returns again.
     last: Option<Picture2d>,
 }
 
 impl Cameras {
-    /// The cameras of this world.
+    /// Returns the cameras of this world.
     pub fn new(world: Shared) -> Self {
         let spots = Fixture::get().scene(CellContents::Greasy).spots().len();
         Cameras { world, film: None, healed: vec![false; spots], healed_at_ms: None, last: None }
     }
 
-    /// What it sees now, or saw at this moment of a film.
+    /// Returns the scanner's picture of the present, or of this moment of a film.
     fn picture(&mut self, taken: Option<(u64, f64)>) -> Picture2d {
         let world = self.world.clone();
         let world = world.lock();
@@ -98,7 +98,7 @@ impl Cameras {
         Picture2d { picture, time_s }
     }
 
-    /// What the disc covered before this wetting holds its film from now on.
+    /// Marks the spots that the disc covered before this wetting: they hold their film from now on.
     fn heal(&mut self, world: &Inside, on_ms: u64) {
         let fixture = Fixture::get();
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
@@ -138,7 +138,7 @@ impl Cameras {
         if is_shut { black(&picture) } else { (*picture).clone() }
     }
 
-    /// What the harmed camera answers instead.
+    /// Returns the answer of a harmed camera, if it differs from a good camera's.
     fn harmed(&mut self, harm: CameraHarm, command: CameraCommand) -> Option<Result<CameraAnswer, CameraFault>> {
         let flange = matches!(command, CameraCommand::CornerPicture);
         let camera = if flange { "the flange camera" } else { "the scanner" };
@@ -215,7 +215,7 @@ impl Port<CameraCommand> for Cameras {
     }
 }
 
-/// The film's time: before water it passes too, so that no two pictures have one noise.
+/// Returns the time in the film. It also passes before there is water, so that no two pictures have the same noise.
 fn film_s(water: Option<(u64, Option<u64>)>, now_ms: u64) -> f64 {
     let seconds = |ms: u64| ms as f64 / 1e3;
     let Some((on_ms, off_ms)) = water else { return -1.0 - seconds(now_ms % 4_000) };
@@ -261,7 +261,7 @@ fn corner_picture(stands: CellContents, base_from_flange: &Rigid<Base, Flange>) 
     picture
 }
 
-/// A pose in thousandths of a millimetre and of a degree.
+/// Returns a pose in thousandths of a millimetre and of a degree.
 fn rounded(base_from_flange: &Rigid<Base, Flange>) -> [i64; 6] {
     let pose = KukaPose::from_rigid(base_from_flange);
     let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];

@@ -1,4 +1,4 @@
-//! The wall clock of a world: the real one, moved by jumps. Only labels may depend on it.
+//! The wall clock of a world: the real clock with an offset from jumps. Only labels may depend on it.
 
 use std::cell::Cell;
 
@@ -6,17 +6,17 @@ thread_local! {
     static MOVED_S: Cell<i64> = const { Cell::new(0) };
 }
 
-/// By how many seconds the clock of this thread is moved.
+/// Returns the offset of this thread's clock, s.
 pub fn moved_s() -> i64 {
     MOVED_S.get()
 }
 
-/// Moves the clock of this thread.
+/// Changes the offset of this thread's clock by a jump.
 pub fn jump(seconds: i64) {
     MOVED_S.set(MOVED_S.get().saturating_add(seconds).clamp(-4_000_000_000, 4_000_000_000));
 }
 
-/// It is right again.
+/// Sets the offset of this thread's clock to zero.
 pub fn right() {
     MOVED_S.set(0);
 }

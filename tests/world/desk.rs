@@ -9,8 +9,8 @@
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
-    Exit, News, RecordingSwitch, Reply, Request, RequestHandler, RequestQueueError, RequestSender, Requester,
-    ServiceParts, What, WrittenPage, read_request, request_line, request_queue,
+    Exit, LastWrittenPage, News, RecordingSwitch, Reply, Request, RequestHandler, RequestQueueError, RequestSender,
+    Requester, ServiceParts, What, read_request, request_line, request_queue,
 };
 use panelprep::record::{CycleId, Front, Who};
 use panelprep::supervision::{Supervisor, ThreadFault};
@@ -23,15 +23,15 @@ use tokio::sync::oneshot::error::TryRecvError;
 pub const OPERATOR: u32 = 1_000;
 pub const SOMEBODY: u32 = 1_001;
 const PAGE: u32 = 33;
-/// A person at a second screen.
+/// User id of a person at a second screen.
 const SECOND: u32 = 1_002;
 /// Rounds of a busy loop between two requests of a page for the state.
 const PAGE_ROUNDS: u64 = 4;
 
-/// Requests of one user, and of all, that may wait.
+/// Maximum number of waiting requests of one user; `MAX_QUEUED` is that of all users.
 const MAX_QUEUED_PER_USER: usize = 8;
 const MAX_QUEUED: usize = 32;
-/// Rounds of the loop until the answer to a request that was taken.
+/// Number of rounds of the loop until an accepted request is answered.
 const ANSWERED_IN: u32 = 2;
 
 /// The contents of a screen: the table's step, and its place.
@@ -48,19 +48,19 @@ impl Shown {
     }
 }
 
-/// A request that found a place.
+/// A request that was queued.
 struct Waiting {
     uid: u32,
-    /// Upon what it was decided.
+    /// The contents of the screen on which the decision was based.
     shown: Option<Shown>,
-    /// It was decided upon what was over when it was taken.
+    /// Whether the request was based on a step that was over when the request was processed.
     is_stale: bool,
     words: String,
     urgent: bool,
-    /// It is still in the queue.
+    /// Whether the request is still in the queue.
     queued: bool,
     rounds: u32,
-    /// Rounds in which its answer must come.
+    /// Number of rounds in which the answer must come.
     at_most: u32,
     reply: oneshot::Receiver<Reply>,
 }
@@ -75,12 +75,12 @@ pub struct Desk {
     leaves: bool,
     /// What was wrong.
     pub wrong: Option<String>,
-    /// Decisions that were taken, upon the present step and upon another one.
+    /// Number of decisions that were processed, whether based on the present step or on another one.
     pub decided: u64,
 }
 
 impl Desk {
-    /// Of a process that begins; `left` is the cycle that an earlier one did not end.
+    /// Returns the desk of a new process; `left` is the cycle that an earlier process did not end.
     pub fn new(store: &Path, left: Option<CycleId>) -> Self {
         let (sender, queue) = request_queue();
         let parts = ServiceParts {
@@ -88,19 +88,19 @@ impl Desk {
             supervisor: Supervisor::default(),
             // No pages are written here; at the end they are made from the store.
             pages: channel().0,
-            written: WrittenPage::default(),
+            written: LastWrittenPage::default(),
             cameras: None,
         };
         let handler = RequestHandler::new(queue, left, parts);
         Desk { handler, sender, waiting: Vec::new(), rounds: 0, leaves: false, wrong: None, decided: 0 }
     }
 
-    /// Whether nothing but the page's question waits.
+    /// Returns whether no request except the page's question waits.
     pub fn is_free(&self) -> bool {
         !self.waiting.iter().any(|waiting| waiting.queued && waiting.uid != PAGE)
     }
 
-    /// A second screen decides upon what it shows.
+    /// Sends a second screen's decision that is based on the contents of that screen.
     pub fn decides(&mut self, request: cycle::Request, shown: Shown, carries: bool) {
         let what = if carries { What::Decided { request, step: shown.step } } else { What::Table(request) };
         self.asks(SECOND, what, Some(shown));
@@ -120,7 +120,7 @@ impl Desk {
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
         let has_place = urgent || (of_user < MAX_QUEUED_PER_USER && of_all < MAX_QUEUED);
-        // The same stop of the same person is one request.
+        // A repeated stop by the same person is not queued a second time.
         let is_stop = urgent && !matches!(what, What::Leave);
         let is_same = is_stop
             && self.waiting.iter().any(|waiting| waiting.queued && waiting.uid == uid && waiting.words == words);
@@ -144,7 +144,7 @@ impl Desk {
             }
         }
         if urgent {
-            // It goes before these.
+            // An urgent request goes before the waiting ones.
             self.waiting.iter_mut().filter(|waiting| waiting.queued).for_each(|waiting| waiting.at_most += 1);
         }
     }
@@ -172,7 +172,7 @@ impl Desk {
         self.waiting.iter_mut().for_each(|waiting| waiting.rounds += 1);
         let outdated = request.as_ref().filter(|request| matches!(request.what, What::Outdated { .. }));
         if let Some(request) = outdated {
-            // It is answered at once.
+            // An outdated request is answered at once.
             self.is_outdated(&request.what, state);
         }
         self.answers();
@@ -260,7 +260,8 @@ impl Desk {
     }
 }
 
-/// What is wrong with how a decision is taken: upon what it was decided the table must be still.
+/// Returns what is wrong with a decision that was processed: the table must still be in the state on which the
+/// decision was based.
 fn taken(first: &mut Waiting, what: &What, state: &State) -> Option<String> {
     let shown = first.shown?;
     let is_good = shown == Shown::from_state(state);

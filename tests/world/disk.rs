@@ -25,10 +25,10 @@ const HEAD: &str = "panelprep.head";
 /// The file that reserves space and contains no data.
 const RESERVE: &str = "panelprep.reserve";
 
-/// What is to happen at one of the next writings.
+/// An event at one of the next writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// Nothing is written from there on.
+    /// From this write on, nothing is written.
     End,
     /// This number of writes find no room, until the reserve is given up.
     Full(u32),
@@ -55,7 +55,7 @@ enum Naming {
     Remove(PathBuf),
 }
 
-/// A folder that is watched.
+/// A folder of which all writes are watched.
 #[derive(Debug)]
 struct Watched {
     root: PathBuf,
@@ -88,7 +88,7 @@ thread_local! {
     static WATCHED: RefCell<Option<Watched>> = const { RefCell::new(None) };
 }
 
-/// Watches what this thread writes to this folder, all of which is taken for flushed.
+/// Watches this thread's writes to this folder. The existing contents count as flushed.
 pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
     let mut watched = Watched {
         root: root.to_owned(),
@@ -119,12 +119,12 @@ pub fn imagine_one_in(count: u32, seed: u64) {
     with(|watched| watched.imagined = Some((count, Pcg64::seed_from_u64(seed))));
 }
 
-/// From now on writings may be imagined to be the last ones.
+/// From now on, any write may be imagined to be the last one before a power cut.
 pub fn imagine() {
     with(|watched| watched.imagines = true);
 }
 
-/// A power cut is imagined now, between two writings.
+/// Imagines a power cut now, between two writes.
 pub fn imagine_now() {
     with(|watched| {
         let draw = watched.imagined.as_mut().map(|(_, draw)| draw.random());
@@ -134,7 +134,8 @@ pub fn imagine_now() {
     });
 }
 
-/// What power cuts would have left since [`imagine`]: a folder for each.
+/// Returns a folder for each imagined power cut since [`imagine`], with the contents that the power cut would have
+/// left.
 pub fn imagined() -> Vec<PathBuf> {
     let left = with(|watched| {
         watched.imagines = false;
@@ -143,7 +144,8 @@ pub fn imagined() -> Vec<PathBuf> {
     left.unwrap_or_default()
 }
 
-/// Another process writes to the same folder: what the last one has not flushed is still in the system's memory.
+/// Continues with another process in the same folder: unflushed data of the last process is still in the system's
+/// memory.
 pub fn resume() {
     with(|watched| {
         watched.open.clear();
@@ -157,10 +159,10 @@ pub fn leave() {
     WATCHED.with_borrow_mut(|slot| *slot = None);
 }
 
-/// What is to happen at the nth writing from now on.
+/// Plans an event for the nth write from now on.
 pub fn at_writing(nth: u32, event: Event) {
     with(|watched| {
-        // Of the reserve's room more is left than is written until the process ends.
+        // The reserve frees more room than is written until the process ends, so that the disk would not be full.
         let has_room = !watched.names.contains_key(&watched.root.join(RESERVE));
         if !(has_room && matches!(event, Event::Full(_))) {
             watched.events.push((watched.writings + u64::from(nth), event));
@@ -168,32 +170,32 @@ pub fn at_writing(nth: u32, event: Event) {
     });
 }
 
-/// Nothing of this is to happen any more.
+/// Cancels all planned events.
 pub fn mend() {
     with(|watched| watched.events.clear());
 }
 
-/// Whether something is still to happen.
+/// Returns whether an event is still planned.
 pub fn is_armed() -> bool {
     with(|watched| !watched.events.is_empty()).unwrap_or(false)
 }
 
-/// Whether the end has come.
+/// Returns whether the end of all writes has come.
 pub fn is_over() -> bool {
     with(|watched| watched.is_over).unwrap_or(false)
 }
 
-/// Whether a writing has failed.
+/// Returns whether a write has failed.
 pub fn had_io_error() -> bool {
     with(|watched| watched.had_io_error).unwrap_or(false)
 }
 
-/// Whether a writing of this process found no room, but for the head's.
+/// Returns whether a write of this process found no room, not counting writes of the head.
 pub fn was_full() -> bool {
     with(|watched| watched.was_full).unwrap_or(false)
 }
 
-/// Writes what a power cut leaves into this folder, by a seed.
+/// Writes the contents that a power cut leaves into this folder, depending on a seed.
 pub fn after_power_cut(to: &Path, seed: u64) {
     let was = libc_calls::listen(false);
     let _ = std::fs::remove_dir_all(to);
@@ -213,7 +215,7 @@ pub fn before(call: &Call<'_>) -> Option<i32> {
     WATCHED.with_borrow_mut(|slot| slot.as_mut().and_then(|watched| watched.before(call)))
 }
 
-/// A call of this thread that was done.
+/// Records a call of this thread that was performed.
 pub fn after(call: &Call<'_>, result: i64) {
     WATCHED.with_borrow_mut(|slot| {
         if let Some(watched) = slot {
@@ -231,7 +233,7 @@ impl Watched {
                 self.scan(&entry.path());
                 continue;
             }
-            // Its bytes are nothing, and many.
+            // The reserve's bytes are many and have no meaning, so they are not stored.
             let kept = if entry.file_name() == RESERVE {
                 Vec::new()
             } else {
@@ -296,7 +298,7 @@ impl Watched {
         }
     }
 
-    /// Whether it is the head that finds no room: behind a commit nothing depends on it.
+    /// Returns whether the call writes the head. If the head finds no room, nothing depends on it after a commit.
     fn is_head(&self, call: &Call<'_>) -> bool {
         let (Call::Write { fd, .. } | Call::Length { fd, .. }) = call else { return false };
         let Some(Opened::File(file)) = self.open.get(fd) else { return false };
@@ -400,7 +402,7 @@ impl Watched {
         self.names.iter().find(|(_, named)| **named == file).map(|(path, _)| path.as_path())
     }
 
-    /// Whether a mistake was put in by which this is not flushed.
+    /// Returns whether a planted mistake leaves this file or folder unflushed.
     fn forgets(&self, path: Option<&Path>, is_folder: bool) -> bool {
         let Some((sabotage, path)) = self.sabotage.zip(path) else { return false };
         sabotage.forgets_flush(path, is_folder)
@@ -426,7 +428,7 @@ impl Watched {
 impl File {
     fn after_power_cut(&self, draw: &mut Pcg64) -> Vec<u8> {
         let mut bytes = self.kept.clone();
-        // All, none, or any.
+        // Share of the pending changes that are kept: none, all, or a part.
         let share = [0.0, 0.5, 0.9, 1.0][draw.random_range(0..4)];
         for change in &self.pending {
             let kept = draw.random_bool(share);
@@ -447,7 +449,7 @@ impl File {
     }
 }
 
-/// SQLite's index of its log is memory that is shared, and made anew.
+/// Returns whether a file is SQLite's index of its log, which is shared memory and made again.
 fn is_shared_memory(path: &Path) -> bool {
     path.to_string_lossy().ends_with("-shm")
 }

@@ -1,6 +1,6 @@
-//! What makes places, counts and decisions another matter than the program believes: another override, a pose that
-//! is measured off, an arm that a person jogs, a store that is restored, a second screen that shows what is over.
-//! Drawn apart from all else, so that the entries of a seed are what they were without these.
+//! Faults that make positions, counts and decisions differ from the program's view. These are another override, a
+//! pose with a measurement error, an arm that a person jogs, a restored store, and a second screen that shows an
+//! outdated step. They are drawn separately, so that the other entries of a seed do not change.
 
 use super::script::{Entry, Fault, Odds, PLACES, Press};
 use rand::seq::IndexedRandom;
@@ -12,15 +12,15 @@ use rand_pcg::Pcg64;
 const SHARE: f64 = 0.5;
 const RESTORES: f64 = 0.08;
 
-/// Places in which the arm is at rest, or soon will be.
+/// Places of the table in which the arm is at rest, or soon will be.
 const AT_REST: [&str; 12] = [
     "held", "held", "stopped", "aborted", "aborted", "holding", "stopping", "aborting", "wet", "inspect", "idle",
     "complete",
 ];
-/// In which a person decides.
+/// Places of the table in which a person decides.
 const DECIDED: [&str; 6] = ["held", "held", "aborted", "unholding", "clearing", "stopped"];
 
-/// Those of a seed.
+/// Draws the entries of a seed.
 pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     let draw = &mut Pcg64::seed_from_u64(seed ^ 0x0e15e);
     let mut drawn = Vec::new();
@@ -50,7 +50,8 @@ fn lasts_ms(draw: &mut Pcg64) -> u64 {
     if draw.random_bool(0.25) { draw.random_range(20..400) } else { draw.random_range(400..4_000) }
 }
 
-/// Most often while the tip is on the panel, which it is some seconds after the phase begins; else in one of these places.
+/// Draws an entry that most often strikes while the tip is on the panel, some seconds after the phase begins;
+/// otherwise in one of these places.
 fn in_contact_or(draw: &mut Pcg64, places: &[&str], fault: Fault) -> Entry {
     if draw.random_bool(0.3) {
         return entry(draw, (places, 3_000), fault);
@@ -58,7 +59,7 @@ fn in_contact_or(draw: &mut Pcg64, places: &[&str], fault: Fault) -> Entry {
     Entry { place: "abrade".to_owned(), visit: 1, after_ms: draw.random_range(0..7_000), fault }
 }
 
-/// The override is another one before contact, or from some moment of the contact.
+/// Draws another override, before contact or from some moment of the contact.
 fn overridden(draw: &mut Pcg64) -> Entry {
     let percent = [1, 10, 50, 75, 90, 99][draw.random_range(0..6)];
     let fault = Fault::Controller(format!("override={percent}/{}ms", lasts_ms(draw)));
@@ -73,7 +74,7 @@ fn measured(draw: &mut Pcg64) -> Entry {
     in_contact_or(draw, &["refine", "plan", "verify", "retract", "held"], fault)
 }
 
-/// From near the panel to the park pose, and somewhere in between.
+/// Draws a jog to a position from near the panel to the park pose.
 fn jog(draw: &mut Pcg64, places: &[&str]) -> Entry {
     let percent = match draw.random_range(0..4) {
         0 | 1 => 0,
@@ -85,7 +86,7 @@ fn jog(draw: &mut Pcg64, places: &[&str]) -> Entry {
     entry(draw, (places, 2_000), fault)
 }
 
-/// The work is left in contact or behind it, and the arm is jogged.
+/// Draws an interruption of the work in contact or after it, followed by a jog of the arm.
 fn jogged_after_contact(draw: &mut Pcg64) -> Vec<Entry> {
     let left = [
         Fault::Press(Press::Hold),
@@ -99,7 +100,7 @@ fn jogged_after_contact(draw: &mut Pcg64) -> Vec<Entry> {
     vec![left, jog(draw, &["held", "stopped", "aborted", "holding", "aborting"])]
 }
 
-/// A person decides on a screen that was not read again: upon a step that is over, or upon the present one.
+/// Draws a decision on a screen that was not updated, based on a step that is over or on the present one.
 fn stale(draw: &mut Pcg64) -> Vec<Entry> {
     let hold = entry(draw, (&["wet", "inspect", "plan", "abrade"], 3_000), Fault::Press(Press::Hold));
     let count = draw.random_range(1..4);
@@ -112,7 +113,7 @@ fn stale(draw: &mut Pcg64) -> Vec<Entry> {
     [hold].into_iter().chain(decides).collect()
 }
 
-/// A backup at some moment, and a restore at a later one.
+/// Draws a backup at some moment, and a restore at a later one.
 fn restored(draw: &mut Pcg64) -> Vec<Entry> {
     let before = ["stopped", "idle", "locate", "wet", "plan", "abrade", "rinse", "complete"];
     let behind = ["abrade", "abrade", "retract", "rinse", "held", "aborted", "complete", "stopped", "inspect"];

@@ -1,5 +1,5 @@
-//! The cell of the simulated world: its file, its recipe, what was taught of its panel, and the store that all
-//! worlds begin with.
+//! The cell of the simulated world: its file, its recipe, the taught panel, and the store with which all worlds
+//! begin.
 
 use panelprep::cell::{self, LensExtent};
 use panelprep::cycle;
@@ -13,9 +13,10 @@ use panelprep::store::{CycleStart, Store};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// The renderer's smallest pictures that its own tests use: one in eight pixels each way.
+/// Factor by which pictures are smaller in each direction: the strongest reduction that the renderer's own tests
+/// use.
 const REDUCTION: usize = 8;
-/// The simulated cell of this seed.
+/// Seed of the simulated cell.
 const CELL_SEED: u64 = 3;
 
 /// A point that differs from the empty cell by more than this belongs to the panel, mm; this number of pixels
@@ -33,18 +34,18 @@ const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110,
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n\
      [limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [700, 450, 900]\nmax_tilt_deg = 60\nmax_speed_mm_s = 500\n";
 
-/// What every world shares.
+/// The data that every world shares.
 pub struct Fixture {
     /// The cell's file.
     pub cell: cell::Cell,
-    /// The same for the loop.
+    /// The cell's setup for the loop.
     pub setup: Arc<CellSetup>,
     /// A cycle's share.
     pub cycle: CycleSetup,
     /// The truth of the cell, by the scene in it.
     scenes: [sim::Cell; 3],
     truth: Truth,
-    /// A new store as the program leaves it: its files, from its folder on.
+    /// The files of a new store, with paths relative to its folder.
     store: Vec<(PathBuf, Vec<u8>)>,
 }
 
@@ -53,7 +54,7 @@ pub struct Fixture {
 pub enum CellContents {
     /// The taught panel, greasy in places.
     Greasy,
-    /// The same without grease.
+    /// The taught panel without grease.
     Clean,
     /// No panel.
     Nothing,
@@ -62,14 +63,14 @@ pub enum CellContents {
 }
 
 impl CellContents {
-    /// What it looks like before anything was done with it.
+    /// Returns the contents with the same look before any work.
     pub fn looks(self) -> Self {
         if self == CellContents::Stubborn { CellContents::Greasy } else { self }
     }
 }
 
 impl Fixture {
-    /// The one of this process.
+    /// Returns the fixture of this process.
     pub fn get() -> &'static Fixture {
         static FIXTURE: OnceLock<Fixture> = OnceLock::new();
         FIXTURE.get_or_init(Fixture::new)
@@ -85,7 +86,8 @@ impl Fixture {
         let cycle =
             CycleSetup::new(setup.clone(), recipe, taught, (calibrations(&scenes[0]), LensExtent::default()))
                 .expect("a corner");
-        // The loop would prepare it in a thread of its own, for which a pool of this thread alone never has time.
+        // The loop would prepare the model in a thread of its own, which never gets time if the pool has only this
+        // thread.
         assert!(cycle.taught_model().is_ok(), "the taught panel can be located");
         let at = folder("template");
         // Removes the folder that an earlier process with the same process ID may have left.
@@ -102,18 +104,18 @@ impl Fixture {
         &self.scenes[stands.looks() as usize]
     }
 
-    /// What the 3D camera sees.
+    /// Returns the 3D camera's scan.
     pub fn scan(&self, stands: CellContents) -> OrganizedCloud<Camera> {
         let empty = self.scene(CellContents::Nothing).scan();
         cropped(&self.scene(stands).scan(), &self.scene(CellContents::Greasy).scan(), &empty)
     }
 
-    /// What is true of the taught panel in the cell.
+    /// Returns the ground truth of the taught panel in the cell.
     pub fn truth(&self) -> &Truth {
         &self.truth
     }
 
-    /// A cycle for the loop to begin.
+    /// Returns a cycle that the loop can begin.
     pub fn prepared(&self) -> PreparedCycle {
         let start = CycleStart {
             panel: self.cycle.panel_name().to_owned(),
@@ -126,8 +128,8 @@ impl Fixture {
         PreparedCycle { request, setup: self.cycle.clone(), start, recording: None, remarks: vec![] }
     }
 
-    /// Puts a new store into this folder. The store's reserve has its length and no blocks: the disk of a world is
-    /// never full by itself.
+    /// Writes a new store into this folder. The store's reserve has its length but no blocks, because a world's
+    /// disk becomes full only by a fault.
     pub fn put_store(&self, to: &Path) {
         std::fs::create_dir_all(to.join("blobs")).expect("a folder");
         for (name, bytes) in &self.store {
@@ -138,7 +140,7 @@ impl Fixture {
     }
 }
 
-/// The files of a folder and of those in it, but for the reserve.
+/// Returns the files of a folder and its subfolders, except the reserve.
 fn files(root: &Path, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).expect("a folder") {

@@ -6,37 +6,39 @@ use super::disk;
 use super::inside::Inside;
 use panelprep::cycle::{Act, At, Id, Robot, State};
 
-/// Longest time for an answer that needs a state of the controller alone, and for one that is computed, ms.
+/// Longest time for an answer that needs only a state of the controller, ms; `COMPUTED_MS` is the longest time for
+/// a computed answer.
 const ANSWER_MS: u64 = 5_000 + 500;
 const COMPUTED_MS: u64 = 60_000 + 500;
 /// Time after which a robot that cannot move is known, ms, and number of looks of the loop by then.
 const UNABLE_MS: u64 = 1_000;
 const UNABLE_LOOKS: u32 = 20;
-/// So soon the cell is held for a full disk, ms.
+/// Longest time until the cell is held because the disk is full, ms.
 const HELD_MS: u64 = 1_500;
 
-/// What was seen of one process.
+/// Observations of one process.
 #[derive(Debug, Default)]
 pub struct InTime {
-    /// What is waited for, since when, and how long writings had taken by then.
+    /// The answer that is expected, the time since when, and the total time of writes by then.
     due: Option<(Id, u64, u64)>,
-    /// Since when the controller cannot move the arm while the cell works, and in how many looks.
+    /// Time since which the controller cannot move the arm while the cell works, and the number of looks since
+    /// then.
     unable: Option<(u64, u32)>,
-    /// The controller's starts when the cell came to be held, and whether the robot was gone since.
+    /// The controller's number of starts when the cell was held, and whether the robot was disconnected since.
     held: Option<(u32, bool)>,
-    /// Since when the disk is full while the cell works, and how long writings had taken by then.
+    /// Time since which the disk is full while the cell works, and the total time of writes by then.
     full: Option<(u64, u64)>,
     was_full: bool,
 }
 
-/// What moves the arm, or leads to it.
+/// Returns whether the state moves the arm or leads to a motion.
 fn works(at: At) -> bool {
     use At as A;
     matches!(at, A::Resetting | A::Starting | A::Execute(_) | A::Unholding { .. } | A::Completing { .. })
 }
 
 impl InTime {
-    /// The loop shows its state.
+    /// Checks the times at each state that the loop shows.
     pub fn look(&mut self, world: &mut Inside, state: &State) {
         self.answers(world, state);
         self.readiness(world, state);
@@ -103,7 +105,7 @@ impl InTime {
         world.counts.judged("a controller's start");
     }
 
-    /// The first time that a process finds its disk full.
+    /// Notes the first time that a process finds its disk full.
     fn full_disk(&mut self, world: &mut Inside, state: &State) {
         let works = matches!(state.at, At::Execute(_) | At::Unholding { .. });
         let is_new = disk::was_full() && !std::mem::replace(&mut self.was_full, disk::was_full());

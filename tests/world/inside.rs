@@ -40,7 +40,7 @@ const LOW_MM: f64 = 1.0;
 /// The controller's watchdog, a message on its way, and the time of its program, ms.
 const WATCHDOG_DELAY_MS: u64 = 400 + 300;
 
-/// What the record permits of a contact path.
+/// The waypoints that the record permits for a contact path.
 #[derive(Debug, Clone, Copy)]
 pub enum Permit {
     /// It begins, with this number of waypoints.
@@ -51,13 +51,13 @@ pub enum Permit {
     Ends,
 }
 
-/// An entry of the script on its way.
+/// An entry of the script that has not struck yet.
 struct Pending {
     entry: Entry,
     due_ms: Option<u64>,
 }
 
-/// Link, controller, arm and what is around them.
+/// Link, controller, arm and their surroundings.
 pub struct Inside {
     pub cell: Cell,
     pub oracles: Oracles,
@@ -69,9 +69,9 @@ pub struct Inside {
     pub ended_since_ms: Option<u64>,
     /// Time since which the tool or the extraction is reported as stopped while the pad is on its path.
     pub dead_since_ms: Option<u64>,
-    /// Until when what struck lasts, ms.
+    /// Time until which the effects of all faults last, ms.
     pub lasts_until_ms: u64,
-    /// The same without feedbacks that do not follow.
+    /// Time until which the effects last, without feedbacks that do not follow, ms.
     pub others_last_until_ms: u64,
     /// A fault whose effect may come later has struck: half a message in a buffer, a base that will be wrong at its
     /// next setting.
@@ -82,12 +82,12 @@ pub struct Inside {
     visits: BTreeMap<&'static str, u32>,
     /// Requests of people that are not yet taken up.
     pub pressed: VecDeque<Press>,
-    /// What is wrong with the scanner and the flange camera, and until when.
+    /// The fault of the scanner and of the flange camera, and the time until which it lasts.
     pub cameras: [Option<(CameraHarm, u64)>; 2],
     home_at_ms: Option<u64>,
     /// The additional time of each write, and until when, ms.
     slow_disk: Option<(u64, u64)>,
-    /// How long slow writings have held up the loop so far, ms.
+    /// Total time for which slow writes have delayed the loop, ms.
     pub written_ms: u64,
     /// Time after the last fault in which no person ends the current work, ms, and the time of that fault.
     pub aftermath_ms: u64,
@@ -96,37 +96,37 @@ pub struct Inside {
     pub away_until_ms: u64,
     pub truth: Truth,
     pub places: Places,
-    /// What a second screen decides: what, and upon how old a step.
+    /// Decisions of a second screen: the request, and the number of steps by which the screen is outdated.
     pub screens: VecDeque<(Press, u32)>,
-    /// The store is to be backed up, or replaced by what was backed up last.
+    /// The store must be backed up; `restores`: the store must be replaced by the last backup.
     pub backs_up: bool,
     pub restores: bool,
     pub backup: Option<Backup>,
-    /// The next cycle is that of another part.
+    /// The next cycle is for another part.
     pub is_another_part: bool,
-    /// How the process is to end at its disk.
+    /// The planned end of the process at one of its writes.
     pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
     /// Motions that were executed before the present contact path, and the number of its motions that the record
     /// permits.
     permitted: Option<(usize, u32)>,
-    /// The epoch and the first command of that path.
+    /// The epoch and the first command of the present contact path.
     contact: Option<(Epoch, CommandId)>,
     /// The required ends of lines.
     pub aims: Aims,
-    /// Since when nothing of the client arrives, ms.
+    /// Time since which no bytes of the client arrive, ms.
     deaf_since_ms: u64,
-    /// The mistake that is put in.
+    /// The mistake that is planted.
     pub sabotage: Option<Sabotage>,
 }
 
-/// Shared by the ports of a loop.
+/// The world, as the ports of a loop share it.
 #[derive(Clone)]
 pub struct Shared(Arc<Mutex<Inside>>);
 
 impl Shared {
-    /// A world in which this script is to strike.
+    /// Returns a world in which this script will strike.
     pub fn new(
         stands: CellContents,
         link: ((u64, u64), Option<Programs>),
@@ -136,7 +136,7 @@ impl Shared {
         Shared(Arc::new(Mutex::new(Inside::new(stands, link, script, sabotage))))
     }
 
-    /// The world, for the moment of a call.
+    /// Locks the world for one call.
     pub fn lock(&self) -> MutexGuard<'_, Inside> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -146,7 +146,7 @@ fn is_low(controller: &Controller) -> bool {
     height_mm(controller) < LOW_MM
 }
 
-/// How far the tool's tip is from the panel.
+/// Returns the height of the tool's tip above the panel, mm.
 fn height_mm(controller: &Controller) -> f64 {
     let fixture = Fixture::get();
     let calibrations = fixture.cycle.calibrations;
@@ -155,19 +155,19 @@ fn height_mm(controller: &Controller) -> f64 {
     fixture.truth().distance_mm(panel_from_tool.origin()).abs()
 }
 
-/// The link's limits of the cell's file.
+/// Returns the link's limits from the cell's file, with those that a planted mistake changes.
 fn limits(sabotage: Option<Sabotage>) -> LinkLimits {
     let limits = link_limits(&Fixture::get().cell);
     sabotage.map_or(limits, |sabotage| sabotage.limits(limits))
 }
 
-/// A client's session that is not connected.
+/// Returns a client's session that is not connected.
 pub fn session(sabotage: Option<Sabotage>) -> Session {
     Session::new(wire(), limits(sabotage), Pace::Wall)
 }
 
 impl Inside {
-    /// A person brings the arm to its park pose by hand, if it is at rest.
+    /// Jogs the arm to its park pose, as a person does, if the arm is at rest.
     pub fn jogs_to_park(&mut self) {
         if self.cell.controller.jog(super::fixture::Fixture::get().setup.park) {
             self.oracles.jogged(self.cell.controller.joints());
@@ -247,7 +247,7 @@ impl Inside {
         self.violation.get_or_insert_with(|| Violation { judge, what: format!("{now_ms} ms: {what}") });
     }
 
-    /// The table is here now.
+    /// Notes that the cycle's table has reached this state.
     pub fn comes_to(&mut self, at: At) {
         let place = script::place(at);
         if place == self.place {
@@ -287,14 +287,14 @@ impl Inside {
             && tampering.lies.is_empty()
     }
 
-    /// Whether anything is left that may strike, or what struck may still have its effect.
+    /// Returns whether an entry may still strike, or an earlier fault may still have an effect.
     pub fn may_strike(&self) -> bool {
         !self.script.is_empty()
             || self.is_troubled()
             || (self.struck_ms > 0 && self.now_ms() < self.struck_ms + self.aftermath_ms)
     }
 
-    /// Nothing goes wrong any more.
+    /// Ends all faults.
     pub fn mend(&mut self) {
         self.script.clear();
         (self.slow_disk, self.away_until_ms) = (None, 0);
@@ -303,7 +303,7 @@ impl Inside {
         *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
     }
 
-    /// One event of the cell, until this time at most.
+    /// Performs one event of the cell, at this time at the latest.
     pub fn step(&mut self, end_ms: u64) {
         let next_ms = self.script.iter().filter_map(|pending| pending.due_ms).min().unwrap_or(u64::MAX);
         let soon_ms = end_ms.min(next_ms.max(self.now_ms() + 1));
@@ -324,7 +324,7 @@ impl Inside {
         self.take_violation();
     }
 
-    /// The store has acknowledged it.
+    /// Notes a permit that the store has acknowledged.
     pub fn permits(&mut self, permit: Permit) {
         self.permitted = match (permit, self.permitted) {
             (Permit::Begins(count), _) => Some((self.cell.controller.executed().len(), count)),
@@ -400,7 +400,8 @@ impl Inside {
         self.cell.controller.executed().iter().skip(before).filter(is_on_path).count()
     }
 
-    /// Tool and water go off when the controller has heard nothing of its client for the watchdog's time.
+    /// Checks that tool and water go off when the controller has received nothing from its client for the
+    /// watchdog's time.
     fn judge_watchdog(&mut self) {
         let now_ms = self.now_ms();
         let is_silent = now_ms < self.cell.deaf_until_ms && now_ms > self.deaf_since_ms + WATCHDOG_DELAY_MS;
@@ -424,7 +425,7 @@ impl Inside {
         }
     }
 
-    /// Time in which no process of ours runs.
+    /// Lets time pass in which no process of the program runs.
     pub fn without_process(&mut self, ms: u64) {
         let end_ms = self.now_ms() + ms;
         let mut tool_ms = 0;
@@ -448,12 +449,12 @@ impl Inside {
         self.around.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether this output is on.
+    /// Returns whether this output is on.
     pub fn is_on(&self, output: u16) -> bool {
         self.lock_around().is_on(output)
     }
 
-    /// Whether the pictures of the process's light are black.
+    /// Returns whether pictures of the process are black, because of the light or the lens shutter.
     pub fn is_dark(&self) -> bool {
         let around = self.lock_around();
         !around.is_lit(self.now_ms()) || around.is_lens_shut(self.now_ms())
@@ -464,12 +465,12 @@ impl Inside {
         self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
 
-    /// The epoch that the session has open.
+    /// Returns the epoch that the session has open.
     pub fn open_epoch(&self) -> Option<Epoch> {
         self.cell.session.epoch()
     }
 
-    /// How far the tool's tip is from the panel.
+    /// Returns the height of the tool's tip above the panel, mm.
     pub fn height_mm(&self) -> f64 {
         height_mm(&self.cell.controller)
     }

@@ -6,17 +6,18 @@ use super::inside::Inside;
 use panelprep::cycle::{self, At, Epoch, Lens, Light, Path, Robot, State, Tool};
 use panelprep::verdict::Verdict;
 
-/// A stop ends within `[limits] stop_deadline_s`, and an abort that follows within the watchdog and a retract, ms.
+/// Time limit for a stop, which ends within `[limits] stop_deadline_s`, and an abort that follows within the
+/// watchdog and a retract, ms.
 const STOP_MS: u64 = 10_000 + ABORT_MS;
 const ABORT_MS: u64 = 3_000;
 /// A fact may be this much older than the controller's outputs: a state on its way, and the controller's own
 /// program, ms.
 const LATE_MS: u64 = 300;
-/// Half a second of contrary feedback is waited for; the rest is on its way, ms.
+/// Longest time for a reaction to contrary feedback: half a second of waiting, and the delay of messages, ms.
 const DEAD_MS: u64 = 500 + 2 * LATE_MS;
 const PARKED_DEG: f64 = 0.2;
 
-/// The loop shows its state.
+/// Judges each state that the loop shows.
 pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     stops(world, state, stopping);
     agrees(world, state);
@@ -29,7 +30,7 @@ pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Req
     }
 }
 
-/// A stop or an abort ends what moves, in every state.
+/// Checks that a stop or an abort ends all motion, in every state.
 fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     let Some((request, since_ms)) = *stopping else { return };
     let is_over = state.at.rests();
@@ -121,13 +122,13 @@ fn agrees(world: &mut Inside, state: &State) {
     }
 }
 
-/// A 3D shot is about to be taken.
+/// Judges the cell when a 3D shot is about to be taken.
 pub fn scans(world: &mut Inside) {
     let park = super::fixture::Fixture::get().setup.park;
     let is_parked = world.cell.controller.joints().farthest_deg(&park) <= PARKED_DEG;
     let moves = world.cell.controller.is_moving();
     let is_lit = world.is_on(1);
-    // Who is lied to, or disturbed just now, may well be wrong.
+    // A program that receives false reports, or was just disturbed, may well be wrong.
     let is_known = !world.is_strange() && world.now_ms() > world.lasts_until_ms;
     world.counts.judged("interlocks");
     if (!is_parked || moves || is_lit) && is_known {
@@ -135,7 +136,7 @@ pub fn scans(world: &mut Inside) {
     }
 }
 
-/// A cycle has its verdict.
+/// Judges a cycle's verdict.
 pub fn concluded(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("verdict");
     let is_untrue = match world.stands {

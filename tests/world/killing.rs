@@ -25,24 +25,24 @@ use std::time::Duration;
 
 /// Latest time at which a process is killed; most worlds take less.
 const MAX_KILL_DELAY: Duration = Duration::from_millis(45);
-/// Processes on one store, at most.
+/// Maximum number of processes on one store.
 const MAX_PROCESSES: u64 = 12;
 /// Precedes a process's report about itself.
 const WRONG: &str = "wrong ";
 const END: &str = "end";
 
-/// What came of killing.
+/// The results of killing.
 #[derive(Debug, Default)]
 pub struct Killed {
-    /// Processes that were killed.
+    /// Number of processes that were killed.
     pub kills: u64,
-    /// Processes that came to their end before.
+    /// Number of processes that ended before they were killed.
     pub ended: u64,
-    /// What their stores acknowledged.
+    /// Number of commands that their stores acknowledged.
     pub acknowledged: u64,
-    /// Stores that were looked at to the end.
+    /// Number of stores that were followed to the end.
     pub stores: u64,
-    /// What was wrong, with the seed.
+    /// The violations, each with its seed.
     pub violations: Vec<(u64, Violation)>,
 }
 
@@ -63,7 +63,7 @@ fn wrong(judge: &'static str, what: String) -> Violation {
     Violation { judge, what }
 }
 
-/// Processes on one store, one after the other, until one of them ends by itself.
+/// Runs processes on one store, one after the other, until one of them ends by itself.
 fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Result<(), Violation> {
     let folder = fixture::folder("killed");
     let _ = std::fs::remove_dir_all(&folder);
@@ -78,7 +78,7 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
             !matches!(entry.fault, Fault::Power { .. } | Fault::Disk { .. } | Fault::Backup | Fault::Restore)
         });
         let world = World { sabotage, ..World::with(world_seed, script) };
-        // The last one comes to its end.
+        // The last process is not killed.
         let patience = (process + 1 < MAX_PROCESSES).then(|| MAX_KILL_DELAY.mul_f64(draw.random()));
         let told = run_and_kill(&world, &folder, &ledger, patience);
         let mut has_ended = false;
@@ -108,14 +108,14 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
 fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<Duration>) -> String {
     assert_eq!(std::fs::read_dir("/proc/self/task").map_or(1, Iterator::count), 1, "a copy has one thread only");
     let mut ends: [RawFd; 2] = [0; 2];
-    // SAFETY: the call writes two descriptors there.
+    // SAFETY: the call writes two descriptors to this address.
     assert_eq!(unsafe { libc::pipe(ends.as_mut_ptr()) }, 0, "a pipe");
     // SAFETY: both are new and have no other owner. The pipe has room for all output of a world.
     let (mut reads, writes) = unsafe {
         libc::fcntl(ends[1], libc::F_SETPIPE_SZ, 1 << 20);
         (File::from_raw_fd(ends[0]), File::from_raw_fd(ends[1]))
     };
-    // SAFETY: this process has one thread, so nothing is locked in its copy by another one.
+    // SAFETY: this process has only one thread, so no other thread holds a lock in the copy.
     match unsafe { libc::fork() } {
         0 => in_the_copy(world, folder, ledger, writes),
         copy => {
@@ -123,7 +123,7 @@ fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<
             drop(writes);
             if let Some(patience) = patience {
                 std::thread::sleep(patience);
-                // SAFETY: the copy is this process's own child, and not yet waited for.
+                // SAFETY: the copy is this process's own child, and was not waited for yet.
                 unsafe { libc::kill(copy, libc::SIGKILL) };
             }
             let mut told = String::new();
@@ -149,6 +149,6 @@ fn in_the_copy(world: &World, folder: &Path, ledger: &Ledger, writes: File) -> !
     };
     let _ = (&*writes).write_all(line.as_bytes());
     disk::leave();
-    // SAFETY: ends the copy at once; what it shares with the process it was made of is not closed twice.
+    // SAFETY: ends the copy at once, so that resources shared with the original process are not closed twice.
     unsafe { libc::_exit(0) }
 }

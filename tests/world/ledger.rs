@@ -1,5 +1,5 @@
-//! What the store has acknowledged, kept beside it: after every start, whatever ended the process before, the store
-//! must hold it.
+//! The acknowledgements of the store, recorded outside of it. After every start, whatever ended the process before,
+//! the store must contain all of them.
 
 use super::touched::Touched;
 use panelprep::cycle::{At, Event, Motion, Request, State};
@@ -22,27 +22,27 @@ pub struct Ledger {
     /// The journal's events.
     events: Vec<Event>,
     verdicts: BTreeMap<CycleId, Verdict>,
-    /// What the loop is about to have written as a cycle's verdict: what led to it is on the journal.
+    /// The verdict that the loop is about to write for a cycle; the events that led to it are in the journal.
     decided: BTreeMap<CycleId, Verdict>,
-    /// How many waypoints of each contact path of a cycle may be sent.
+    /// For each cycle, the number of waypoints of each contact path that may be sent.
     permitted: BTreeMap<CycleId, Vec<u32>>,
     findings: BTreeMap<CycleId, usize>,
     asked: BTreeMap<CycleId, usize>,
-    /// Waypoints of the motions that were closed.
+    /// For each cycle, the number of waypoints of the closed motions.
     done: BTreeMap<CycleId, u32>,
-    /// A motion that is open.
+    /// The open motion, if there is one.
     open: Option<Motion>,
-    /// The cycle at hand.
+    /// The present cycle.
     pub cycle: Option<CycleId>,
-    /// The last cycle that ever began, also in a store that was replaced since.
+    /// The last cycle that ever began, even if its store was replaced since.
     last: Option<CycleId>,
-    /// What the arm touched.
+    /// The grids that the arm touched.
     pub touched: Touched,
     /// The file that also receives each acknowledgement, for a reader that outlives this process.
     pub told_to: Option<Arc<File>>,
 }
 
-/// What of a command is remembered until its answer comes.
+/// The part of a command that is needed when its answer comes.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub enum CommandSummary {
     Event(Event),
@@ -78,7 +78,7 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
         let is_bad = match found(index) {
             (_, Verdict::Reject | Verdict::Invalid | Verdict::Aborted) => true,
             (_, Verdict::Review) => !decided(index),
-            // The last word is a film's, or an air-run's motion.
+            // The last finding is that of a film, or of an air-run's motion.
             (_, Verdict::Fail) => index + 1 == record.findings.len(),
             (_, Verdict::Accept | Verdict::Pass) => false,
         };
@@ -111,13 +111,13 @@ impl CommandSummary {
 }
 
 impl Ledger {
-    /// The store has acknowledged it.
+    /// Notes a command that the store has acknowledged.
     pub fn acknowledged(&mut self, told: CommandSummary, answer: &RecordAnswer) {
         let begun = if let RecordAnswer::Cycle(cycle) = answer { Some(*cycle) } else { None };
         self.record(told, begun);
     }
 
-    /// The loop is about to have this verdict written.
+    /// Notes the verdict that the loop is about to write.
     pub fn decided(&mut self, verdict: Verdict) {
         self.record(CommandSummary::Decided(verdict), None);
     }
@@ -171,10 +171,11 @@ impl Ledger {
         }
     }
 
-    /// Starts on this store as a process would, and looks whether it holds what was acknowledged.
+    /// Starts on this store as a process would, and checks whether the store contains everything that was
+    /// acknowledged.
     ///
     /// # Errors
-    /// In words, why it cannot start, or what is not held.
+    /// A message: why the process cannot start, or what the store does not contain.
     pub fn check_start(&mut self, folder: &Path) -> Result<(), String> {
         let words = |error: StoreError| error.to_string();
         let mut store = Store::create(folder).map_err(words)?;
@@ -184,7 +185,7 @@ impl Ledger {
         Ok(())
     }
 
-    /// A cycle begins: whether its number was never used before.
+    /// Notes a cycle that begins; returns whether its number was never used before.
     pub fn is_new(&mut self, cycle: CycleId) -> bool {
         self.last.replace(cycle).is_none_or(|last| last < cycle)
     }
@@ -194,7 +195,7 @@ impl Ledger {
         Ledger { told_to: later.told_to.take(), last: later.last, ..self }
     }
 
-    /// A hash of the journal.
+    /// Returns a hash of the journal.
     pub fn trace(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         self.events.hash(&mut hasher);

@@ -29,7 +29,7 @@ thread_local! {
     static LISTENS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether this thread's calls are listened to from now on; what was before comes back.
+/// Turns the watching of this thread's calls on or off; returns the previous setting.
 pub fn listen(on: bool) -> bool {
     LISTENS.try_with(|listens| listens.replace(on)).unwrap_or(false)
 }
@@ -181,7 +181,7 @@ fn library_clock() -> Option<ClockGetTime> {
     unsafe { std::mem::transmute::<*mut c_void, Option<ClockGetTime>>(found) }
 }
 
-/// The wall clock of a world is moved; every other clock is what it is.
+/// Returns the time; the wall clock of a world has an offset, and every other clock is unchanged.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn clock_gettime(which: clockid_t, time: *mut timespec) -> c_int {
     let result = match library_clock() {

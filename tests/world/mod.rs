@@ -78,10 +78,10 @@ use std::sync::LazyLock;
 
 /// Virtual time after which no more faults strike, ms.
 const MAX_FAULT_TIME_MS: u64 = 120_000;
-/// From the end of a process to the begin of the next, ms.
+/// Time from the end of a process to the start of the next one, ms.
 const AWAY_MS: u64 = 2_000;
-/// The same after a power cut in one world of two: longer than a controller waits for a client that is gone without
-/// a word, ms.
+/// Time between two processes after a power cut, in one world of two: longer than a controller waits for a client
+/// that vanished without a message, ms.
 const LONG_AWAY_MS: u64 = 5_000;
 /// Worlds whose controller executes its programs: divisor of the seed, and remainder.
 const INTERPRETED: (u64, u64) = (8, 5);
@@ -91,49 +91,49 @@ const IMAGINES_ONE_IN: u32 = 300;
 const LONG_AFTERMATH_MS: u64 = 40_000;
 /// In one of this number of worlds with grease and a whole last cycle, the disc does not remove the grease.
 const STUBBORN_ONE_IN: u32 = 3;
-/// Processes that a world sees at most.
+/// Maximum number of processes in a world.
 const MAX_LIVES: u64 = 60;
 
-/// What the stages found in all worlds of the process: equal sights give equal results.
+/// Results of the stages in all worlds of the process: equal inputs give equal results.
 static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 
-/// A world before it begins.
+/// A world before its run.
 #[derive(Debug, Clone)]
 pub struct World {
     /// Its seed, which determines the contents of the cell and the delay of bytes.
     pub seed: u64,
     /// What goes wrong.
     pub script: Vec<Entry>,
-    /// The mistake that is put in, to see that it is found.
+    /// The mistake that is planted, to see that it is found.
     pub sabotage: Option<Sabotage>,
     /// Power cuts are imagined, which changes nothing in the world and uses a third of its time.
     pub imagines: bool,
 }
 
-/// What came of a world.
+/// The result of a world.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// What was counted.
     pub counts: Counts,
-    /// The first thing that was wrong.
+    /// The first violation of a rule.
     pub violation: Option<Violation>,
-    /// A hash of the journal: two runs of one world have the same.
+    /// A hash of the journal: two runs of a world have the same hash.
     pub trace: u64,
 }
 
 impl World {
-    /// The world of a seed.
+    /// Returns the world of a seed.
     pub fn from_seed(seed: u64) -> Self {
         let odds = Odds { most: 6, disk: !seed.is_multiple_of(3) };
         World::with(seed, script::draw(seed, odds))
     }
 
-    /// The same world with this script.
+    /// Returns the world of a seed with this script.
     pub fn with(seed: u64, script: Vec<Entry>) -> Self {
         World { seed, script, sabotage: None, imagines: true }
     }
 
-    /// The same world with a mistake put in.
+    /// Returns the world with a planted mistake.
     pub fn sabotaged(self, sabotage: Sabotage) -> Self {
         World { sabotage: Some(sabotage), ..self }
     }
@@ -152,8 +152,8 @@ impl World {
         Outcome { counts, violation: world.violation.clone(), trace }
     }
 
-    /// The controller's programs as they ship, which some worlds execute in place of their model; the turns of the
-    /// two interpreters are drawn from the seed.
+    /// Returns the controller's shipped programs, which some worlds execute in place of their model. The turns of
+    /// the two interpreters are drawn from the seed.
     fn programs(&self) -> Option<Programs> {
         static SHIPPED: LazyLock<Programs> = LazyLock::new(|| Programs::shipped().expect("right programs"));
         if self.seed % INTERPRETED.0 != INTERPRETED.1 || matches!(self.sabotage, Some(Sabotage::Controller(_))) {
@@ -174,7 +174,7 @@ impl World {
             CellContents::Clean,
             CellContents::Nothing,
         ][draw.random_range(0..5)];
-        // A cycle that is run to its end without faults shows it.
+        // A stubborn panel shows only in a cycle that runs to its end without faults.
         let is_whole = self.seed.is_multiple_of(4);
         let is_stubborn =
             is_whole && Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;
@@ -182,7 +182,7 @@ impl World {
         let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         let link = (delay_ms, self.programs());
         let world = Shared::new(stands, link, self.script.clone(), self.sabotage);
-        // Most worlds see one cycle and the begin of another one.
+        // Most worlds have one cycle and the start of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
         let mut people = People::new(world.clone(), (cycles, is_whole), MAX_FAULT_TIME_MS);
         people.dries = self.seed % 5 == 2;
@@ -204,8 +204,8 @@ impl World {
 }
 
 impl World {
-    /// The shortest script with which the same judge finds something: entries are taken out one at a time, as long
-    /// as that helps.
+    /// Returns the world with the shortest script with which the same judge finds something. Entries are removed
+    /// one at a time, as long as the judge still finds it.
     pub fn shortest(&self, judge: &str) -> World {
         let mut shortest = self.clone();
         let mut index = 0;
@@ -223,7 +223,7 @@ impl World {
     }
 }
 
-/// A world that runs.
+/// A world during its run.
 struct Running {
     world: Shared,
     people: People,
@@ -234,9 +234,9 @@ struct Running {
     folder: PathBuf,
     stores: u32,
     ledger: Ledger,
-    /// Tool or water was on when the last process ended.
+    /// Whether tool or water was on when the last process ended.
     left_on: bool,
-    /// The store was restored since the last start.
+    /// Whether the store was restored since the last start.
     is_restored: bool,
 }
 
@@ -253,7 +253,7 @@ impl Running {
     }
 
     fn whole(&mut self) {
-        // What an earlier world of this thread left.
+        // Removes the folder that an earlier world of this thread left.
         let _ = std::fs::remove_dir_all(&self.folder);
         Fixture::get().put_store(&self.store());
         self.watch();
@@ -285,14 +285,14 @@ impl Running {
                 world.wrong("record and page", problem);
             }
         }
-        // A folder in memory is memory.
+        // The folder is in memory, so removing it frees memory.
         let _ = std::fs::remove_dir_all(&self.folder);
         // The last world of the process also removes the folder of all worlds; for others it is not empty.
         let _ = self.folder.parent().map(std::fs::remove_dir);
     }
 
-    /// The computer loses its power just when its last process has left: what a store that was closed holds must be
-    /// on the disk.
+    /// Cuts the computer's power just after its last process has ended: the contents of a closed store must be on
+    /// the disk.
     fn power_cut_at_the_end(&mut self) {
         if !self.seed.is_multiple_of(3) {
             return;
@@ -311,7 +311,7 @@ impl Running {
         }
     }
 
-    /// Whether this was the last process; one that ended with its disk is none.
+    /// Returns whether this was the last process; a process that ended because of its disk is not the last one.
     fn is_end(&self, ended: Result<(), (&'static str, String)>) -> bool {
         let mut world = self.world.lock();
         match ended {
@@ -324,7 +324,8 @@ impl Running {
         }
     }
 
-    /// The process has ended, by itself, killed, or with the computer's power. Some time later another one begins.
+    /// Handles the end of a process: by itself, killed, or with the computer's power. Some time later another
+    /// process begins.
     fn ends(&mut self) {
         let mut world = self.world.lock();
         let power = world.power.take().filter(|_| disk::is_over());
@@ -357,7 +358,7 @@ impl Running {
         self.people.forget();
     }
 
-    /// One process, from its start to its end.
+    /// Runs one process from its start to its end.
     fn life(&mut self) -> Result<(), (&'static str, String)> {
         let start = |error: StoreError| ("start", error.to_string());
         let mut store = Store::create(&self.store()).map_err(start)?;

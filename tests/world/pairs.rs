@@ -1,22 +1,22 @@
-//! What no single fault shows: two that meet, or one that must strike in a certain place. Drawn apart from all
-//! else, so that the entries of a seed are what they were without these.
+//! Faults that no single fault shows: two that meet, or one that must strike in a certain place. They are drawn
+//! separately, so that the other entries of a seed do not change.
 
 use super::script::{Entry, Fault, Harm, Odds, Power, Press};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// The share of worlds with one of these.
+/// The share of worlds that have such faults.
 const SHARE: f64 = 0.65;
 
-/// Places in which an epoch is open and something is under way.
+/// Places of the table in which an epoch is open and a motion or another command is in progress.
 const MOVES: [&str; 6] = ["refine", "wet", "verify", "abrade", "retract", "rinse"];
-/// In which nothing moves and something is computed, or time passes.
+/// Places of the table in which nothing moves, and something is computed or time passes.
 const COMPUTES: [&str; 6] = ["locate", "dry", "wet", "inspect", "plan", "rinse"];
-/// In which nothing is queued at the controller.
+/// Places of the table in which nothing is queued at the controller.
 const RESTS: [&str; 7] = ["stopped", "idle", "locate", "dry", "inspect", "held", "aborted"];
 
-/// Those of a seed.
+/// Draws the entries of a seed.
 pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     let mut draw = Pcg64::seed_from_u64(seed ^ 0x9a12);
     if !draw.random_bool(SHARE) {
@@ -74,7 +74,7 @@ fn ends_early(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["resetting", "resetting", "clearing"], 1_200, fault)]
 }
 
-/// The cell is held while the light is on, and the panel is dried at once: it is located again.
+/// Draws a hold while the light is on, after which the panel is dried at once and located again.
 fn held_in_light(draw: &mut Pcg64) -> Vec<Entry> {
     let hold = within(draw, &["dry", "wet", "inspect", "inspect"], 3_000, Fault::Press(Press::Hold));
     vec![hold, entry("held", draw.random_range(0..200), Fault::Press(Press::UnholdDried))]
@@ -101,7 +101,7 @@ fn dead_in_contact(draw: &mut Pcg64) -> Entry {
     within(draw, &["abrade"], 6_000, fault)
 }
 
-/// The controller is started again while the cell is held.
+/// Draws a restart of the controller while the cell is held.
 fn started_while_held(draw: &mut Pcg64) -> Vec<Entry> {
     let hold =
         within(draw, &["refine", "wet", "inspect", "plan", "verify", "abrade"], 1_500, Fault::Press(Press::Hold));
@@ -136,7 +136,7 @@ fn nobody_there(draw: &mut Pcg64) -> Vec<Entry> {
     vec![left, entry(place, 0, Fault::Away(draw.random_range(35_000..75_000)))]
 }
 
-/// The controller answers an abort and does not stop.
+/// Draws an abort that the controller answers without stopping.
 fn unheeded(draw: &mut Pcg64) -> Vec<Entry> {
     let press = [Press::Stop, Press::Abort, Press::Abort, Press::Abort, Press::Hold][draw.random_range(0..5)];
     let places = ["abrade", "verify", "wet", "wet", "wet", "wet", "rinse"];
@@ -144,12 +144,12 @@ fn unheeded(draw: &mut Pcg64) -> Vec<Entry> {
     vec![Entry { fault: Fault::Unheeded(draw.random_range(1..3)), ..left.clone() }, left]
 }
 
-/// A command is lost on its way and those behind it come.
+/// Draws a command that is lost on its way, while the commands behind it arrive.
 fn lost_command(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["refine", "verify", "abrade", "abrade", "abrade"], 3_500, lost())]
 }
 
-/// One of the two hears nothing of the other for longer than a link may be silent.
+/// Draws a silence in one direction, longer than a link may be silent.
 fn long_silence(draw: &mut Pcg64) -> Vec<Entry> {
     let ms = draw.random_range(1_300..3_900);
     let mute = controller("mute", ms);
@@ -158,8 +158,8 @@ fn long_silence(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &RESTS, 1_000, fault)]
 }
 
-/// The controller ends an epoch in which nothing is queued: water runs and nothing is heard, or the arm is stopped
-/// for a moment.
+/// Draws an epoch's end by the controller while nothing is queued. Either water runs and no message arrives, or the
+/// arm is stopped for a moment.
 fn unseen_stop(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
     let fault = if draw.random_bool(0.5) {
@@ -183,7 +183,7 @@ fn far_epochs(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
     [far, reboot].into_iter().chain(kill).collect()
 }
 
-/// The disk is slow while waypoints in contact wait for their permit.
+/// Draws a slow disk while waypoints in contact wait for their permit.
 fn slow_permit(draw: &mut Pcg64) -> Vec<Entry> {
     let late_ms = [1_200, 2_500, 6_000][draw.random_range(0..3)];
     let fault = Fault::SlowDisk { late_ms, for_ms: draw.random_range(1_000..6_000) };

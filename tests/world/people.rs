@@ -23,26 +23,26 @@ const POLL_INTERVAL_MS: u64 = 200;
 /// Duration of a computation, and interval of the checks for a film's next picture, ms.
 const COMPUTATION_MS: u64 = 120;
 const PICTURE_POLL_INTERVAL_MS: u64 = 60;
-/// From the end of all trouble the cell must come to a new cycle within so long, ms.
+/// Longest time from the end of all faults until the cell has begun a new cycle, ms.
 const RECOVERY_MS: u64 = 60_000;
-/// With its tip farther than this from the panel, the arm may go to its park pose from anywhere, mm: the gate's 40
-/// mm and the reach of the tool's body beside its tip.
+/// Distance of the tip from the panel beyond which the arm may go to its park pose from anywhere, mm. It is the
+/// gate's 40 mm plus the reach of the tool's body beside its tip.
 const CLEAR_MM: f64 = 160.0;
 /// Time after which a false report is forgotten, ms.
 const CALM_MS: u64 = 1_000;
-/// So long what struck last may have its effect before all is mended, however many cycles have ended, ms.
+/// Time for the last fault to have its effect before all faults are ended, however many cycles have ended, ms.
 pub const AFTERMATH_MS: u64 = 5_000;
 /// Number of steps by which a second screen may be behind.
 const MAX_STEPS_BEHIND: usize = 64;
 /// Number of attempts to continue a held cycle.
 const MAX_ATTEMPTS: u32 = 3;
 
-/// What is to become of the process.
+/// The aim of the people for the process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aim {
     /// Cycles, while faults strike; this number is enough.
     Cycles(u64),
-    /// Nothing goes wrong any more: one more cycle, as far as its `whole` end or its first phase.
+    /// All faults have ended: one more cycle, to its end if `whole` is set, otherwise to its first phase.
     Recover { whole: bool },
     /// To leave.
     Leave,
@@ -51,41 +51,41 @@ pub enum Aim {
 /// All people who send requests, over all processes of a world.
 pub struct People {
     world: Shared,
-    /// What is wanted now.
+    /// The present aim.
     pub aim: Aim,
-    /// Since when nothing goes wrong any more, ms.
+    /// Time since which all faults have ended, ms.
     pub mended_ms: u64,
-    /// The cycle after all trouble is run to its end.
+    /// Whether the cycle after all faults is run to its end.
     is_whole: bool,
-    /// Virtual time at which it is enough whatever happens, ms.
+    /// Virtual time after which the world ends in any case, ms.
     longest_ms: u64,
     looked_ms: u64,
     held: u32,
     /// Cycles that ended.
     ended: u64,
-    /// Cycles that began when the trouble was over.
+    /// Number of cycles that had begun when the faults ended.
     begun_before: u64,
-    /// The queue and the handler of the process at hand.
+    /// The queue and the handler of the present process.
     desk: Option<Desk>,
     /// A person has ordered this process to leave.
     has_left: bool,
     working: Option<(Id, u64)>,
-    /// The cycle at hand began when nothing went wrong any more.
+    /// Whether the present cycle began after all faults had ended.
     is_untroubled: bool,
-    /// What the table must do in time.
+    /// The actions that the table must perform in time.
     in_time: InTime,
-    /// They dry a held panel before they try anything else.
+    /// Whether the people dry a held panel before they try anything else.
     pub dries: bool,
     /// A person's request for an end: the request, and the time at which the table accepted it.
     pub stopping: Option<(cycle::Request, u64)>,
-    /// How often the arm was taken away from the panel since all was mended.
+    /// Number of times the arm was jogged away from the panel since all faults ended.
     taken_away: u32,
-    /// What a second screen has shown, the latest last; it outlives a process.
+    /// The contents of a second screen, the newest last; they outlive a process.
     shown: VecDeque<Shown>,
 }
 
 impl People {
-    /// People in this world.
+    /// Returns the people of this world.
     pub fn new(world: Shared, (cycles, is_whole): (u64, bool), longest_ms: u64) -> Self {
         People {
             world,
@@ -116,7 +116,7 @@ impl People {
         self.in_time = InTime::default();
     }
 
-    /// A process begins on this store; `left` is the cycle that an earlier one did not end.
+    /// Starts a process on this store; `left` is the cycle that an earlier process did not end.
     pub fn begin(&mut self, store: &Path, left: Option<CycleId>) {
         self.desk = Some(Desk::new(store, left));
     }
@@ -171,7 +171,7 @@ impl People {
             self.looked_ms = now_ms;
             if let Some(what) = self.usual(state, is_another_part) {
                 let is_leave = matches!(what, What::Leave);
-                // A second one would abort.
+                // A second request to leave would abort.
                 if !(is_leave && std::mem::replace(&mut self.has_left, true)) {
                     desk.ask(OPERATOR, what);
                 }
@@ -190,7 +190,7 @@ impl People {
         Ok(request)
     }
 
-    /// When nothing goes wrong any more, clear, reset and start lead to a new cycle within a bound.
+    /// Checks that, after all faults have ended, clear, reset and start lead to a new cycle within a time limit.
     fn recovers(&self, world: &mut Inside, state: &State) {
         if !matches!(self.aim, Aim::Recover { .. }) || world.counts.cycles > self.begun_before {
             return;
@@ -227,7 +227,7 @@ impl People {
             (Aim::Leave, at) if at.rests() => Some(What::Leave),
             (Aim::Leave, At::Stopping { .. } | At::Aborting { .. } | At::Clearing { .. }) => None,
             (Aim::Leave, _) => table(cycle::Request::Stop),
-            // What was under way when the trouble ended is left.
+            // A cycle that was in progress when the faults ended is stopped.
             (Aim::Recover { .. }, At::Execute(_) | At::Held(_) | At::Unholding { .. } | At::Starting)
                 if self.world.lock().counts.cycles == self.begun_before =>
             {
@@ -263,7 +263,7 @@ impl People {
         let has_begun = self.world.lock().counts.cycles > self.begun_before;
         match self.aim {
             Aim::Recover { whole: true } => {
-                // A cycle that only found the arm at an unknown place is none.
+                // A cycle that only found the arm at an unknown pose does not count as the new one.
                 let is_next = state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
                     && self.taken_away < MAX_ATTEMPTS;
                 has_begun && state.at.rests() && !state.job.running && !is_next
@@ -303,7 +303,7 @@ impl People {
         }
     }
 
-    /// A result comes to the loop once it has taken its time.
+    /// Returns whether the loop receives a result: a result comes once its computing time has passed.
     fn admit(&mut self, id: Id) -> bool {
         let world = self.world.lock();
         let now_ms = world.now_ms();

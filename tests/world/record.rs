@@ -18,8 +18,8 @@ use std::sync::Arc;
 
 /// Width and height of a picture in the store, px.
 const SMALL_PX: usize = 8;
-/// From a path in contact, which ends `approach_mm` off the panel, the arm goes as far again before it goes
-/// anywhere else, mm.
+/// Distance from the panel that the arm must reach before its next other motion, mm. A path in contact ends
+/// `approach_mm` off the panel, and the arm first moves the same distance again.
 const LEFT_MM: f64 = 60.0;
 
 /// The record's port.
@@ -33,12 +33,12 @@ pub struct Record<'s> {
     wear: Wear,
     /// The epoch of the last motion, if it went along the panel to its end.
     contact_epoch: Option<u32>,
-    /// The cycle at hand has what a film showed.
+    /// Whether the present cycle has a film's result.
     has_film: bool,
 }
 
 impl<'s> Record<'s> {
-    /// Before this record; what it acknowledges is kept in the ledger too.
+    /// Puts this port before a record; each acknowledgement is also noted in the ledger.
     pub fn new((store, folder): (StoreRecord<'s>, &'s Folder), ledger: &'s mut Ledger, world: Shared) -> Self {
         let sabotage = world.lock().sabotage;
         Record {
@@ -55,8 +55,8 @@ impl<'s> Record<'s> {
 }
 
 impl Record<'_> {
-    /// Each power cut that was imagined while the last command was performed leaves a store that holds all that was
-    /// acknowledged before.
+    /// Checks each power cut that was imagined during the last command: the store that it leaves must contain
+    /// everything acknowledged before.
     fn judge_imagined_cuts(&mut self) {
         for folder in disk::imagined() {
             let held = self.ledger.clone().check_start(&folder);
@@ -90,7 +90,7 @@ impl Record<'_> {
             RecordCommand::OpenIntent(motion) => {
                 let height_mm = world.height_mm();
                 let is_near = height_mm < LEFT_MM && motion.path != Path::Retract;
-                // In another epoch: something was in between.
+                // In another epoch, there was something in between.
                 if self.contact_epoch.take() == Some(motion.epoch) && is_near {
                     let what =
                         format!("{motion:?} begins {height_mm:.1} mm off the panel, behind a path in contact");
@@ -103,8 +103,8 @@ impl Record<'_> {
 }
 
 impl Record<'_> {
-    /// No count falls: what the arm touched is known when a cycle begins, until the part has its result or another
-    /// one lies there.
+    /// Checks that no count falls. The touched grids are known when a cycle begins, until the part has its result
+    /// or another part is in the cell.
     fn judge_counts(&mut self, counted: &Counted, answer: &RecordAnswer) {
         let mut world = self.world.lock();
         let touched = &mut self.ledger.touched;
@@ -136,7 +136,7 @@ impl Record<'_> {
             }
             (Counted::Finds, _) => self.has_film = true,
             (_, RecordAnswer::Concluded(Verdict::Pass | Verdict::Fail)) if self.has_film => {
-                // It is taken out.
+                // The part is taken out.
                 touched.another_part();
             }
             (_, RecordAnswer::Earlier(earlier)) if touched.has_part() => {
@@ -153,7 +153,7 @@ impl Record<'_> {
     }
 }
 
-/// What of a command matters to counts.
+/// The part of a command that matters for counts.
 enum Counted {
     Opens(ContactPath),
     Closes,
@@ -255,7 +255,7 @@ fn of_contact(command: &RecordCommand) -> Option<RecordCommand> {
     })
 }
 
-/// A note with small pictures.
+/// Returns the note with small pictures.
 pub fn shrunk(note: Note) -> Note {
     match note {
         Note::Picture(name, picture) => Note::Picture(name, small(&picture)),

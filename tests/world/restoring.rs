@@ -1,4 +1,5 @@
-//! Backups and restores of a world's store, by the product's own: a backup while a process writes, a restore between two.
+//! Backups and restores of a world's store by the product's own code: a backup while a process writes, a restore
+//! between two processes.
 
 use super::Running;
 use super::disk;
@@ -12,11 +13,11 @@ use std::path::{Path, PathBuf};
 /// Exists in a restored store that has not been opened since.
 const RESTORED: &str = "panelprep.restored";
 
-/// A store as it was at some moment.
+/// A store's state at some moment.
 #[derive(Debug)]
 pub struct Backup {
     archive: PathBuf,
-    /// What that store holds.
+    /// The acknowledgements that the backed-up store contains.
     ledger: Ledger,
 }
 
@@ -74,7 +75,7 @@ impl Running {
         self.watch();
     }
 
-    /// A restored store rests until a person has answered what may have happened since.
+    /// Checks that a restored store rests until a person has answered what may have happened since.
     pub(super) fn asks_after_a_restore(&mut self, rested: &State) -> Result<(), (&'static str, String)> {
         if !std::mem::take(&mut self.is_restored) {
             return Ok(());
@@ -85,7 +86,7 @@ impl Running {
         if is_asked { Ok(()) } else { Err(what()) }
     }
 
-    /// What the arm executed until now of a path that a process left.
+    /// Notes the grids that the arm has touched so far on a path that a process left.
     pub(super) fn touches(&mut self) {
         let executed = self.world.lock().executed_on_path();
         self.ledger.touched.executed(executed);
@@ -93,7 +94,7 @@ impl Running {
 }
 
 impl Inside {
-    /// The backup that is to be restored now.
+    /// Returns the backup that must be restored now, if there is one.
     fn restorable(&mut self) -> Option<Backup> {
         let wants = std::mem::take(&mut self.restores);
         self.backup.take_if(|_| wants)

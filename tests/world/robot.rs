@@ -1,5 +1,5 @@
-//! The robot as the loop of a world sees it: the client's session in the world's own time. Waiting for a report
-//! lets time pass.
+//! The robot as the loop of a world sees it: the client's session in the world's own time. Time passes while the
+//! loop waits for a report.
 
 use super::inside::{Inside, Shared};
 use super::sabotage::Sabotage;
@@ -7,7 +7,7 @@ use panelprep::daemon::{Port, RobotAnswer, RobotCommand};
 use panelprep::eki::{Command, LinkLoss, Report, Time};
 use std::mem::discriminant;
 
-/// How long the loop waits for a report before it looks elsewhere, ms.
+/// Time that the loop waits for a report before it does other work, ms.
 const POLL_TIMEOUT_MS: u64 = 20;
 /// This number of reports in one moment means that the loop does not let time pass.
 const MAX_SIMULTANEOUS_REPORTS: u32 = 10_000;
@@ -17,14 +17,14 @@ pub struct Robot {
     world: Shared,
     /// The fault that was reported, until a controller answers, as in the link's own thread.
     told_loss: Option<LinkLoss>,
-    /// Of the paths that follow, m/s.
+    /// Speed of the next paths, m/s.
     speed_m_s: f64,
-    /// When it last gave a report, and how many it gave in that moment.
+    /// Time of the last report, and number of reports at that time.
     told: (u64, u32),
 }
 
 impl Robot {
-    /// The robot of this world.
+    /// Returns the robot of this world.
     pub fn new(world: Shared) -> Self {
         Robot { world, told_loss: None, speed_m_s: 0.1, told: (0, 0) }
     }
@@ -67,7 +67,7 @@ impl Robot {
     }
 }
 
-/// The axes are reported as they were before a person jogged the arm.
+/// Changes a report so that it has the axes before a person jogged the arm.
 fn hides_jog(world: &Inside, report: &mut Report) {
     if let Report::Connected { state } | Report::Rebooted { state } | Report::State(state) = report
         && let Some(before) = world.places.before_the_jog(&world.cell.controller.joints())

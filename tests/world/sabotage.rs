@@ -12,15 +12,15 @@ use std::time::Duration;
 /// A mistake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sabotage {
-    /// The controller does not keep this rule.
+    /// The controller does not follow this rule.
     Controller(Rule),
     /// The client's watchdog waits this number of times longer.
     Patience(u32),
-    /// The client sends far more ahead than it may.
+    /// The client sends far more commands ahead than it may.
     Window,
-    /// What is written to these files is not flushed.
+    /// Data written to these files is not flushed.
     NoFlush(Files),
-    /// What of the record is not written, though it is acknowledged.
+    /// This part of the record is acknowledged but not written.
     NotWritten(Row),
     /// Contact waypoints are sent before the record permits them.
     Unpermitted,
@@ -30,7 +30,7 @@ pub enum Sabotage {
     StaysOn(u16),
     /// A command that switches the lens's guard on is left out.
     LensStaysOpen,
-    /// A new epoch may have a number that an earlier program used.
+    /// A new epoch may have a number that an earlier process used.
     OldEpoch,
     /// The controller moves at another override, and neither reports it nor reacts to it.
     HidesOverride,
@@ -40,7 +40,7 @@ pub enum Sabotage {
     NoGrids,
     /// A restored store does not state that it is restored.
     UnmarkedRestore,
-    /// A second screen's decision does not carry the step that it shows.
+    /// A second screen's decision does not include the step that the screen shows.
     NoStep,
 }
 
@@ -108,7 +108,7 @@ pub const ALL: [(&str, Sabotage); 36] = [
 ];
 
 impl Sabotage {
-    /// The limits of the link.
+    /// Returns the link's limits with the planted mistake.
     pub fn limits(self, limits: LinkLimits) -> LinkLimits {
         match self {
             Sabotage::Patience(times) => LinkLimits { watchdog: limits.watchdog * times, ..limits },
@@ -117,7 +117,7 @@ impl Sabotage {
         }
     }
 
-    /// Whether flushing this file or folder does nothing.
+    /// Returns whether flushing this file or folder does nothing.
     pub fn forgets_flush(self, path: &Path, is_folder: bool) -> bool {
         let Sabotage::NoFlush(files) = self else { return false };
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -132,7 +132,7 @@ impl Sabotage {
         }
     }
 
-    /// Whether this is acknowledged and not written.
+    /// Returns whether this command is acknowledged and not written.
     pub fn skips(self, command: &RecordCommand) -> bool {
         use panelprep::cycle::Event::Told;
         let Sabotage::NotWritten(row) = self else { return false };

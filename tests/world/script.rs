@@ -12,10 +12,10 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-/// One thing that goes wrong.
+/// A fault of the script, and when it strikes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// The place of the table, see [`PLACES`].
+    /// The place of the cycle's table, see [`PLACES`].
     pub place: String,
     /// The visit of this place, from 1.
     pub visit: u32,
@@ -25,18 +25,18 @@ pub struct Entry {
     pub fault: Fault,
 }
 
-/// What becomes of the next message on a way.
+/// A fault of the next message in one direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Harm {
     /// It never arrives.
     Lose,
     /// It arrives twice.
     Twice,
-    /// It arrives after the one behind it.
+    /// The message arrives after the one behind it.
     Swap,
     /// One of its bits is inverted.
     Damage { byte: u32, bit: u8 },
-    /// Its end is missing.
+    /// The end of the message is missing.
     Half,
     /// It comes late.
     Late(u64),
@@ -47,11 +47,11 @@ pub enum Harm {
 pub enum CameraHarm {
     /// It gives nothing.
     Lost,
-    /// It gives what it gave before.
+    /// The camera returns its previous picture again.
     Frozen,
-    /// Its pictures have another size.
+    /// The camera's pictures have another size.
     WrongSize,
-    /// Its pictures are black.
+    /// The camera's pictures are black.
     Dark,
     /// It reports that it is too hot.
     Hot,
@@ -77,16 +77,17 @@ pub enum Press {
     Everything,
 }
 
-/// What happens to the process, or to its disk.
+/// An end of the process or a fault of its disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Power {
-    /// The process is killed at the nth writing to its disk from now on.
+    /// The process is killed at the nth write to its disk from now on.
     Kill,
-    /// The computer loses its power there: what was not flushed is lost, torn or kept, as this seed has it.
+    /// The computer loses its power at this write: data that was not flushed is lost, torn or kept, depending on
+    /// the seed.
     Cut { seed: u64 },
 }
 
-/// What is wrong with the disk.
+/// A fault of the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DiskHarm {
     /// It accepts no more data for a while.
@@ -98,9 +99,9 @@ pub enum DiskHarm {
 /// A fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Fault {
-    /// Of the next message: to the controller or from it, commands (0) or states (1).
+    /// Damages the next message to or from the controller, on the channel of commands (0) or states (1).
     Bytes { to_robot: bool, channel: usize, harm: Harm },
-    /// A connection is closed, by the robot or the client; with what is under way.
+    /// The robot or the client closes a connection; `loses` also loses the bytes on their way.
     Cut { channel: usize, by_robot: bool, loses: bool },
     /// No message of the client arrives for this time.
     Deaf(u64),
@@ -114,15 +115,15 @@ pub enum Fault {
     Foreign { operation: i32, number: i32 },
     /// A person works with another program on the controller for this time.
     ForeignProgram(u64),
-    /// An input stays as it is for so long.
+    /// An input keeps its value for this time.
     Feedback { input: u16, on: bool, for_ms: u64 },
     /// A person sends a request.
     Press(Press),
-    /// A camera's next pictures: the one on the flange or the other, for so long.
+    /// A fault of the next pictures of a camera, the one on the flange or the other, for this time.
     Camera { flange: bool, harm: CameraHarm, for_ms: u64 },
     /// The wall clock jumps by this number of seconds.
     Clock(i64),
-    /// At the nth writing to the disk from now on.
+    /// An end of the process at the nth write to the disk from now on.
     Power { writing: u32, power: Power },
     /// From the nth write to the disk from now on, this number of writes.
     Disk { writing: u32, harm: DiskHarm, times: u32 },
@@ -134,10 +135,10 @@ pub enum Fault {
     Unheeded(u32),
     /// The people who run the cell request nothing for this time.
     Away(u64),
-    /// A person brings the arm elsewhere by hand once it is at rest, in T1 for so long: to this share of the way
-    /// from this height above the panel to the park pose.
+    /// A person jogs the arm once it is at rest, in T1 for this time. The target is this share of the way from this
+    /// height above the panel to the park pose.
     Jog { percent: u8, height_mm: u8, for_ms: u64 },
-    /// A second screen, which shows the table as it was some steps ago, decides.
+    /// A second screen sends a decision, although it shows the table as it was some steps ago.
     Stale { press: Press, back: u32 },
     /// The store is backed up.
     Backup,
@@ -146,7 +147,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Its kind, for counts.
+    /// Returns the fault's kind, for counts.
     pub fn kind(&self) -> &'static str {
         match self {
             Fault::Bytes { harm, .. } => match harm {
@@ -193,14 +194,14 @@ impl Fault {
             Fault::SlowDisk { late_ms, for_ms } => late_ms + for_ms,
             Fault::Jog { for_ms, .. } => *for_ms,
             Fault::Bytes { harm: Harm::Late(ms), .. } => *ms,
-            // As drawn, with the time in which a controller starts again.
+            // The time as drawn, plus the time in which a controller starts again.
             Fault::Controller(_) => 6_000,
             _ => 0,
         }
     }
 }
 
-/// The places of the table.
+/// The places of the cycle's table.
 pub const PLACES: [&str; 23] = [
     "stopped",
     "resetting",
@@ -227,10 +228,10 @@ pub const PLACES: [&str; 23] = [
     "clearing",
 ];
 
-/// The places in which water runs, the arm moves or the tool touches: there most can be done wrong.
+/// The places in which water runs, the arm moves or the tool touches: most faults can have effects there.
 const OFTEN: [&str; 5] = ["wet", "verify", "abrade", "retract", "rinse"];
 
-/// The place of a state.
+/// Returns the place of a state.
 pub fn place(at: At) -> &'static str {
     match at {
         At::Execute(phase) => phase.word(),
@@ -238,7 +239,7 @@ pub fn place(at: At) -> &'static str {
     }
 }
 
-/// How a script is drawn: the kinds of faults, and how many.
+/// The parameters for drawing a script: the kinds of faults, and their number.
 #[derive(Debug, Clone, Copy)]
 pub struct Odds {
     /// Entries at most.
@@ -247,12 +248,12 @@ pub struct Odds {
     pub disk: bool,
 }
 
-/// The script of a seed.
+/// Returns the script of a seed.
 pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     let mut draw = Pcg64::seed_from_u64(seed);
     let count = draw.random_range(1..=odds.most);
     let mut script: Vec<Entry> = (0..count).map(|_| entry(&mut draw, odds)).collect();
-    // Drawn apart, so that the entries before are what they were without these.
+    // These entries are drawn separately, so that the entries before them do not change.
     let mut draw = Pcg64::seed_from_u64(seed ^ 0xf0c5);
     if draw.random_bool(0.3) {
         script.extend(aimed(&mut draw, odds));
@@ -263,8 +264,8 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     script
 }
 
-/// What seldom meets by chance: long silence in contact, telegrams of ended epochs, a slow disk while waypoints are
-/// permitted, a controller and a computer that both lose their power.
+/// Draws combinations that are rare by chance: long silence in contact, messages of ended epochs, a slow disk while
+/// waypoints are permitted, and a power loss of controller and computer.
 fn aimed(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
     let at = |draw: &mut Pcg64, places: &[&str], fault| {
         let (place, visit) = (places.choose(draw).copied().unwrap_or("abrade"), draw.random_range(1..3));
@@ -395,7 +396,7 @@ fn controller(draw: &mut Pcg64) -> Fault {
     Fault::Controller(names[draw.random_range(0..names.len())].clone())
 }
 
-/// The attributes of the controller's messages, acknowledgements and states.
+/// The attributes of the controller's acknowledgements; `STATES` are those of its states.
 const ACKS: [&str; 6] = ["Rx", "Done", "Ep", "Err", "ErrId", "Free"];
 const STATES: [&str; 14] =
     ["T", "Seq", "Re", "Boot", "Sum", "Ep", "Done", "Under", "Mode", "Flags", "In", "Out", "X", "A1"];
@@ -465,7 +466,7 @@ pub fn controller_fault(text: &str) -> Result<mock::Fault, String> {
     spec.planned.first().map(|planned| planned.fault).ok_or_else(|| format!("{text} is no fault"))
 }
 
-/// The requests of a press that the table decides about, in order.
+/// Returns the requests of a press on which the table decides, in order.
 pub fn requests(press: Press) -> Vec<cycle::Request> {
     use cycle::Request as Q;
     match press {
@@ -493,7 +494,7 @@ pub fn requests(press: Press) -> Vec<cycle::Request> {
     }
 }
 
-/// A script as one line.
+/// Returns the script as one line.
 pub fn print(script: &[Entry]) -> String {
     serde_json::to_string(script).expect("plain data")
 }

@@ -1,11 +1,11 @@
-//! Worlds in every run of the tests: some seeds, those that failed once, and tests of the world itself.
+//! Worlds in each test run: some seeds, worlds that failed once, and tests of the world itself.
 
 use crate::world::{Counts, World, parse, print};
 
-/// Seeds in every run; more of them: `WORLD_SEEDS=1000`.
+/// Number of seeds in each test run; for more: `WORLD_SEEDS=1000`.
 const SEEDS: u64 = 120;
 
-/// Worlds in which something was found once: the seed, the script, and what was found.
+/// Worlds in which a fault was found once: the seed, the script, and the finding.
 const FOUND_ONCE: [(u64, &str, &str); 17] = [
     (
         949326,
@@ -123,7 +123,7 @@ fn a_world_is_the_same_twice() {
     }
 }
 
-/// A script reads back as it was printed.
+/// A script that was printed reads back unchanged.
 #[test]
 fn a_script_reads_back() {
     for seed in 0..200 {

@@ -6,33 +6,33 @@ use super::script::Harm;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Messages that are kept, to come once more.
+/// Maximum number of messages that are stored, to be sent once more.
 const MAX_KEPT_MESSAGES: usize = 60;
 /// The operation of a request, as it is written in its message.
 const ABORT: &str = " Op=\"11\"";
 const HEARTBEAT: &str = " Op=\"10\"";
 
-/// What is to happen to the next messages.
+/// The planned changes of the next messages.
 #[derive(Debug, Default)]
 pub struct Tampering {
-    /// To the controller or from it, the channel, and what becomes of the next message there.
+    /// Harms: whether the message goes to the controller, the channel, and the harm of the next message there.
     pub harms: Vec<(bool, usize, Harm)>,
     /// From the controller: the channel, an attribute, its false value, and the number of times.
     pub lies: Vec<(usize, String, String, u32)>,
-    /// How many messages were changed.
+    /// Number of messages that were changed.
     pub applied: u64,
     /// This number of messages with commands of an ended epoch must arrive once more.
     pub replays: u32,
     /// This number of aborts are answered like heartbeats, and nothing is stopped.
     pub unheeded: u32,
-    /// The last messages with commands, with their epochs.
+    /// The last messages with commands, each with its epoch.
     sent: VecDeque<(u32, Vec<u8>)>,
-    /// A message that waits for the one behind it.
+    /// Messages that wait for the one behind them.
     held: Vec<(bool, usize, Vec<u8>)>,
 }
 
 impl Tampering {
-    /// What a link calls for each message.
+    /// Returns the function that a link calls for each message.
     pub fn port(shared: Arc<Mutex<Tampering>>) -> Tamper {
         Box::new(move |to_robot, channel, bytes| {
             shared.lock().unwrap_or_else(PoisonError::into_inner).message(to_robot, channel, bytes)
@@ -130,7 +130,7 @@ impl Tampering {
     }
 }
 
-/// The epoch of a message's first command.
+/// Returns the epoch of a message's first command.
 fn epoch_of(bytes: &[u8]) -> Option<u32> {
     let text = std::str::from_utf8(bytes).ok()?;
     text.split(" Ep=\"").nth(1)?.split('"').next()?.parse().ok()

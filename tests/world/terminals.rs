@@ -1,5 +1,5 @@
-//! What the controller's terminals lead to: light, spray, lens, extraction and tool with their feedbacks, and what
-//! must never be switched together, judged by the outputs themselves.
+//! The devices at the controller's terminals: light, spray, lens, extraction and tool with their feedbacks. Outputs
+//! that must never be on together are judged by the outputs themselves.
 
 use panelprep::devices::mock;
 use std::collections::BTreeMap;
@@ -10,19 +10,19 @@ const SPRAY: u16 = 2;
 const LENS: u16 = 3;
 const EXTRACTION: u16 = 4;
 const TOOL: u16 = 5;
-/// From an output to its feedback, ms.
+/// Time from an output to its feedback, ms.
 const ANSWERS_MS: u64 = 150;
 
-/// The outputs, and what came of them.
+/// The outputs and their effects.
 #[derive(Debug, Default)]
 pub struct Around {
-    /// Since when each output is as it is, ms.
+    /// The value of each output, and the time since which it has this value, ms.
     outputs: BTreeMap<u16, (bool, u64)>,
-    /// An input that does not follow, and until when.
+    /// An input that does not follow: its number, its value, and the time until which it lasts.
     pub stuck: Option<(u16, bool, u64)>,
-    /// When the water last came on, and went off.
+    /// Time at which the water last came on, and time at which it went off.
     pub water: Option<(u64, Option<u64>)>,
-    /// What should not have been done.
+    /// Actions that violated a rule.
     pub wrong: Vec<String>,
 }
 
@@ -34,12 +34,12 @@ impl Around {
         on == followed
     }
 
-    /// Whether this output is on.
+    /// Returns whether this output is on.
     pub fn is_on(&self, output: u16) -> bool {
         self.outputs.get(&output).is_some_and(|(on, _)| *on)
     }
 
-    /// Whether the lens is shut.
+    /// Returns whether the lens is shut.
     pub fn is_lens_shut(&self, now_ms: u64) -> bool {
         self.runs(LENS, now_ms)
     }
@@ -49,7 +49,7 @@ impl Around {
         self.outputs.get(&LIGHT).is_some_and(|(on, since_ms)| *on && now_ms >= since_ms + 500)
     }
 
-    /// Whether the feedback of the tool or of the extraction reads off.
+    /// Returns whether the feedback of the tool or of the extraction reads off.
     pub fn is_dead(&self, now_ms: u64) -> bool {
         [3, 4].into_iter().any(|input| self.reads(input, now_ms) == Some(false))
     }
@@ -73,7 +73,7 @@ impl Around {
 
     fn switched(&mut self, output: u16, on: bool, now_ms: u64) {
         self.outputs.insert(output, (on, now_ms));
-        // A feedback that lies may well lead to what must not be.
+        // A false feedback may well lead to outputs that must not be on together.
         let is_lied_to = self.stuck.is_some_and(|(.., until_ms)| now_ms < until_ms + 30_000);
         match (output, on) {
             (SPRAY, true) => {

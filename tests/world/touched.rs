@@ -1,10 +1,10 @@
-//! What the arm touched, by what the controller executed: no count of the store may forget it before the part has
-//! its result, or another part lies there.
+//! The grids that the arm touched, from the motions that the controller executed. No count of the store may forget
+//! them before the part has its result, or before another part is in the cell.
 
 use panelprep::record::{Abraded, ContactPath, CycleId, CycleRecord, EarlierPass, abraded};
 use std::collections::BTreeSet;
 
-/// A grid, and in which pass of which cycle.
+/// A grid in a pass of a cycle: cycle, pass, grid.
 type Place = (CycleId, u8, String);
 
 /// What was touched.
@@ -12,19 +12,19 @@ type Place = (CycleId, u8, String);
 pub struct Touched {
     /// In all cycles of the store.
     all: BTreeSet<Place>,
-    /// Of the part that lies there, in cycles before the one at hand.
+    /// Grids touched on the present part, in cycles before the present one.
     part: BTreeSet<Place>,
-    /// The path that is open, and its cycle.
+    /// The open contact path, and its cycle.
     path: Option<(CycleId, ContactPath)>,
 }
 
 impl Touched {
-    /// A contact path is on the record and may begin.
+    /// Notes a contact path that is on the record and may begin.
     pub fn opens(&mut self, cycle: Option<CycleId>, path: &ContactPath) {
         self.path = cycle.map(|cycle| (cycle, path.clone()));
     }
 
-    /// How many waypoints were executed; `None` if that is not known.
+    /// Notes the number of waypoints that were executed; `None` if it is not known.
     pub fn executed(&mut self, executed: Option<usize>) {
         let (Some((cycle, path)), Some(executed)) = (&self.path, executed) else { return };
         let reached = path.grids.iter().filter(|reached| reached.first as usize <= executed);
@@ -38,22 +38,22 @@ impl Touched {
         self.path = None;
     }
 
-    /// Something was touched on the part that lies there.
+    /// Returns whether something was touched on the present part.
     pub fn has_part(&self) -> bool {
         !self.part.is_empty()
     }
 
-    /// Another part lies there.
+    /// Notes that another part is in the cell.
     pub fn another_part(&mut self) {
         self.part.clear();
     }
 
-    /// The part had its result in this cycle, and is taken out.
+    /// Notes that the part has its result in this cycle and is taken out.
     pub fn has_result(&mut self, cycle: CycleId) {
         self.part.retain(|(of, ..)| *of > cycle);
     }
 
-    /// What was touched on this part, and what a cycle that begins does not count.
+    /// Returns grids that were touched on this part and that a new cycle does not count, if there are any.
     pub fn uncounted(&self, cycle: Option<CycleId>, counted: &[EarlierPass]) -> Option<String> {
         let knows = |(of, pass, grid): &Place| {
             let is_it = |known: &EarlierPass| {
@@ -68,7 +68,7 @@ impl Touched {
         ))
     }
 
-    /// What was touched in a cycle, and what its record does not count.
+    /// Returns grids that were touched in a cycle and that its record does not count, if there are any.
     pub fn unrecorded(&self, cycle: CycleId, record: &CycleRecord) -> Option<String> {
         let mut places = self.all.iter().filter(|(of, ..)| *of == cycle).peekable();
         places.peek()?;
@@ -82,7 +82,7 @@ impl Touched {
         Some(format!("{grid} was touched in pass {pass}, and its record does not count it"))
     }
 
-    /// The cycles in which something was touched.
+    /// Returns the cycles in which something was touched.
     pub fn cycles(&self) -> impl Iterator<Item = &CycleId> {
         self.all.iter().map(|(cycle, ..)| cycle)
     }

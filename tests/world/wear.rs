@@ -13,7 +13,7 @@ const EXACT_MM2: f64 = 0.01;
 pub struct Wear {
     /// The area that the disc has swept, mm², once the record has stated it.
     worn_mm2: Option<f64>,
-    /// The same before the contact path at hand, and what the path was counted as.
+    /// The swept area before the present contact path, mm²; `path_mm2` is the area that was counted for the path.
     before_mm2: Option<f64>,
     path_mm2: f64,
     /// Waypoints of the present contact path that were reported as executed.

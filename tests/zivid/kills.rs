@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longer than any start on a busy machine.
+/// Time limit for a start, longer than any start on a busy machine.
 const START_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The result of the kills.
@@ -16,7 +16,7 @@ const START_TIMEOUT: Duration = Duration::from_secs(120);
 pub struct Killed {
     /// The number of kills that each row of the fault model reported, with the activity at that time.
     pub named: BTreeMap<String, usize>,
-    /// Whole shots and pictures meanwhile.
+    /// Number of complete shots and pictures between the kills.
     pub delivered: usize,
 }
 
@@ -29,7 +29,7 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
             let (mut delivered, mut turn) = (0, 0);
             while !is_over.load(Ordering::Relaxed) {
                 turn += 1;
-                // Every fourth is a picture, and now and then there is a rest.
+                // Every fourth request is a picture, and sometimes there is a pause.
                 let asked =
                     if turn % 4 == 0 { scanner.photo().map(drop) } else { scanner.shot().map(|shot| right(&shot)) };
                 delivered += usize::from(asked.is_ok());
@@ -83,7 +83,8 @@ fn kill_worker(worker: Option<u32>) -> bool {
     id.is_some_and(|id| kill_process(id, Signal::KILL).is_ok())
 }
 
-/// What came whole is what was sent: by the page of `play.cpp`, a few points of the surface.
+/// Checks that a complete shot is equal to the one that was sent: a few points of the surface, as defined at the
+/// top of `play.cpp`.
 pub fn right(shot: &ZividShot) {
     let (width, height) = (shot.cloud.width(), shot.cloud.height());
     let (w, f_px) = (width as f64, 1785.0 * width as f64 / 1944.0);

@@ -1,4 +1,5 @@
-//! The Zivid camera behind real workers, over the played camera: what each fault of the camera and of the process comes to.
+//! The Zivid camera behind real workers that use the played camera: the consequence of each fault of the camera and
+//! of the process.
 
 mod kills;
 mod service;
@@ -29,7 +30,7 @@ fn ready(
     (folder, scanner)
 }
 
-/// The camera does something at its second exposure, the first after the one that warms it up.
+/// The camera has each fault at its second exposure, which is the first after the warm-up exposure.
 #[test]
 fn each_planted_fault_of_the_camera_is_named() {
     let cases = [
@@ -49,7 +50,7 @@ fn each_planted_fault_of_the_camera_is_named() {
         let told = scanner.shot().expect_err(fault).to_string();
         assert!(told.starts_with(words), "{fault}: {told}");
         let since = Instant::now();
-        // A worker that was started again counts from one: its second exposure fails again.
+        // A worker that was started again counts its exposures from one: its second exposure fails again.
         while !["hang", "crash"].contains(&fault) && scanner.shot().is_err() {
             assert!(since.elapsed() < TIMEOUT, "{fault}: {:?}", scanner.history());
             std::thread::sleep(Duration::from_millis(10));
@@ -61,7 +62,7 @@ fn each_planted_fault_of_the_camera_is_named() {
     assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
 }
 
-/// A camera on the network, played by these lines, and its workers.
+/// Returns a camera on the network, played from these lines, and its workers.
 fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
     let (setup, _) = stub::camera(folder, [width, height], lines);
     let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
@@ -100,8 +101,8 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
     scanner.shot().expect("and delivers");
 }
 
-/// By hand: 30 °C at the first exposure, which warms up, and half a degree more at each after it; the samples expose for
-/// 10 ms in 3D and 20 ms for the film.
+/// Calculated by hand: 30 °C at the first exposure, which warms up, and half a degree more at each later one. The
+/// samples expose for 10 ms in 3D and 20 ms for the film.
 #[test]
 fn each_shot_tells_its_own_temperature_and_exposure() {
     let (_folder, mut scanner) = ready("lens 30\nwarms 0.5\nfault 4 throttled\nlight grid50hz 100\n", |_| ());
@@ -122,8 +123,8 @@ fn each_shot_tells_its_own_temperature_and_exposure() {
     assert_eq!((light.flicker, light.frequency.as_str()), (Flicker::Grid50Hz, "100"));
 }
 
-/// The film's pictures have the camera's own times: who looks away for a while finds the newest three, and a gap before
-/// them as long as that.
+/// The film's pictures have the camera's own times. A reader that pauses then receives the newest three pictures,
+/// after a gap as long as the pause.
 #[test]
 fn a_film_that_is_not_watched_has_a_gap() {
     let (folder, scanner) = ready("", |_| ());
@@ -136,7 +137,7 @@ fn a_film_that_is_not_watched_has_a_gap() {
     assert!(before[0] > dry_s && before.is_sorted_by(|a, b| a < b), "{dry_s} {before:?}");
     std::thread::sleep(Duration::from_millis(500));
     let after: Vec<f64> = (0..3).map(|_| next()).collect();
-    // Three waited, the last of them taken just before this.
+    // Three pictures waited; the last of them was taken just before this.
     assert!(after[0] - before[4] > 0.2 && after.is_sorted_by(|a, b| a < b), "{before:?} {after:?}");
     assert!(eyes.end_film().expect("ended") >= 3, "of twenty-five in that time; a busy machine takes fewer");
 }
@@ -172,7 +173,8 @@ fn a_worker_without_its_library_says_what_to_do() {
     assert!(told.starts_with("C1 the 3D camera's worker cannot work: ") && told.contains("`make zivid`"), "{told}");
 }
 
-/// Five of the two hundred of `make bench-worker`, at full size, so that half of them fall into a transfer or a capture.
+/// Runs five of the two hundred kills of `make bench-worker`, at full size, so that half of them strike during a
+/// transfer or a capture.
 #[test]
 fn five_kills_are_five_named_faults() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -6,7 +6,7 @@ use crate::service::Service;
 use rustix::process::{Pid, Signal, kill_process};
 use std::path::Path;
 
-/// The worker among the processes: the child of this one.
+/// Returns the worker's process: the child of the daemon.
 fn worker_of(daemon: u32) -> Option<Pid> {
     let children = std::fs::read_dir(format!("/proc/{daemon}/task"))
         .ok()?
@@ -66,7 +66,7 @@ fn the_service_outlives_its_camera() {
     );
     service.done("stop");
     service.reach("stopped");
-    // Its self-test may fail before the reset is answered.
+    // The self-test may fail before the reset is answered.
     let (exit, answer) = service.ctl("reset");
     let tells_why = answer["reasons"].to_string().contains("C11 the 3D camera's worker stays down");
     assert!(exit == 0 || (exit == 3 && tells_why), "{exit} {answer}");

@@ -1,4 +1,4 @@
-//! The camera library over the played camera, and cameras behind real workers; for tests and the bench.
+//! The camera library with the played camera, and cameras behind real workers; for tests and the bench.
 
 use panelprep::devices::zivid::{Launcher, Patience, Restarts, Setup, Size, Source, launcher};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,8 @@ mod built;
 
 pub use built::{PICTURE, SCAN, library};
 
-/// A camera of this size, played from a file of these lines, and its workers: this program in its role.
+/// Returns a camera of this size that is played from a file of these lines, and its launcher: this program runs as
+/// the worker.
 pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, format!("width {width}\nheight {height}\n{lines}")).expect("written");
@@ -22,7 +23,7 @@ pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup
         restarts: Restarts::default(),
         patience: Patience {
             search: Duration::from_millis(20),
-            // A machine that builds beside may be very slow; what stalls is tested with a time of its own.
+            // A machine that builds at the same time may be very slow; stalls are tested with a shorter time limit.
             scan: Duration::from_secs(100),
             picture: Duration::from_secs(100),
             words: Duration::from_secs(100),

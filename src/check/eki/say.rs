@@ -56,7 +56,7 @@ fn who_listens(channel: &StatedChannel) -> String {
         let port = port.map_or("not stated".to_owned(), |port| port.to_string());
         let gives_up = channel.connect_ms.as_ref().map_or(2000, |connect| connect.value);
         format!(
-            "channel {}: the controller dials {}, port {port}, {protocol}, and gives up after {gives_up} ms",
+            "channel {}: the controller connects to {}, port {port}, {protocol}, and gives up after {gives_up} ms",
             channel.name,
             ip.unwrap_or("an address that is not stated")
         )

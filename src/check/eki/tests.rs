@@ -67,8 +67,8 @@ fn defaults_are_told() {
         "<ETHERNETKRL><CONFIGURATION><EXTERNAL/>\n<INTERNAL/></CONFIGURATION><RECEIVE><XML>\n\
          <ELEMENT Tag=\"A/@B\" Type=\"INT\"/></XML></RECEIVE></ETHERNETKRL>",
         &[
-            "1 CONFIGURATION/EXTERNAL/IP: is missing; the controller dials",
-            "1 CONFIGURATION/EXTERNAL/PORT: is missing; the controller dials",
+            "1 CONFIGURATION/EXTERNAL/IP: is missing; the controller connects to",
+            "1 CONFIGURATION/EXTERNAL/PORT: is missing; the controller connects to",
         ],
         &[
             "1 CONFIGURATION/EXTERNAL/TYPE: is not stated: the controller assumes Server, connects",
@@ -81,7 +81,7 @@ fn defaults_are_told() {
     assert_eq!(
         report.says[..3],
         [
-            "channel THEIRS: the controller dials an address that is not stated, port not stated, TCP, and gives up after \
+            "channel THEIRS: the controller connects to an address that is not stated, port not stated, TCP, and gives up after \
              2000 ms",
             "it lives until the program is reset or deselected, or the inputs and outputs are configured anew",
             "at most 16 entries of each tag wait for the program, the oldest is read first, one more closes the \
@@ -298,7 +298,10 @@ fn other_kinds_of_channel_are_put_in_words() {
     let dials = file(INTERNAL, "", send)
         .replace("<TYPE>Client</TYPE>", "<TYPE>Server</TYPE><IP>192.168.1.2</IP><PORT>7000</PORT>");
     let dials = says(&dials);
-    assert_eq!(dials[0], "channel B: the controller dials 192.168.1.2, port 7000, TCP, and gives up after 2000 ms");
+    assert_eq!(
+        dials[0],
+        "channel B: the controller connects to 192.168.1.2, port 7000, TCP, and gives up after 2000 ms"
+    );
     assert!(
         dials.ends_with(&[
             "sends <S>: @VR, T, T/@U REAL".to_owned(),

@@ -47,13 +47,13 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
         ];
         for (name, line) in ignored.into_iter().filter_map(|(name, line)| Some((name, line?))) {
             let message =
-                "is not used: TYPE is Client, so the other machine dials; the address that counts is INTERNAL's";
+                "is not used: TYPE is Client, so the other machine connects; only the address in INTERNAL is used";
             found.warn(line, format!("CONFIGURATION/EXTERNAL/{name}"), message);
         }
     } else {
         let missing = [("IP", channel.external.ip.is_none()), ("PORT", channel.external.port.is_none())];
         for (name, _) in missing.into_iter().filter(|(_, missing)| *missing) {
-            let message = "is missing; the controller dials the other machine and needs its address";
+            let message = "is missing; the controller connects to the other machine and needs its address";
             found.wrong(1, format!("CONFIGURATION/EXTERNAL/{name}"), message);
         }
     }
@@ -174,7 +174,7 @@ fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {
         let root = element.root();
         let raised: Vec<&str> = channel.signals().filter_map(|signal| signal.tag.as_deref()).collect();
-        if !seen.insert(root) || raised.iter().any(|tag| is_above_all(channel, root, tag)) {
+        if !seen.insert(root) || raised.iter().any(|tag| contains_all_data(channel, root, tag)) {
             continue;
         }
         let inside = format!("{root}/");
@@ -194,7 +194,7 @@ fn root_flags(channel: &StatedChannel, found: &mut Findings) {
 
 /// Returns whether all data below this root lie inside of the element of this tag, so that its flag shows that all
 /// have arrived.
-fn is_above_all(channel: &StatedChannel, root: &str, tag: &str) -> bool {
+fn contains_all_data(channel: &StatedChannel, root: &str, tag: &str) -> bool {
     let inside = format!("{tag}/");
     let mut data = channel.received.iter().filter(|element| element.root() == root && element.kind.is_some());
     tag == root || (!tag.contains('@') && data.all(|element| element.tag.starts_with(&inside)))

@@ -8,7 +8,7 @@ use super::super::outcome::Outcome;
 use super::args::Force as Args;
 use super::{date, files};
 use crate::calib::force::{AttitudeReading, ForceCalibration, calibrate};
-use crate::calib::health::{self, Demands, TOOL_FORCE, Verification};
+use crate::calib::health::{self, TOOL_FORCE, Verification, VerificationLimits};
 use crate::cell::CompliantTool;
 use crate::force::{Weight, downwards};
 use crate::geometry::{Base, Flange, Rigid, STANDARD_GRAVITY_M_S2, Tool};
@@ -103,8 +103,8 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
 }
 
 /// Returns the limits for the last verification of a tool's force, in N.
-pub fn demands(files: &CellFiles, tool: &CompliantTool) -> Demands {
-    Demands { limit: OF_BAND * tool.band_n, ..Demands::from_limits(files.cell.limits()) }
+pub fn demands(files: &CellFiles, tool: &CompliantTool) -> VerificationLimits {
+    VerificationLimits { limit: OF_BAND * tool.band_n, ..VerificationLimits::from_limits(files.cell.limits()) }
 }
 
 /// Returns the hash of the values that a verification of the force checks: payload and zero from the cell's file.

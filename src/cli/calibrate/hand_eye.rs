@@ -115,8 +115,10 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     if let Some(next) = next_pose(&camera, &board, &stations, &found) {
         outcome.put("next_pose", json!(next.base_from_flange));
         outcome.put("next_uncertainty_mm", json!(next.uncertainty_mm));
-        let text =
-            format!("one more pose would help most at {}: ± {:.3} mm", next.base_from_flange, next.uncertainty_mm);
+        let text = format!(
+            "one more pose at {} would reduce the uncertainty most: to ± {:.3} mm",
+            next.base_from_flange, next.uncertainty_mm
+        );
         outcome.add_line(text);
     }
     let mut mounted = MountedPose::<A>::from_pose(pose_of(kept));

@@ -34,7 +34,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let found = lens_of(&sampled(&cloud), (cloud.width(), cloud.height()));
     let Some(found) = found else {
         let message = format!(
-            "{} has too few points, or points on one line, to state a lens; scan the whole cell",
+            "{} has too few points, or points on one line, to determine a lens; scan the whole cell",
             scan.display()
         );
         return Ok(Outcome::from_judgement(&Judgement::new(vec![Reason::new("not_a_lens", message)], vec![])));

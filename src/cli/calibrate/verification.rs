@@ -5,7 +5,7 @@ use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::date;
-use crate::calib::health::{self, Demands, Verification};
+use crate::calib::health::{self, Verification, VerificationLimits};
 use crate::report::{self};
 use crate::store::Store;
 use crate::verdict::Judgement;
@@ -29,7 +29,7 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
 pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
     let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error, verification.limit);
-    let reject = health::beyond(verification, Demands::from_limits(files.cell.limits()));
+    let reject = health::beyond(verification, VerificationLimits::from_limits(files.cell.limits()));
     let mut outcome = Outcome::from_judgement(&Judgement::new(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));

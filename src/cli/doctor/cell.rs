@@ -1,7 +1,7 @@
 //! Checks of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
 
 use super::check::Check;
-use crate::calib::health::{Demands, health};
+use crate::calib::health::{VerificationLimits, health};
 use crate::cell::{Cell, RobotKind};
 use crate::check::check_files;
 use crate::cli::args::Common;
@@ -146,7 +146,7 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
             return Check::wrong(name, "not verified: no store contains a verification", "teach and verify first");
         }
     };
-    let (now, demands) = (now_unix_s(), Demands::from_limits(files.cell.limits()));
+    let (now, demands) = (now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
     let judgement = health(subject, last.as_ref(), hash, now, demands);
     match (judgement.reasons.first(), &last) {
         (Some(reason), _) => {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationFault {
     /// The cell's file names no such calibration.
-    #[error("{}: [calibration] {key} is missing; this command needs it: name the file that holds it", cell.display())]
+    #[error("{}: [calibration] {key} is missing, and this command needs it: set it to the path of the calibration file", cell.display())]
     NotCalibrated {
         /// The cell's file.
         cell: PathBuf,
@@ -67,7 +67,7 @@ pub enum CalibrationFault {
     #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
     NoLiveCamera,
     /// A board of a kind that is not simulated.
-    #[error("the simulated cell has chessboards alone: --board COLUMNSxROWS with --square-mm")]
+    #[error("the simulated cell has only chessboards: use --board COLUMNSxROWS with --square-mm")]
     NoSimulatedBoard,
     /// A force calibration, but the tool is a spring and has no force.
     #[error("the cell's [tool] is a spring: it has no force to be verified")]

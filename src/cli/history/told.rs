@@ -195,7 +195,7 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
         ),
         None => format!("fewer than {} values: no hints", crate::history::western_electric::MIN_VALUES),
     });
-    words.extend((trend.without > 0).then(|| format!("{} more cycles have no such number", trend.without)));
+    words.extend((trend.without > 0).then(|| format!("{} more cycles have no such value", trend.without)));
     words
 }
 

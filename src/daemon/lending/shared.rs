@@ -68,7 +68,7 @@ impl SharedCameras {
         if std::mem::take(&mut inside.films) {
             #[expect(
                 clippy::let_underscore_must_use,
-                reason = "the client of the film receives the answer that the cell is at work"
+                reason = "the client that records the film receives the answer that the cell is at work"
             )]
             let _ = inside.cameras.scanner.end_clip();
         }

@@ -184,7 +184,7 @@ impl AuthManager for Access {
             LogIn::Wrong(why) => {
                 let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
                 let people = self.people.clone();
-                if tokio::task::spawn_blocking(move || people.audit_wrong_log_in(&line)).await.is_err() {
+                if tokio::task::spawn_blocking(move || people.audit_failed_login(&line)).await.is_err() {
                     tracing::warn!("a line of the audit trail is lost: its thread is gone");
                 }
                 (

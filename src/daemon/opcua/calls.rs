@@ -209,7 +209,8 @@ impl Calls {
     /// Records that a person has seen the alarm with this name.
     pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> Outcome {
         let no_such = || {
-            let message = "there is no such alarm, or it is already acknowledged; Alarms/Ids lists those that last";
+            let message =
+                "there is no such alarm, or it is already acknowledged; Alarms/Ids lists the active alarms";
             refused("not_now", StatusCode::BadInvalidArgument, message)
         };
         let (Some(alarm), Caller::Person { name, printed_name, role }) = (alarm_id(alarm), caller) else {

@@ -14,7 +14,7 @@ fn handler() -> (RequestSender, RequestHandler) {
 
 fn parts(pages: Sender<EndedCycle>) -> ServiceParts {
     let recording = RecordingSwitch::new("store".as_ref(), true);
-    let (supervisor, written) = (Supervisor::default(), WrittenPage::default());
+    let (supervisor, written) = (Supervisor::default(), LastWrittenPage::default());
     ServiceParts { recording, supervisor, pages, written, cameras: None }
 }
 

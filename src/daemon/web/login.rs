@@ -74,7 +74,7 @@ pub(super) async fn log_in(
         LogIn::Wrong(why) => {
             let line = AuditEntry { refused: Some(why.to_owned()), ..line };
             let people = web.front.people.clone();
-            blocking(move || people.audit_wrong_log_in(&line)).await;
+            blocking(move || people.audit_failed_login(&line)).await;
             return wrong(words.word("login.wrong"));
         }
         LogIn::Pauses(left_s) => return wrong(&pauses(left_s, words)),

@@ -270,7 +270,7 @@ impl Mover {
     fn advance(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
         self.gone += further_mm;
         for (index, leg) in legs.iter().enumerate() {
-            self.pass_middle(leg, done)?;
+            self.complete_blended_move(leg, done)?;
             if self.gone < leg.length_mm() - ROUNDING_MM {
                 return Ok(index == 0);
             }
@@ -308,7 +308,7 @@ impl Mover {
     }
 
     /// Counts a blended move as executed in the middle of its corner.
-    fn pass_middle(&mut self, leg: &Leg, done: &mut Vec<Done>) -> Result<(), Unreachable> {
+    fn complete_blended_move(&mut self, leg: &Leg, done: &mut Vec<Done>) -> Result<(), Unreachable> {
         let MotionState::Corner { corner, passing } = &mut self.place else { return Ok(()) };
         if self.gone < corner.length_mm / 2.0 {
             return Ok(());

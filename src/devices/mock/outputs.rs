@@ -5,7 +5,7 @@ use super::model::Controller;
 use super::options::Rule;
 
 /// Time during which an output that went off after an epoch's end is switched off again, ms.
-const OFF_AGAIN_MS: u64 = 1_000;
+const KEEP_OFF_MS: u64 = 1_000;
 
 impl Controller {
     /// Switches an output, as a person does on the teach pendant.
@@ -57,7 +57,7 @@ impl Controller {
                 if self.outputs.get(&number) == Some(&true) {
                     self.set_output(number, false);
                 }
-                if since_ms >= after_ms + OFF_AGAIN_MS {
+                if since_ms >= after_ms + KEEP_OFF_MS {
                     self.off_due.remove(&number);
                 }
             }

@@ -21,7 +21,7 @@ pub(super) struct Safety {
     pub(super) started: bool,
     /// A program other than the cell's is selected.
     pub(super) foreign: bool,
-    pub(super) foreign_resets: u32,
+    pub(super) foreign_program_resets: u32,
 }
 
 impl Safety {
@@ -36,7 +36,7 @@ impl Safety {
             selected: true,
             started: true,
             foreign: false,
-            foreign_resets: 0,
+            foreign_program_resets: 0,
         }
     }
 

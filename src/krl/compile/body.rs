@@ -309,13 +309,13 @@ impl Compiler<'_> {
             (Some(value), Some(kind)) => {
                 self.typed_value(value, kind, "RETURN");
                 if kind == Type::Text {
-                    self.not_executed("a text that a function gives back");
+                    self.not_executed("a text that a function returns");
                 }
                 let cells = cells_u32(self.types.size(kind));
                 self.emit(Op::Return(cells));
             }
-            (Some(_), None) => self.problem("RETURN", "a DEF gives back no value; a DEFFCT does"),
-            (None, Some(_)) => self.problem("RETURN", "the value is missing that this DEFFCT gives back"),
+            (Some(_), None) => self.problem("RETURN", "a DEF returns no value; a DEFFCT does"),
+            (None, Some(_)) => self.problem("RETURN", "the value is missing that this DEFFCT returns"),
         }
     }
 }

@@ -39,7 +39,7 @@ impl Compiler<'_> {
         let signature = &self.routines[index];
         let (given, wanted, returns) = (call.arguments.len(), signature.arguments.len(), signature.returns);
         if given > wanted {
-            self.problem(&call.name, format!("{given} arguments are given, {wanted} are wanted"));
+            self.problem(&call.name, format!("{given} arguments are given, {wanted} are expected"));
         }
         if given != wanted || call.arguments.contains(&None) {
             // The routine uses VARSTATE to find which arguments were given.
@@ -89,7 +89,7 @@ impl Compiler<'_> {
         }
         self.same_variable(place, found.kind, wanted.kind);
         if found.dimensions.len() != wanted.dimensions.len() {
-            self.problem(&place.name, "an array is handed over as NAME[ ], and only if one is wanted");
+            self.problem(&place.name, "an array is handed over as NAME[ ], and only if one is expected");
         }
     }
 
@@ -99,7 +99,7 @@ impl Compiler<'_> {
         let found = match given {
             Expression::Variable(place) => match self.address(place) {
                 Some(found) if found.dimensions.is_empty() && found.kind != Type::Unknown => {
-                    return self.problem(&place.name, "an array is wanted here, handed over as NAME[ ]");
+                    return self.problem(&place.name, "an array is expected here, handed over as NAME[ ]");
                 }
                 Some(found) => found.kind,
                 None => return,
@@ -120,7 +120,7 @@ impl Compiler<'_> {
         }
         self.not_executed(&place.name);
         let (given, needed) = (self.types.name(found), self.types.name(wanted));
-        let message = format!("a variable of type {needed} is wanted, this one is {given}");
+        let message = format!("a variable of type {needed} is expected, this one is {given}");
         let is_number = |kind: Type| matches!(kind, Type::Int | Type::Real | Type::Char);
         if self.types.are_alike(found, wanted) || (is_number(found) && is_number(wanted)) {
             self.warn(&place.name, message);
@@ -135,9 +135,9 @@ impl Compiler<'_> {
         }
         let (given, most) = (call.arguments.len(), known.wants.len());
         if given > most && !known.open {
-            self.problem(&call.name, format!("{given} arguments are given, {most} are wanted"));
+            self.problem(&call.name, format!("{given} arguments are given, {most} are expected"));
         } else if given < known.least {
-            self.warn(&call.name, format!("{given} arguments are given, {} are wanted", known.least));
+            self.warn(&call.name, format!("{given} arguments are given, {} are expected", known.least));
         }
         for (place, given) in call.arguments.iter().enumerate() {
             let Some(given) = given else { continue };
@@ -157,7 +157,7 @@ impl Compiler<'_> {
         let of_6 = self.files[self.file].of_ethernet_krl_6;
         if known.returns == Some("EKI_STATUS") && (of_6 || wanted == Type::Int) {
             if !of_6 {
-                let message = "gives back an INT in EthernetKRL 6 (iiQKA.OS2) only; with KSS 8 it is an EKI_STATUS";
+                let message = "returns an INT in EthernetKRL 6 (iiQKA.OS2) only; with KSS 8 it is an EKI_STATUS";
                 self.warn_once(&call.name, message);
             }
             self.not_executed(&call.name);
@@ -188,7 +188,7 @@ impl Compiler<'_> {
                 if kind == Type::Int {
                     self.emit(Op::ToReal(0));
                 } else if ![Type::Real, Type::Unknown].contains(&kind) {
-                    self.problem(&call.name, "a number is wanted");
+                    self.problem(&call.name, "a number is expected");
                 }
             }
             Wants::Value("FRAME") => {
@@ -198,7 +198,7 @@ impl Compiler<'_> {
                 if self.types.is_pose(kind) {
                     self.emit(Op::Keep { first: 6, of: cells });
                 } else if kind != Type::Unknown {
-                    self.problem(&call.name, "a FRAME, POS or E6POS is wanted");
+                    self.problem(&call.name, "a FRAME, POS or E6POS is expected");
                 }
             }
             Wants::Value(name) => {
@@ -212,7 +212,7 @@ impl Compiler<'_> {
     fn known_variable(&mut self, call: &Call, given: &Expression, name: &str) {
         let kind = self.types.own(name);
         let Expression::Variable(place) = given else {
-            let message = format!("a variable of type {name} is wanted");
+            let message = format!("a variable of type {name} is expected");
             self.value(given, kind);
             return self.problem(&call.name, message);
         };

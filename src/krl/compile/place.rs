@@ -150,7 +150,7 @@ impl Compiler<'_> {
         let type_name = self.types.name(kind);
         if is_kukas && !is_complete {
             let key = format!("{variable}.{name}");
-            self.warn_once(&key, format!("not checked: {type_name} is known here with {known}"));
+            self.warn_once(&key, format!("not checked: of {type_name}, this program knows only {known}"));
             self.not_executed(&key);
             return None;
         }

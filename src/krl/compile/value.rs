@@ -20,7 +20,7 @@ impl Compiler<'_> {
             Expression::Call(call) => match self.call(call, wanted) {
                 Some(kind) => kind,
                 None => {
-                    self.problem(&call.name, "this routine gives back no value");
+                    self.problem(&call.name, "this routine returns no value");
                     Type::Unknown
                 }
             },
@@ -65,11 +65,11 @@ impl Compiler<'_> {
 
     fn word(&mut self, word: &str, wanted: Type) -> Type {
         if wanted == Type::Unknown {
-            return self.unknown("a word of an enumeration that is not known");
+            return self.unknown("an enumeration constant that cannot be resolved");
         }
         match self.word_place(word, wanted) {
             Some(place) => self.push(Cell::Word(place), wanted),
-            None => self.unknown("a word of an enumeration that is not known"),
+            None => self.unknown("an enumeration constant that cannot be resolved"),
         }
     }
 
@@ -85,10 +85,10 @@ impl Compiler<'_> {
             self.types.enumeration(kind).map_or((false, String::new()), |known| (known.kuka, known.listed()));
         let (key, name) = (format!("#{word}"), self.types.name(kind));
         if is_kukas {
-            self.warn_once(&key, format!("not checked: {name} is known here with {known}"));
+            self.warn_once(&key, format!("not checked: of {name}, this program knows only {known}"));
         } else {
-            let known = if known.is_empty() { String::new() } else { format!("; its words are {known}") };
-            self.problem(&key, format!("this is no word of {name}{known}"));
+            let known = if known.is_empty() { String::new() } else { format!("; its constants are {known}") };
+            self.problem(&key, format!("this is not a constant of the enumeration {name}{known}"));
         }
         None
     }
@@ -258,6 +258,6 @@ impl Compiler<'_> {
 
     pub(super) fn mismatched(&mut self, found: Type, wanted: Type, key: &str) {
         let (found, wanted) = (self.types.name(found), self.types.name(wanted));
-        self.problem(key, format!("{wanted} is wanted, {found} is given"));
+        self.problem(key, format!("{wanted} is expected, {found} is given"));
     }
 }

@@ -128,7 +128,7 @@ fn beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
 fn singular_words(which: Singular) -> &'static str {
     match which {
         Singular::Wrist => "axis 5 would be too near its pole, degrees",
-        Singular::Elbow => "the elbow would be too near the stretched arm, degrees",
+        Singular::Elbow => "the arm would be too near the elbow singularity (arm extended), degrees",
         Singular::Overhead => "the wrist would be too near axis 1, mm",
     }
 }

@@ -55,7 +55,7 @@ fn statement(number: u64, previous: &str, says: StatementContent) -> Statement {
         previous: previous.to_owned(),
         unix_ms: 1_700_000_100_000,
         public_key: key().public().hex(),
-        store: StorePlace { link: 40, hash: BEGIN.to_owned() },
+        store: SignedChainPosition { link: 40, hash: BEGIN.to_owned() },
         says,
     }
 }

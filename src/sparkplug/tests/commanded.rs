@@ -82,7 +82,7 @@ fn other_messages_are_refused() {
         (written(Some(stop), None, Some(Wire::Int(1))), "valid: the Boolean true"),
         (written(Some(stop), None, None), "valid: the Boolean true"),
         (written(Some(stop), Some(1_001), Some(Wire::Boolean(true))), "found the metric"),
-        (written(None, Some(2), Some(Wire::Boolean(true))), "\"State/number\", which is only read"),
+        (written(None, Some(2), Some(Wire::Boolean(true))), "\"State/number\", which is read-only"),
         (written(None, Some(999), Some(Wire::Boolean(true))), "with the alias 999"),
     ];
     for (payload, words) in cases {

@@ -93,7 +93,7 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
                 format!(
                     "95 % of the treated area is expected within {found} % of the target (limit {allowed} %, \
                      even_percent); {}",
-                    more_even(asked, bounded)
+                    evenness_advice(asked, bounded)
                 )
             },
         ),
@@ -128,7 +128,7 @@ pub(super) fn force(force_n: f64, model: &Model) -> Check {
 }
 
 /// Returns advice for a more even removal.
-fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
+fn evenness_advice(asked: &recipe::Removal, bounded: AtBounds) -> String {
     let percent = |share: f64| fixed(100.0 * share, 0);
     match asked.method() {
         RemovalMethod::Constant => "method = \"scheduled\" makes it more even".to_owned(),

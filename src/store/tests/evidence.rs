@@ -127,7 +127,7 @@ fn every_deletion_edit_and_exchange_is_named() {
         ("DROP TABLE discs", "cannot be read"),
         (
             "CREATE TRIGGER t AFTER INSERT ON journal BEGIN DELETE FROM findings; END",
-            "trigger t is not of this program",
+            "trigger t does not belong to this program",
         ),
         ("DROP INDEX findings_by_cycle", "index findings_by_cycle was changed or is gone"),
     ];

@@ -7,7 +7,8 @@ use panelprep::geometry::Joints;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// A frame of Denavit and Hartenberg, a turn and a shift along z, a shift and a turn along x, with Hayati's turn about y.
+/// A link of the Denavit-Hartenberg chain: a turn and a shift along z, a shift and a turn along x, with Hayati's
+/// turn about y.
 #[derive(Clone, Copy)]
 struct Link {
     turn: f64,
@@ -26,13 +27,13 @@ impl Link {
     }
 }
 
-/// An arm as it truly is.
+/// An arm with its true errors.
 pub struct TrueArm {
     geometry: ArmGeometry,
     links: [Link; 6],
-    /// rad for each N·m about axes 2 to 5.
+    /// Compliance of axes 2 to 5, rad for each N·m.
     yields: [f64; 4],
-    /// Amplitude, rad, and phase of each gear's error, and its periods in a turn.
+    /// Each gear's error: amplitude, rad, phase, and number of periods in a turn.
     gears: [(f64, f64, f64); 6],
 }
 
@@ -73,7 +74,7 @@ impl TrueArm {
         }
         arm.links[1].d_mm = geometry.b_mm;
         arm.links[1].beta = within(0.03f64.to_radians());
-        // 0.3 mm at the end of the stretched arm, of which axis 2 has most.
+        // 0.3 mm at the end of the extended arm, most of it from axis 2.
         let most = if is_hard { 1.0 } else { 0.5 };
         let share = |within: &mut dyn FnMut(f64) -> f64| 0.5 + 0.5 * within(1.0).abs();
         arm.yields = [3.0e-6, 4.0e-6, 3.0e-6, 5.0e-6].map(|most_yield| most * most_yield * share(&mut within));
@@ -114,7 +115,7 @@ impl TrueArm {
         self.frames(&q)[5]
     }
 
-    /// The frame after each axis.
+    /// Returns the frame after each axis.
     fn frames(&self, q: &[f64; 6]) -> [Isometry3<f64>; 6] {
         let mut at = Isometry3::identity();
         std::array::from_fn(|axis| {

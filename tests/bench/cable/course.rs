@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 /// Time for which a person watches the result before requesting anything else.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1_700);
-/// To the moment of the scenario.
+/// Time limit for reaching the scenario's moment.
 const MOMENT_TIMEOUT: Duration = Duration::from_secs(90);
 const CYCLES_TO_MOMENT: u32 = 3;
 
@@ -44,7 +44,7 @@ impl Course<'_> {
         self.person.honest_cycle()
     }
 
-    /// The lie of most kinds has begun before the service was started.
+    /// Waits for the controller's first state. The lie of most kinds has begun before the service was started.
     fn at_connect(&mut self) -> Result<(), String> {
         let since = Instant::now();
         while self.truth.last().is_none() && since.elapsed() < Duration::from_secs(3) {
@@ -119,7 +119,7 @@ impl Course<'_> {
         self.wait_for_end(since)
     }
 
-    /// Until the lie is over, and what the person presses meanwhile.
+    /// Waits until the lie is over, and sends the person's request meanwhile.
     fn wait_for_end(&mut self, since: Instant) -> Result<(), String> {
         if let Some((word, after_ms)) = self.scenario.press {
             thread::sleep(Duration::from_millis(after_ms).saturating_sub(since.elapsed()));

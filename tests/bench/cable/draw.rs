@@ -1,4 +1,4 @@
-//! What a scenario is made of, drawn from the bench's seed and the scenario's number.
+//! The source of a scenario's random numbers, from the bench's seed and the scenario's number.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -17,7 +17,7 @@ impl Draw {
         self.0.random_range(0..end.max(1))
     }
 
-    /// From the first to the last.
+    /// Returns a number from the first to the last, including both.
     pub fn between(&mut self, first: u64, last: u64) -> u64 {
         self.0.random_range(first..=last)
     }

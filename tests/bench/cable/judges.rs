@@ -14,24 +14,26 @@ use super::person::{Cycle, Order};
 use super::truth::{Contacts, EXTRACTION, Event, LIGHT, Side, State, TOOL, WATER, contacts, states};
 use std::collections::BTreeMap;
 
-/// From full speed to standing, and 50 mm away from the panel; as `tests/link/oracles.rs` has them.
+/// Time from full speed to standstill, ms; `RETRACT_MS` is the time to move 50 mm away from the panel. Both are as
+/// in `tests/link/oracles.rs`.
 const BRAKE_MS: f64 = 260.0;
 const RETRACT_MS: f64 = 800.0;
-/// The controller's watchdog, the client's, and from the socket to the wire.
+/// Time of the controller's watchdog and of the client's, ms; `WIRE_MS` is the time from the socket to the wire.
 const WATCHDOG_MS: f64 = 400.0;
 const WIRE_MS: f64 = 100.0;
-/// What two shared cores may add: threads of a dozen processes wait for one another.
+/// Time that two shared cores may add, because threads of a dozen processes wait for one another, ms.
 const SHARED_MS: f64 = 400.0;
-/// An abort that is lost is missed by the client after its watchdog's time; it hangs up, or the controller misses its word.
+/// Time limit for a stop. The client notices a lost abort after its watchdog's time. Then it hangs up, or the
+/// controller's watchdog notices that its messages are missing.
 pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + SHARED_MS;
-/// States come every 100 ms.
+/// Time from one state to the next, which come every 100 ms.
 const STATE_MS: f64 = 112.0;
 /// Contact without motion.
 const DWELL_MS: f64 = 200.0;
 const STILL_DEG: f64 = 0.01;
-/// A retract of 50 mm turns some axis by several degrees.
+/// Limit of an axis's turn for a retract; a retract of 50 mm turns some axis by several degrees.
 const RETRACT_DEG: f64 = 1.0;
-/// `[io.off_after_s]` of a rendered cell.
+/// Time until the extraction is switched off, from `[io.off_after_s]` of a rendered cell, ms.
 const EXTRACTION_MS: f64 = 30_000.0;
 const LIGHT_MS: f64 = 60_000.0;
 
@@ -40,8 +42,8 @@ const LIGHT_MS: f64 = 60_000.0;
 pub struct Judged {
     pub violations: Vec<String>,
     pub worst_stop_ms: Option<f64>,
-    /// Commands in contact that were changed on their way and executed, in a cycle that passed: nothing in the
-    /// protocol shows it.
+    /// Number of commands in contact that were changed on their way and executed, in a cycle that passed. Nothing
+    /// in the protocol shows such a change.
     pub unnoticed: usize,
 }
 
@@ -79,14 +81,14 @@ pub fn judge(
     judged
 }
 
-/// Motion and outputs behind the end of an epoch.
+/// Checks motion and outputs after the end of each epoch.
 fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     let mut since_ms = None;
     let mut ends_ms = 0.0;
     for [before, state] in states.array_windows() {
         if !state.stopped() {
             since_ms = None;
-            // A point in contact that is given may be what the arm is on its way to.
+            // A point in contact that the controller has received may be the one to which the arm is moving.
             let is_near = contacts.contains_key(&(state.epoch, state.done))
                 || contacts.range((state.epoch, state.done)..=(state.epoch, i64::MAX)).next().is_some();
             ends_ms = BRAKE_MS + STATE_MS + if is_near { RETRACT_MS } else { 0.0 };
@@ -111,7 +113,7 @@ fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
     }
 }
 
-/// The arm may still brake or retract, but nothing new begins.
+/// Returns whether a state is safe: the arm may still brake or retract, but nothing new begins.
 fn is_safe(state: &State) -> bool {
     state.stopped() || !(state.moving() || state.is_on(TOOL) || state.is_on(WATER))
 }
@@ -144,7 +146,8 @@ fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, o
     }
 }
 
-/// While tool or water is on the controller does not wait longer than its watchdog for a word of the client.
+/// Checks that the controller, while tool or water is on, does not wait longer than its watchdog for a message of
+/// the client.
 fn silence(judged: &mut Judged, states: &[State], events: &[Event]) {
     let given: Vec<f64> =
         events.iter().filter(|event| event.side == Side::Given).map(|event| event.at_ms).collect();

@@ -33,11 +33,11 @@ struct ActiveLie {
 #[derive(Debug)]
 struct Inside {
     told: Option<ActiveLie>,
-    /// How often something was changed on its way.
+    /// Number of changes that were made to messages on their way.
     count: u64,
     memory: [VecDeque<Vec<u8>>; 4],
     draw: Draw,
-    /// Bytes of an old connection for the next one.
+    /// Bytes of an old connection that are sent first on the next connection.
     replayed: Option<(Way, Vec<u8>)>,
     /// No connection is accepted until then.
     refused_until: [Option<Instant>; 2],
@@ -77,7 +77,7 @@ impl Liar {
             Some(ActiveLie { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
     }
 
-    /// From now on everything is as it is.
+    /// Ends the lie: from now on messages pass unchanged.
     pub fn end(&self) {
         let mut inside = self.lock();
         (inside.told, inside.replayed, inside.refused_until) = (None, None, [None; 2]);
@@ -100,7 +100,7 @@ impl Liar {
         self.lock().refused_until[channel].is_some_and(|until| Instant::now() < until)
     }
 
-    /// What a new connection carries before anything else.
+    /// Returns the bytes that a new connection carries before anything else, if there are any.
     pub fn beginning(&self, way: Way) -> Option<Vec<u8>> {
         let mut inside = self.lock();
         let (_, bytes) = inside.replayed.take_if(|(of, bytes)| *of == way && !bytes.is_empty())?;
@@ -108,7 +108,7 @@ impl Liar {
         Some(bytes)
     }
 
-    /// What becomes of this message.
+    /// Passes a message through the lie; returns the pieces that are sent instead.
     pub fn pass(&self, way: Way, document: Vec<u8>) -> Vec<Piece> {
         let mut inside = self.lock();
         let memory = &mut inside.memory[way as usize];
@@ -146,7 +146,7 @@ impl ActiveLie {
     }
 }
 
-/// A request that stops, or opens an epoch.
+/// Returns whether the request stops an epoch or opens one.
 fn is_order(document: &[u8]) -> bool {
     matches!(message::whole(&String::from_utf8_lossy(document), "Op"), 11 | 12)
 }
@@ -216,7 +216,7 @@ impl Inside {
                 let Some(old) = old else { return vec![now(document)] };
                 match lie.counts_go_on {
                     true => keeping(&old, &text, &["Seq", "Re", "T"]),
-                    // Inserted behind the true one.
+                    // The old message is inserted after the true one.
                     false => format!("{text}{old}"),
                 }
             }
@@ -234,7 +234,7 @@ impl Inside {
     }
 }
 
-/// The document with these values of another one.
+/// Returns the document with these values replaced by those of another one.
 fn keeping(document: &str, other: &str, names: &[&str]) -> String {
     names.iter().fold(document.to_owned(), |text, name| {
         let value = message::value(other, name).unwrap_or_default();

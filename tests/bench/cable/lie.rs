@@ -5,7 +5,7 @@
 use super::draw::Draw;
 use std::fmt;
 
-/// A way of one channel in one direction.
+/// One direction of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Way {
     Commands,
@@ -17,7 +17,7 @@ pub enum Way {
 impl Way {
     pub const ALL: [Way; 4] = [Way::Commands, Way::Acknowledgements, Way::Requests, Way::States];
 
-    /// 0: the command port; 1: the state port.
+    /// Returns the channel's number: 0 is the command port, 1 the state port.
     pub fn channel(self) -> usize {
         usize::from(matches!(self, Way::Requests | Way::States))
     }
@@ -101,7 +101,7 @@ impl Moment {
 pub enum Change {
     Set(&'static str),
     Add(f64),
-    /// One bit of a whole number is turned.
+    /// One bit of a whole number is inverted.
     Turn(u32),
 }
 
@@ -114,13 +114,13 @@ pub struct Lie {
     /// The longest time for which it is sent, and the number of times.
     pub lasts_ms: u64,
     pub times: u64,
-    /// A delay, or a pause.
+    /// The length of a delay or a pause, ms.
     pub amount_ms: u64,
     pub field: &'static str,
     pub change: Change,
-    /// One of two forms of the same lie: with the message's counts as they should be.
+    /// Whether the message's counts continue as they should; without this it is the other form of the same lie.
     pub counts_go_on: bool,
-    /// Of requests only those that stop or open an epoch.
+    /// Whether the lie changes only the requests that stop or open an epoch.
     pub of_orders: bool,
 }
 
@@ -131,9 +131,9 @@ pub struct Scenario {
     pub moment: Moment,
     /// The phase in which the stop occurs, if the moment is the stop itself.
     pub amid: Moment,
-    /// How long after the moment the lie begins.
+    /// Time from the scenario's moment to the beginning of the lie, ms.
     pub after_ms: u64,
-    /// What a person presses, and how long after the lie's beginning.
+    /// The request that a person sends, and its time after the beginning of the lie, ms.
     pub press: Option<(&'static str, u64)>,
     pub draw: Draw,
 }
@@ -179,7 +179,7 @@ fn change(field: &str, draw: &mut Draw) -> Change {
 }
 
 impl Scenario {
-    /// Kinds and moments go through all their pairs first; the rest is drawn.
+    /// Draws a scenario. All pairs of kinds and moments come first; everything else is random.
     pub fn drawn(seed: u64, number: u64) -> Self {
         let mut draw = Draw::new(seed, number);
         let kinds = Kind::ALL.len() as u64;
@@ -199,7 +199,7 @@ impl Scenario {
         Scenario { number, lie, moment, amid, after_ms, press, draw }
     }
 
-    /// Whether the panel must be greasy for it, so that it is abraded.
+    /// Returns whether the panel must be greasy in this scenario, so that it is abraded.
     pub fn needs_contact(&self) -> bool {
         let is_contact = |moment| matches!(moment, Moment::Contact | Moment::Retract);
         is_contact(self.moment) || (self.moment == Moment::Stop && is_contact(self.amid))

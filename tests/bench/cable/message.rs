@@ -1,9 +1,9 @@
-//! Messages as text: a stream cut into documents, and single values read and replaced. The bench's own reader, so
-//! that the program's cannot hide its mistakes behind it; it trusts that each document ends with the end tag of its
-//! root, as both sides write it.
+//! Messages as text: cuts a stream into documents, and reads and replaces single values. The bench has a reader of
+//! its own, so that mistakes of the program's reader are not hidden. It relies on each document ending with the end
+//! tag of its root, as both sides write it.
 
 const ENDS: [&[u8]; 4] = [b"</Cmd>", b"</Ack>", b"</Req>", b"</St>"];
-/// More than any message; what is longer and has no end is thrown away.
+/// More than the size of any message; longer input without an end is discarded.
 const MAX_BYTES: usize = 65_536;
 
 /// Cuts a stream into documents.
@@ -13,7 +13,7 @@ pub struct Splitter {
 }
 
 impl Splitter {
-    /// The documents that these bytes complete.
+    /// Adds bytes; returns the documents that these bytes complete.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         self.rest.extend_from_slice(bytes);
         let mut documents = Vec::new();
@@ -53,7 +53,7 @@ pub fn whole(document: &str, name: &str) -> i64 {
     value(document, name).and_then(|text| text.parse().ok()).unwrap_or(0)
 }
 
-/// The document with another value.
+/// Returns the document with another value of this name.
 pub fn replaced(document: &str, name: &str, by: &str) -> Option<String> {
     let (start, end) = place(document, name)?;
     Some(format!("{}{by}{}", &document[..start], &document[end..]))

@@ -10,7 +10,7 @@ use std::fs;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// From one look at the cell to the next.
+/// Interval between two looks at the cell.
 pub const POLL_INTERVAL: Duration = Duration::from_millis(60);
 /// A cycle that continues after the lie has ended within this.
 const REST_TIMEOUT: Duration = Duration::from_secs(110);
@@ -18,9 +18,10 @@ const REST_TIMEOUT: Duration = Duration::from_secs(110);
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(45);
 /// An honest cycle.
 const CYCLE_TIMEOUT: Duration = Duration::from_secs(110);
-/// As the recipe is rendered: the film's length, and the size from which on a break is looked for.
+/// Keys of the recipe as it is rendered: the film's length, and the smallest size of a break that is looked for.
 const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];
-/// A film in which the largest of the rendered panel's breaks is found and abraded, and one that passes.
+/// Keys for a film in which the largest of the rendered panel's breaks is found and abraded; `NO_BREAK` is for a
+/// film that passes.
 pub const ONE_BREAK: [&str; 2] = ["observation_s = 8.0", "min_break_mm2 = 150.0"];
 pub const NO_BREAK: [&str; 2] = ["observation_s = 5.5", "min_break_mm2 = 900.0"];
 
@@ -32,7 +33,7 @@ pub struct Order {
     pub done: bool,
 }
 
-/// How a cycle ended, and the epochs in which it moved.
+/// The end of a cycle, and the epochs in which the cycle moved the arm.
 #[derive(Debug, Clone, Default)]
 pub struct Cycle {
     pub verdict: Option<String>,
@@ -45,7 +46,7 @@ pub struct Person<'c> {
     pub orders: Vec<Order>,
     pub cycles: BTreeMap<i64, Cycle>,
     started: u32,
-    /// Why the last order was refused.
+    /// The reason why the last request was refused.
     refusal: String,
 }
 
@@ -102,7 +103,7 @@ impl<'c> Person<'c> {
         self.order(&json!({ "ask": word }))
     }
 
-    /// A person sees the state and clears it.
+    /// Reads the state as a person does, and clears it.
     fn clear(&mut self) -> Result<bool, String> {
         let step = self.look()?.step;
         self.order(&json!({ "ask": "clear", "step": step }))
@@ -130,7 +131,7 @@ impl<'c> Person<'c> {
         Ok(false)
     }
 
-    /// What a person does in a state of rest, to get the next cycle started.
+    /// Sends the request with which a person, in a state of rest, gets the next cycle started.
     pub fn proceed(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
         match word {
             "aborted" => self.clear().map(drop),

@@ -1,6 +1,6 @@
-//! The cable: two real TCP connections between the service and the controller, cut into messages, through the liar,
-//! and on. Each direction has a thread that reads and one that writes what is due; what is late holds up what comes
-//! behind it, as in TCP.
+//! The cable: two real TCP connections between the service and the controller, cut into messages that pass through
+//! the liar. Each direction has a thread that reads and a thread that writes the messages that are due. A late
+//! message delays those behind it, as in TCP.
 
 use super::liar::{Liar, Piece};
 use super::lie::Way;
@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// From one look for a client to the next.
+/// Interval between two checks for a new client.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(500);
 
@@ -25,13 +25,13 @@ struct Connection([TcpStream; 2]);
 impl Connection {
     fn close(&self) {
         for stream in &self.0 {
-            // It may be closed already.
+            // The stream may be closed already.
             let _ = stream.shutdown(Shutdown::Both);
         }
     }
 }
 
-/// What all threads of a cable share.
+/// The state that all threads of a cable share.
 #[derive(Debug)]
 struct Cable {
     liar: Arc<Liar>,
@@ -40,11 +40,11 @@ struct Cable {
     ends: AtomicBool,
 }
 
-/// A cable that carries until it is dropped.
+/// A cable that carries messages until it is dropped.
 pub struct Proxy(Arc<Cable>);
 
 impl Proxy {
-    /// Listens at one address and leads to the same ports of the other one.
+    /// Listens at one address and connects to the same ports of the other address.
     pub fn start(
         sought: IpAddr,
         controller: IpAddr,
@@ -150,7 +150,7 @@ impl Cable {
         }
     }
 
-    /// Writes what is due, until nothing more can come or the connection is to be closed.
+    /// Writes the pieces that are due, until no more can come or the connection must be closed.
     fn write(&self, way: Way, mut to: TcpStream, due: &Receiver<(Instant, Piece)>) {
         let side = if way.is_to_controller() { Side::Given } else { Side::Shown };
         let mut splitter = Splitter::default();

@@ -1,13 +1,13 @@
-//! What the scenarios came to, counted by kind of lie.
+//! The results of the scenarios, counted by kind of lie.
 
 use super::lie::Kind;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What one scenario came to.
+/// The result of one scenario.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// How often something was changed on its way.
+    /// Number of changes that were made to messages on their way.
     pub told: u64,
     pub verdicts: Vec<String>,
     pub pressed: u64,

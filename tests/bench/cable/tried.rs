@@ -4,14 +4,14 @@
 use super::message;
 use super::truth::{Event, Side};
 
-/// What can be changed.
+/// The reports that can be changed to test the judges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tried {
-    /// A stopped arm creeps on.
+    /// A stopped arm continues to creep.
     Motion,
     /// The controller never reports that it has stopped, and moves.
     Stop,
-    /// The tool runs on.
+    /// The tool continues to run.
     Tool,
     /// The arm stays at the place where it was stopped.
     Retract,

@@ -11,11 +11,11 @@ use std::time::Instant;
 pub enum Side {
     /// The service sent it.
     Said,
-    /// The controller was given it.
+    /// The controller received it, as the cable sent it.
     Given,
     /// The controller sent it.
     True,
-    /// The service was shown it.
+    /// The service received it, as the cable sent it.
     Shown,
 }
 
@@ -26,13 +26,13 @@ pub struct Event {
     pub text: String,
 }
 
-/// A motion on the panel, by epoch and id.
+/// A motion on the panel, identified by epoch and command id.
 pub type Key = (i64, i64);
 
-/// A state of the controller.
+/// A state that the controller reported.
 #[derive(Debug, Clone, Copy)]
 pub struct State {
-    /// By the bench's clock.
+    /// Time by the bench's clock, ms.
     pub at_ms: f64,
     /// By the controller's.
     pub time_ms: f64,
@@ -43,7 +43,7 @@ pub struct State {
     pub joints: [f64; 6],
 }
 
-/// Bits of the outputs, in the order of their numbers in the cell's file.
+/// Bit numbers of the outputs, in the order of the outputs' numbers in the cell's file.
 pub const LIGHT: u32 = 0;
 pub const WATER: u32 = 1;
 pub const EXTRACTION: u32 = 3;
@@ -68,7 +68,7 @@ impl State {
         self.flags & 8 != 0
     }
 
-    /// No epoch is open: the last one was stopped.
+    /// Returns whether no epoch is open because the last one was stopped.
     pub fn stopped(&self) -> bool {
         self.flags & 128 != 0
     }
@@ -77,7 +77,7 @@ impl State {
         self.outputs >> output & 1 == 1
     }
 
-    /// The largest angle between the axes of both.
+    /// Returns the largest difference of an axis between two states, degrees.
     pub fn apart_deg(&self, other: &State) -> f64 {
         self.joints.iter().zip(other.joints).fold(0.0, |most, (one, other)| most.max((one - other).abs()))
     }
@@ -135,13 +135,13 @@ impl Truth {
         self.lock().last
     }
 
-    /// The tool runs and is on the panel.
+    /// Returns whether the tool runs and is on the panel.
     pub fn is_in_contact(&self) -> bool {
         let inside = self.lock();
         inside.last.is_some_and(|state| inside.is_in_contact(&state))
     }
 
-    /// The tool was on the panel and is on its way from there.
+    /// Returns whether the tool was on the panel and is moving away from there.
     pub fn has_left_contact(&self) -> bool {
         let inside = self.lock();
         let left = |state: State| {
@@ -166,7 +166,7 @@ fn is_contact(text: &str) -> bool {
     message::whole(text, "Op") == 2 && message::whole(text, "N2") == 1
 }
 
-/// The true states of these events.
+/// Returns the true states among these events.
 pub fn states(events: &[Event]) -> Vec<State> {
     let of = |event: &Event| {
         let is_state = event.side == Side::True && event.text.contains("<St ");

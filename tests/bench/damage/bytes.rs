@@ -1,9 +1,9 @@
-//! What happens to a file: bits, blocks, its end.
+//! Damages to the bytes of a file: bits, blocks, its end.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// What happens to the bytes of a file.
+/// The kinds of damage, each with its name.
 pub const DAMAGES: [(&str, fn(&mut Vec<u8>, &mut Pcg64)); 6] = [
     ("one bit", |bytes, draw| flip(bytes, 1, draw)),
     ("some bits", |bytes, draw| {
@@ -31,13 +31,13 @@ fn flip(bytes: &mut [u8], count: usize, draw: &mut Pcg64) {
     }
 }
 
-/// From a byte to a quarter of the file, each power of two as often as any other.
+/// Returns a length from one byte to a quarter of the file; each power of two is equally likely.
 fn length(file: usize, draw: &mut Pcg64) -> usize {
     let most = (file as f64 / 4.0).max(1.0).log2();
     (draw.random_range(0.0..=most).exp2() as usize).clamp(1, file)
 }
 
-/// A block as disks and packets have them.
+/// Returns a random block, as disks and packets damage them.
 fn block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
     let length = length(bytes.len(), draw);
     let at = draw.random_range(0..=bytes.len() - length);

@@ -21,18 +21,18 @@ use std::sync::Arc;
 const FRAMES_PER_SECOND: f64 = 5.0;
 const OBSERVED_S: f64 = 4.0;
 
-/// What came of damaged files.
+/// The result with damaged files.
 #[derive(Debug)]
 pub enum Found {
     /// A file was refused.
     Refused,
     /// The verdict is no longer accept, or is another kind of failure.
     Told,
-    /// An accepted pose, so far from the one by the undamaged files.
+    /// A pose was accepted at this distance from the undamaged files' pose, mm.
     Pose { moved_mm: f64 },
     /// The broken film is reported as broken.
     StillFails,
-    /// The broken film passes.
+    /// The film with breaks passes.
     Passed,
 }
 
@@ -49,7 +49,7 @@ struct Frame {
     picture: Arc<ColorPicture>,
 }
 
-/// The files, what was taught, and what undamaged files give.
+/// The files, the taught panel, and the results with undamaged files.
 pub struct Held {
     cell: Cell,
     recipe: Recipe,
@@ -65,7 +65,7 @@ pub struct Held {
 }
 
 impl Held {
-    /// Renders and teaches a cell; the undamaged files are accepted, and the film is broken.
+    /// Renders and teaches a cell. The undamaged files are accepted, and the film has breaks.
     pub fn new(seed: u64, reduction: usize) -> Self {
         let cell = Cell::new(seed, Scene::Good, reduction);
         let recipe = recipe(&cell);
@@ -116,7 +116,7 @@ impl Held {
         held
     }
 
-    /// How far a place of the panel is moved at most, mm.
+    /// Returns the largest distance by which a point of the panel is moved between two poses, mm.
     fn moved_mm(&self, one: &Rigid<Base, Panel>, other: &Rigid<Base, Panel>) -> f64 {
         let points = self.panel.points().step_by(101).map(|(_, point)| point);
         let corners = self.corners.iter().map(|corner| corner.point);
@@ -166,7 +166,7 @@ impl Held {
         (correction.judgement.verdict == Verdict::Accept).then_some(correction.refined.base_from_panel)
     }
 
-    /// One of the corner pictures, damaged.
+    /// Refines with one of the corner pictures damaged.
     pub fn refined(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let which = one_of(self.pictures.len(), draw);
         let bytes = damaged(&self.pictures[which].png, damage, draw);
@@ -176,7 +176,7 @@ impl Held {
         }
     }
 
-    /// One of the corner pictures, damaged before it became a file.
+    /// Refines with one of the corner pictures damaged before it was written to a file.
     pub fn refined_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let which = one_of(self.pictures.len(), draw);
         self.refined_with(which, &spoilt(&self.pictures[which].picture, damage, draw))
@@ -214,7 +214,7 @@ impl Held {
         Some(filming.finish().ok()?.inspection.judgement.verdict)
     }
 
-    /// A picture of the clip, damaged, or its list.
+    /// Inspects with one of the clip's pictures, or the clip's list, damaged.
     pub fn inspected(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
         let which = one_of(pictures.len() + pictures.len() / 10, draw);
@@ -234,7 +234,7 @@ impl Held {
         self.classify(&pictures, &list)
     }
 
-    /// One of the clip's pictures, damaged before it became a file.
+    /// Inspects with one of the clip's pictures damaged before it was written to a file.
     pub fn inspected_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
         let which = one_of(pictures.len(), draw);
@@ -252,14 +252,14 @@ impl Held {
     }
 }
 
-/// The pixels, damaged; those that are cut off are black.
+/// Returns the picture with damaged pixels; pixels that are cut off are black.
 fn spoilt(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPicture {
     let mut bytes = damaged(picture.rgb.as_flattened(), damage, draw);
     bytes.resize(picture.rgb.len() * 3, 0);
     ColorPicture { rgb: bytes.as_chunks().0.to_vec(), ..*picture }
 }
 
-/// A broken film as files, with its list.
+/// Returns a film with breaks as files, with its list.
 fn clip(cell: &Cell, demands: &Demands) -> (Vec<Frame>, String) {
     let spots = cell.greased(&Grease::Mixed { count: 3, until_s: WET_FROM_S + 2.0 }, 1);
     let film = cell.film_as(&spots, &FilmSpec::USUAL, 1);

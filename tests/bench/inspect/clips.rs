@@ -15,16 +15,16 @@ pub const FRAMES_PER_SECOND: f64 = 5.0;
 /// Noise of a pixel of the simulator, grey levels.
 const NOISE_LEVELS: f64 = 2.0;
 
-/// What is taken for sanded goes so far beyond what was, mm.
+/// The declared sanded area extends beyond the true one by this margin, mm.
 pub const SANDED_MARGIN_MM: f64 = 3.0;
 
-/// What a bench is run with.
+/// The extent of one run of the bench.
 #[derive(Debug, Clone)]
 pub struct Extent {
     pub seeds: std::ops::RangeInclusive<u64>,
     pub reduction: usize,
     pub observed_s: f64,
-    /// Clips of this kind alone.
+    /// Runs only clips of this kind.
     pub kind: Option<String>,
 }
 
@@ -49,7 +49,7 @@ impl Bench {
 
     pub fn demands(&self, observation_s: f64) -> Demands {
         let settings = self.recipe.inspect();
-        // No less than what pixels of this size show surely, also of a panel that was displaced.
+        // At least the smallest break that pixels of this size show reliably, also on a displaced panel.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&self.taught, settings).expect("in view");
         Demands {
             observation_s,
@@ -67,7 +67,7 @@ impl Bench {
         Watch::new(&view, self.recipe.inspect(), demands).expect("in view")
     }
 
-    /// The panel after these grids were sanded, pass by pass.
+    /// Returns the sanding of the panel after these grids were sanded, pass by pass.
     fn sanded(&self, conditions: &Conditions) -> Sanding {
         let mut sanding = Sanding::default();
         for pass in &conditions.sanded {
@@ -78,7 +78,7 @@ impl Bench {
         sanding
     }
 
-    /// The corners of a grid, moved outwards.
+    /// Returns the corners of a grid, moved outwards.
     fn widened(&self, id: GridId, by_mm: f64) -> [Point<Panel>; 4] {
         let grid = self.taught.grids.iter().find(|grid| grid.id == id).expect("a grid of the region");
         let middle = grid.corners.iter().map(|corner| corner.mm.coords).sum::<nalgebra::Vector3<f64>>() / 4.0;
@@ -109,12 +109,12 @@ pub fn phase(film: &Film, time_s: f64) -> Phase {
     }
 }
 
-/// The times of the pictures of a clip without conditions of its own, s of the film.
+/// Returns the picture times of a clip that has no conditions of its own, s of the film.
 pub fn times_s(demands: &Demands) -> Vec<f64> {
     Conditions::plain(FRAMES_PER_SECOND).times_s(WET_FROM_S + demands.filmed_s())
 }
 
-/// What a clip shows.
+/// The contents of a clip.
 struct Kind {
     name: &'static str,
     spec: FilmSpec,
@@ -154,7 +154,7 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let sanding = bench.sanded(&conditions);
     let film = bench.cell.film_sanded_as((&spots, &spots), &sanding, &spec, seed);
     let demands = bench.demands(extent.observed_s);
-    // What was sanded is known by the disc's way, to a few millimetres.
+    // The disc's path gives the sanded area to a few millimetres.
     let declared = bench.cell.sanded_in_taught(&sanding, SANDED_MARGIN_MM);
     let mut watch = bench.watch(extent.observed_s, Some(&declared));
     let before = bench.cell.film_as(&spots, &spec, seed);
@@ -190,8 +190,8 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     tally.times(&inspection, &broken, |index| f64::from(true_s[index]) - wet_from_s);
 }
 
-/// The last picture with what was found and what is true: green both, orange found alone, blue true alone, yellow not
-/// seen.
+/// Saves the last picture with the found and the true breaks: green both, orange only found, blue only true, yellow
+/// not seen.
 pub fn save(folder: &str, name: &str, picture: &ColorPicture, inspection: &Inspection, truth: &Mask) {
     let mut drawn = picture.clone();
     let (found, region, not_seen) = (inspection.mask(), inspection.footprint.region(), inspection.not_seen());

@@ -1,28 +1,29 @@
-//! What both renderers' clips are filmed under: how many pictures a second come, and what was sanded before.
+//! The conditions of both renderers' clips: the number of pictures per second, and the grids that were sanded
+//! before.
 
 use panelprep::panel::GridId;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Pictures a second; the last entries come unevenly.
+/// Pictures per second; the last rates have uneven intervals.
 const RATES: [f64; 9] = [1.0, 2.0, 3.0, 5.0, 5.0, 8.0, 12.0, 20.0, 30.0];
 
 /// The conditions of one clip.
 #[derive(Debug, Clone)]
 pub struct Conditions {
-    /// Pictures a second, on average.
+    /// Mean number of pictures per second.
     pub frames_per_second: f64,
-    /// Each interval differs from the mean by up to this share.
+    /// Maximum relative deviation of an interval from the mean.
     pub uneven: f64,
     /// The grids that were sanded before the film, pass by pass.
     pub sanded: Vec<Vec<GridId>>,
-    /// So far beyond a grid's edge the disc went, mm.
+    /// Distance by which the disc went beyond a grid's edge, mm.
     pub beyond_mm: f64,
     seed: u64,
 }
 
 impl Conditions {
-    /// Drawn from a seed: of three clips one was not sanded, and in one of six all grids were.
+    /// Draws conditions from a seed: one of three clips has no sanded grid, and one of six has all grids sanded.
     pub fn new(seed: u64, grids: &[GridId]) -> Self {
         let mut random = Pcg64::seed_from_u64(seed ^ 0x5eed_c11f);
         let rate = RATES[random.random_range(0..RATES.len())];
@@ -62,7 +63,7 @@ impl Conditions {
         times_s
     }
 
-    /// Was this grid sanded, in how many passes?
+    /// Returns the number of passes in which this grid was sanded.
     pub fn passes_of(&self, id: GridId) -> usize {
         self.sanded.iter().filter(|pass| pass.contains(&id)).count()
     }

@@ -1,4 +1,4 @@
-//! Clips that are no test: each must be `invalid`, with its reason.
+//! Clips that are no valid test: each must be `invalid`, with its reason.
 
 use crate::clips::{Bench, phase, times_s};
 use panelprep::geometry::ColorPicture;
@@ -6,10 +6,10 @@ use panelprep::sim::{FilmSpec, Grease, WET_FROM_S};
 use panelprep::verdict::Verdict;
 
 const OBSERVED_S: f64 = 8.0;
-/// In the middle of the film, s.
+/// A time in the middle of the film, s.
 const MIDDLE_S: f64 = WET_FROM_S + 4.0;
 
-/// What is done to the pictures of a clip: `None` leaves one out.
+/// A change of a clip's pictures; it returns `None` to leave a picture out.
 type Damage = fn(ColorPicture, f64) -> Option<ColorPicture>;
 
 const DAMAGES: [(&str, &str, Damage); 14] = [
@@ -34,7 +34,7 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     ("moved by 3 px", "moved", |picture, time_s| {
         Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })
     }),
-    // On a greasy place it is seen neither wet nor dry.
+    // If the drop is on a greasy place, the place counts as neither wet nor dry and is not seen.
     ("a drop on the dry panel", "wet_when_dry|not_seen", |picture, time_s| {
         Some(if time_s < 1.0 { spotted(picture, |gray| gray * 0.55) } else { picture })
     }),
@@ -103,7 +103,7 @@ fn shifted(picture: &ColorPicture, right: usize) -> ColorPicture {
     moved
 }
 
-/// A disc in the picture's middle, some 4 mm across, with other light.
+/// Changes the brightness of a disc in the picture's middle, some 4 mm in diameter.
 fn spotted(mut picture: ColorPicture, change: impl Fn(f64) -> f64) -> ColorPicture {
     let (width, height) = (picture.width, picture.height);
     let radius_px = width as f64 / 400.0;
@@ -124,7 +124,7 @@ fn covered(mut picture: ColorPicture) -> ColorPicture {
     picture
 }
 
-/// A box of `2 reach + 1` px, twice, along rows and columns.
+/// Blurs the picture with a box of `2 reach + 1` px, twice, along rows and columns.
 fn blurred(picture: &ColorPicture, reach: usize) -> ColorPicture {
     let (width, height) = (picture.width, picture.height);
     let pass = |from: &[[u8; 3]], along: usize, length: usize, across: usize, count: usize| {

@@ -1,5 +1,5 @@
-//! From a decoded 1944×1200 frame to its result, beside the thesis's pipeline in Python's OpenCV on the same frames, and
-//! the memory of a whole clip.
+//! Time from a decoded 1944×1200 frame to its result, compared with the thesis's pipeline in Python's OpenCV on the
+//! same frames, and the memory for a whole clip.
 
 use crate::clips::{Bench, phase};
 use panelprep::files::{read_color, write_color_jpeg};
@@ -37,7 +37,7 @@ pub fn run(reduction: usize) {
         let begun = Instant::now();
         watch.push(&decoded, 10.0 + time_s, Phase::Wet).expect("in order");
         judging.push(begun.elapsed());
-        // What the machine itself was up to in these seconds.
+        // A plain copy shows how busy the machine itself was in these seconds.
         let begun = Instant::now();
         copy.rgb.copy_from_slice(std::hint::black_box(&decoded.rgb));
         copying.push(begun.elapsed());

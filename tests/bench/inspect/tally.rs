@@ -1,4 +1,4 @@
-//! What many clips of either renderer come to, grid by grid.
+//! The results of many clips of either renderer, grid by grid.
 
 use panelprep::geometry::Mask;
 use panelprep::inspect::{GridInspection, Inspection, score_within};
@@ -6,26 +6,27 @@ use panelprep::panel::GridId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A place has contrast if its film differs by this many times the noise from each break that is as damp as the
-/// recipe allows.
+/// A place has contrast if its film differs from each break by at least this multiple of the noise, for breaks as
+/// damp as the recipe allows.
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
-/// What the recipes allow.
+/// The damp brightness that the recipes allow, as a share.
 const DAMP: f64 = 0.8;
 /// … and a grid, if this share of it has contrast.
 const CONTRAST_SHARE: f64 = 0.95;
 
-/// What is true of a clip; masks and values are those of its pictures' pixels.
+/// The ground truth of a clip; masks and values are those of its pictures' pixels.
 pub struct Truth<'a> {
-    /// What is broken when the observation ends.
+    /// The pixels that are broken when the observation ends.
     pub broken: &'a Mask,
-    /// … and when the last picture is taken.
+    /// The pixels that are broken when the last picture is taken.
     pub later: &'a Mask,
-    /// By how many times the noise the film differs from a break: see [`contrast_to_noise`].
+    /// The difference between film and break at each pixel, as a multiple of the noise: see [`contrast_to_noise`].
     pub contrast: &'a [f64],
 }
 
-/// By how many times the noise a film differs from the nearest look of a break, in the channel in which it does so
-/// most or in their mean; `noise` is that of one channel at its level.
+/// Returns the difference between a film and the most similar break, as a multiple of the noise. It is that of the
+/// channel with the largest difference, or of the channels' mean; `noise` returns the noise of one channel at its
+/// level.
 pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) -> f64 {
     let gap = |dry: f64, wet: f64| (DAMP * dry - wet).max(wet - dry);
     let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
@@ -33,17 +34,17 @@ pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) 
     (0..3).map(|i| gap(dry[i], wet[i]) / noise(dry[i])).fold(of_mean, f64::max)
 }
 
-/// One clip, as it is printed.
+/// One clip with the values that are printed.
 pub struct Clip<'a> {
     pub renderer: &'static str,
     pub seed: u64,
     pub kind: &'a str,
     pub frames_per_second: f64,
-    /// Grids that were sanded before.
+    /// Number of grids that were sanded before the film.
     pub sanded: usize,
 }
 
-/// A grid, judged or not.
+/// The result of a grid: judged, or not seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Found {
     Passed,
@@ -56,11 +57,12 @@ enum Found {
 pub struct Tally {
     clips: usize,
     invalid: BTreeMap<String, usize>,
-    /// Truly broken grids, truly clean ones with contrast, and the other clean ones.
+    /// Results of grids with a true break; `clean` has those of clean grids with contrast, `faint` those of the
+    /// other clean grids.
     broken: BTreeMap<Found, usize>,
     clean: BTreeMap<Found, usize>,
     faint: BTreeMap<Found, usize>,
-    /// The same of grids that were sanded.
+    /// Results of sanded grids, counted like those above.
     sanded_broken: BTreeMap<Found, usize>,
     sanded_clean: BTreeMap<Found, usize>,
     iou: Vec<f64>,
@@ -68,7 +70,7 @@ pub struct Tally {
     time_errors_s: Vec<f64>,
 }
 
-/// A clip of which nothing is judged, for what concerns all of its pictures.
+/// Returns whether nothing of a clip is judged, for a reason that concerns all of its pictures.
 fn is_unjudged(inspection: &Inspection) -> bool {
     const OF_GRIDS: [&str; 5] = ["not_seen", "no_contrast", "wet_when_dry", "broken", "masked"];
     inspection.judgement.reasons.iter().any(|reason| !OF_GRIDS.contains(&&*reason.code))
@@ -104,7 +106,7 @@ impl Tally {
             let is_clear = clear_mm2[index] >= CONTRAST_SHARE * all_mm2[index];
             let (kind, counts) = match (real_mm2[index] >= min_mm2, later_mm2[index] >= min_mm2) {
                 (true, _) => ("broken", &mut self.broken),
-                // What breaks after the window is no mistake, found or not.
+                // A break after the window is no mistake, whether it was found or not.
                 (false, true) => continue,
                 _ if is_clear => ("clean", &mut self.clean),
                 _ => ("faint", &mut self.faint),
@@ -130,7 +132,7 @@ impl Tally {
                 ));
             }
         }
-        // What was not seen is counted above, and is neither found nor missed.
+        // Pixels that were not seen are counted above; they are neither found nor missed.
         let not_seen = inspection.not_seen();
         let within = Mask {
             inside: (0..region.inside.len())
@@ -170,7 +172,8 @@ impl Tally {
         }
     }
 
-    /// How late or early 10 mm² of each place were broken; `true_s` is after the first fully wet picture.
+    /// Adds, for each broken place, the error of the time at which 10 mm² of it were broken. `true_s` is the time
+    /// after the first fully wet picture.
     pub fn times(&mut self, inspection: &Inspection, truth: &Mask, true_s: impl Fn(usize) -> f64) {
         let (footprint, region) = (&inspection.footprint, inspection.footprint.region());
         let inside = truth.inside.iter().zip(&region.inside).map(|(truly, inside)| *truly && *inside).collect();

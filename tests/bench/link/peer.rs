@@ -6,7 +6,7 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Before the loads of the bench, as the link itself.
+/// Priority of the peer's threads, before the bench's loads like that of the link itself.
 const INSTRUMENT_NICE: i32 = -10;
 
 #[derive(Default)]
@@ -18,7 +18,7 @@ struct Inside {
     stopped: Option<Instant>,
 }
 
-/// Listens until the program ends; one client at a time.
+/// A peer that listens until the program ends and serves one client at a time.
 pub struct Peer {
     ports: (u16, u16),
     inside: Arc<Mutex<Inside>>,
@@ -35,7 +35,7 @@ impl Peer {
                 // The instrument must not measure itself. If the priority is not permitted, it does.
                 let _ = rustix::process::setpriority_process(None, INSTRUMENT_NICE);
                 for stream in listener.incoming().map_while(Result::ok) {
-                    // It ends with its client, who comes again.
+                    // Serving ends when the client disconnects; the client connects again.
                     let _ = serve(&inside, stream);
                 }
             });
@@ -44,23 +44,23 @@ impl Peer {
         Peer { ports: (listen(commands), listen(requests)), inside }
     }
 
-    /// Of the command and of the state channel.
+    /// Returns the ports of the command channel and of the state channel.
     pub fn ports(&self) -> (u16, u16) {
         self.ports
     }
 
-    /// From now to the next epoch nothing is acknowledged.
+    /// Stops all acknowledgements until the next epoch.
     pub fn lose_acknowledgements(&self) {
         let mut inside = self.inside.lock().expect("whole");
         (inside.loses, inside.stopped) = (true, None);
     }
 
-    /// The next abort is the first one again.
+    /// Forgets the abort that arrived, so that the next one counts as the first again.
     pub fn forget(&self) {
         self.inside.lock().expect("whole").stopped = None;
     }
 
-    /// When the abort arrived.
+    /// Returns the time at which the abort arrived.
     pub fn stopped(&self) -> Option<Instant> {
         self.inside.lock().expect("whole").stopped
     }

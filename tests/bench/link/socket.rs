@@ -1,14 +1,14 @@
-//! From an abort at one of the service's fronts to the frame at the controller: at its socket while two hundred
-//! clients do harm, and on the operator's page while others look on.
+//! Time from an abort at one of the service's front ends to the frame at the controller. The abort comes through
+//! the socket while two hundred clients do harm, or from the operator's page while others look on.
 
 use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LinkedRobot,
-    LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports, RecipeText, RecordAnswer,
-    RecordCommand, RecordError, RecordPdf, RecordSource, RecordingSwitch, Request, RequestHandler, RequestSender,
-    ServiceParts, SetupSource, Socket, StoreRecord, WrittenPage,
+    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LastWrittenPage,
+    LinkedRobot, LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports, RecipeText,
+    RecordAnswer, RecordCommand, RecordError, RecordPdf, RecordSource, RecordingSwitch, Request, RequestHandler,
+    RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -68,7 +68,7 @@ struct Hanging<'s> {
     hangs: Arc<AtomicBool>,
 }
 
-/// How long it hangs.
+/// Time for which the disk hangs.
 pub const HANG_TIME: Duration = Duration::from_secs(5);
 
 impl Port<RecordCommand> for Hanging<'_> {
@@ -80,7 +80,7 @@ impl Port<RecordCommand> for Hanging<'_> {
     }
 }
 
-/// A service on a controller that is a peer of this program.
+/// A service whose controller is a peer in this program.
 struct Served {
     peer: Peer,
     hangs: Arc<AtomicBool>,
@@ -119,7 +119,7 @@ impl Served {
                 recording: RecordingSwitch::new(&store_folder, false),
                 supervisor: watched.clone(),
                 pages,
-                written: WrittenPage::default(),
+                written: LastWrittenPage::default(),
                 cameras: None,
             };
             let parts_of_computing = (Box::new(NoCameras) as _, Box::new(Vec::new) as _, keep);
@@ -196,7 +196,7 @@ pub fn aborts_on_a_hanging_disk(trials: usize) -> Vec<Duration> {
     found
 }
 
-/// What a page without recipes and records is made of.
+/// The data source of a page without recipes and records.
 struct Nothing;
 
 impl SetupSource for Nothing {
@@ -241,7 +241,7 @@ impl RecordSource for Nothing {
     }
 }
 
-/// Sends a request to the page; what came until it hung up.
+/// Sends a request to the page; returns the answer up to the end of the connection.
 fn http(address: &str, method: &str, path: &str) -> String {
     let mut answer = String::new();
     if let Ok(mut stream) = TcpStream::connect(address) {
@@ -276,7 +276,7 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let parts = PageParts { page, folder, front, view, records };
     let page = OperatorPage::serve(parts).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
-    // A clear needs a person; the socket has one.
+    // A clear needs a person; a request at the socket comes from one.
     let path = served.folder.path().join("socket");
     let socket = Socket::listen(&path, None, served.gateway.clone(), &served.supervisor).expect("a socket");
     let events = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");

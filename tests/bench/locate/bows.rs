@@ -17,16 +17,17 @@ use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
 use std::time::Instant;
 
-/// Bent panels of each seed.
+/// Number of bent panels for each seed.
 const PANELS: usize = 3;
-/// Depth of a bow over the panel's length, half the height of a wave and its length, mm; the camera's scale.
+/// Range of the depth of a bow over the panel's length, mm. `WAVE_MM` is half the height of a wave, `LENGTH_MM` its
+/// length, mm; `SCALE` is the camera's scale.
 const BOW_MM: [f64; 2] = [0.2, 3.0];
 const WAVE_MM: [f64; 2] = [0.05, 0.3];
 const LENGTH_MM: [f64; 2] = [100.0, 800.0];
 const SCALE: [f64; 2] = [0.999, 1.002];
 /// The share of the panel's length and width that the region covers.
 const REGION: f64 = 0.54;
-/// Places along each side of the region at which the path's surface is held against the true one.
+/// Number of points along each side of the region at which the path's surface is compared with the true one.
 const PLACES: usize = 25;
 /// Targets: the share of accepted panels among those with no larger bow than this; the share of accepted panels
 /// with a path within the stated error; the contact error.
@@ -34,26 +35,26 @@ const ACCEPTED_TO_MM: f64 = 2.0;
 const ACCEPTED: f64 = 0.95;
 const STATED: f64 = 0.9;
 const CONTACT_MM: f64 = 0.15;
-/// `[surface] max_hole_mm` by default.
+/// The default of `[surface] max_hole_mm`.
 const MAX_HOLE_MM: f64 = 12.0;
 const BOTH_MS: f64 = 120.0;
 
-/// What was found of a bent panel.
+/// The results for a bent panel.
 struct Found {
     bend: Bend,
-    /// The camera's scale is off.
+    /// Whether the camera's scale is wrong.
     is_scaled: bool,
     tried: Tried,
-    /// The surface of the path from the true one, mean size and largest, mm; `None` without a surface.
+    /// Mean and largest distance of the path's surface from the true one, mm; `None` without a surface.
     contact_mm: Option<[f64; 2]>,
     /// Side of the largest square of the region that the scan does not show, mm.
     hole_mm: f64,
-    /// The pose in the panel's plane, mm.
+    /// Error of the pose in the panel's plane, mm.
     aside_mm: Option<f64>,
     fit_ms: f64,
 }
 
-/// The panels of these seeds; how many floors were missed.
+/// Locates the panels of these seeds; returns the number of targets that were missed.
 pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     println!(
         "seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  hole mm  aside mm  stated mm  ms"
@@ -170,7 +171,7 @@ fn judged(all: &[Found]) -> usize {
     let is_accepted = |found: &&Found| found.tried.judgement.verdict == Verdict::Accept;
     let little = || all.iter().filter(|found| found.bend.bow_mm.abs() <= ACCEPTED_TO_MM && !found.is_scaled);
     let (of, accepted) = (little().count(), little().filter(is_accepted).count());
-    // A region that is hidden in part is for a person by the check of today's surface.
+    // If a region is partly hidden, the check of today's surface leaves the decision to a person.
     let is_seen = |found: &&Found| found.hole_mm <= MAX_HOLE_MM;
     let used: Vec<&Found> = all.iter().filter(is_accepted).filter(is_seen).collect();
     let largest = |found: &&Found| found.contact_mm.map_or(f64::INFINITY, |[_, largest_mm]| largest_mm);

@@ -14,11 +14,12 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
 
-/// Lengths over which a smooth error is alike, mm.
+/// Lengths over which a smooth error stays similar, mm.
 const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
 /// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of that overall.
 const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
-/// What the scale of a camera is off, one standard deviation: in all scans alike, and from scan to scan.
+/// Standard deviation of the error in a camera's scale: `SCALE` is common to all scans, `BETWEEN_SCANS` varies from
+/// scan to scan.
 const SCALE: f64 = 0.000_5;
 const BETWEEN_SCANS: f64 = 0.0001;
 /// The share of accepted poses that is within the stated error. Less is a broken promise; more is a statement that
@@ -91,12 +92,12 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
     stated(&words, trials, range)
 }
 
-/// A share with this standard deviation, evenly between its ends.
+/// Returns a random share with this standard deviation, from a uniform distribution.
 fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
     deviation * 3.0_f64.sqrt() * random.random_range(-1.0..1.0)
 }
 
-/// A trial, its panel as taught, and the camera's mount as it was measured.
+/// A trial, its panel as taught, and the camera's measured mount.
 type Scanned = (Trial, (TaughtPanel, Recipe), Rigid<Base, Camera>);
 
 fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors) -> usize {

@@ -10,11 +10,12 @@ use std::ops::RangeInclusive;
 const MISSING: f64 = 0.33;
 /// Share that is accepted, of scenes with keys and without missing points.
 const ACCEPTED: f64 = 0.9;
-/// The same with a third of the points missing at teaching and another third now; the others must be for a person.
+/// The same share with a third of the points missing at teaching and another third missing now. For the other
+/// scenes a person must decide.
 const MISSING_ACCEPTED: f64 = 0.5;
-/// What of these cannot be taught, because a patch is as wide as a grid.
+/// Allowed share of scenes with missing points that cannot be taught, because a patch is as wide as a grid.
 const UNTAUGHT: f64 = 0.05;
-/// Accepted poses within what they state.
+/// Target share of the accepted poses whose error is within the stated uncertainty.
 const STATED_SHARE: f64 = 0.9;
 
 /// The information that a person gives about the panel.

@@ -1,5 +1,5 @@
-//! The same scans through this program, the thesis's method and the libraries of others: a table, and a plot of error
-//! against time.
+//! The same scans through this program, the thesis's method and other people's libraries: a table, and a plot of
+//! error against time.
 
 use super::plot::{self, Run};
 use super::{RIGHT_MM, quantile, reduction, taught, tried};
@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// The same scans through this program, the thesis's method and the libraries of others.
+/// Locates in the same scans with this program, the thesis's method and other people's libraries.
 pub fn compared(seeds: RangeInclusive<u64>) {
     let mut runs: Vec<Run> = Vec::new();
     let folder = std::env::temp_dir().join(format!("panelprep-locate-{}", std::process::id()));
@@ -41,7 +41,7 @@ pub fn compared(seeds: RangeInclusive<u64>) {
         Ok(python) => runs.extend(of_peers(&python, &folder, seeds)),
         Err(_) => println!("peers: not run; `make bench-locate` sets them up"),
     }
-    // Best effort: what stays behind is in the system's own folder for such things.
+    // Best effort: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_dir_all(&folder);
     println!("method                          scans  error mm: median  largest   right  ms: median");
     for method in plot::methods(&runs) {
@@ -62,7 +62,8 @@ pub fn compared(seeds: RangeInclusive<u64>) {
     println!("error against time: target/bench-locate.svg");
 }
 
-/// The taught panel's points, and the scan's in the search box; mm, in panel and base.
+/// Returns the taught panel's points in the panel's frame and the scan's points in the search box in the base
+/// frame, mm.
 fn clouds(trial: &Trial, panel: &TaughtPanel) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let source = panel.points().map(|(_, point)| point.mm.coords.into()).collect();
     let scan: OrganizedCloud<Camera> = trial.scan();
@@ -77,7 +78,7 @@ fn clouds(trial: &Trial, panel: &TaughtPanel) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) 
     (source, target)
 }
 
-/// A start for methods that need one: the true place, 10 mm and 3° off.
+/// Returns a start pose for methods that need one: the true pose, 10 mm and 3° off.
 fn near(trial: &Trial) -> Rigid<Base, Panel> {
     let turn = nalgebra::Vector3::new(0.04, 0.025, -0.02);
     let centre = trial.base_from_panel().isometry() * nalgebra::Point3::new(560.0, 0.0, 360.0);

@@ -1,8 +1,8 @@
-//! Error against time as a picture: logarithmic axes, a colour for each method.
+//! A plot of error against time: logarithmic axes, a colour for each method.
 
 use std::fmt::Write as _;
 
-/// One method on one scan.
+/// The result of one method on one scan.
 pub struct Run {
     /// Which method.
     pub method: String,
@@ -14,7 +14,7 @@ pub struct Run {
     pub error_mm: f64,
 }
 
-/// The methods, in the order of their first run.
+/// Returns the methods in the order of their first run.
 pub fn methods(runs: &[Run]) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
     for run in runs {
@@ -32,11 +32,11 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 230.0;
 const TOP: f64 = 40.0;
 const BOTTOM: f64 = 50.0;
-/// Powers of ten on the axes.
+/// First and last power of ten on the time axis; `MM` has those of the error axis.
 const MS: [f64; 2] = [1.0, 5.0];
 const MM: [f64; 2] = [-2.0, 3.0];
 
-/// The plot as an SVG.
+/// Returns the plot as an SVG.
 pub fn svg(runs: &[Run]) -> String {
     let across =
         |ms: f64| LEFT + (ms.log10().clamp(MS[0], MS[1]) - MS[0]) / (MS[1] - MS[0]) * (SIZE[0] - LEFT - RIGHT);

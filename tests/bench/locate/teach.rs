@@ -1,5 +1,5 @@
-//! Teaching from scans with large parts missing: how many panels are taught, and how far the edges of their grids
-//! lie from those that the whole scan teaches, at the same pixels.
+//! Teaching from scans with large parts missing. Measures the number of panels that are taught, and the distance of
+//! their grids' edges from those that the whole scan teaches, at the same pixels.
 
 use super::held::{PriorKnowledge, keys};
 use super::{recipe, reduction, row, share};
@@ -9,13 +9,14 @@ use std::ops::RangeInclusive;
 
 /// Shares of the panel without points.
 const MISSING: [f64; 3] = [0.2, 0.35, 0.5];
-/// Of the panels, at least this share must be taught.
+/// Minimum share of the panels that must be taught.
 const TAUGHT: f64 = 0.95;
 /// Allowed deviation of an edge along the view, mm. Sideways, it moves by half of that in a picture from 30° to the
 /// side. The edge determines to which grid a break belongs, and no pose depends on it.
 const OFF_MM: f64 = 2.0;
 
-/// Each share on both kinds of panel, with these seeds; how many floors were missed.
+/// Teaches with each missing share on both kinds of panel, with these seeds; returns the number of targets that
+/// were missed.
 pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     let kinds: [(&str, fn(u64, usize) -> Trial); 2] = [("bent", Trial::good), ("flat", Trial::flat)];
     let each = kinds.into_iter().flat_map(|kind| MISSING.map(|missing| (kind, missing)));

@@ -8,7 +8,7 @@ use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, PanelPosition, SEARCH_BOX_MM, Scene};
 use std::ops::RangeInclusive;
 
-/// Moves of this length are found, and of this length raise no alarm, mm.
+/// Moves of at least this length must be found, mm. Moves up to `QUIET_MM` must raise no alarm.
 const FOUND_MM: f64 = 0.3;
 const QUIET_MM: f64 = 0.1;
 
@@ -31,7 +31,7 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
         let corners = corners(&cell, &panel, &recipe);
         // Refined on the dry panel, from the place to which a rough localization sends the camera.
         let refined = look(&cell, &recipe, &corners, place, place, false);
-        // By how much the panel is moved in its plane, before the wet pictures: the first seeds by nothing.
+        // Distance by which the panel is moved in its plane before the wet pictures; zero for one seed in ten.
         let length_mm = if seed % 10 == 0 { 0.0 } else { 2.0 * ((seed * 37 % 101) as f64 / 100.0) };
         let angle = seed as f64 * 2.399_963;
         let normal = cell.truth().normal(panelprep::geometry::Point::at(560.0, 0.0, 360.0));

@@ -1,4 +1,4 @@
-//! A cell as a process of its own: a store that is written to, and the service's sender.
+//! A cell as a process of its own: a store with new records, and the service's sender.
 
 use panelprep::cell::{Broker, BrokerLogin, CellName, Office};
 use panelprep::daemon::{OfficeParts, OfficeSender, OfficeStatus};
@@ -80,7 +80,7 @@ pub fn write(folder: &Path, cycles: usize, picture_bytes: usize) {
     }
 }
 
-/// Whether a store has all its cycles, each signed.
+/// Returns whether a store has all its cycles, each signed.
 pub fn has_written(folder: &Path, cycles: usize) -> bool {
     let Ok(store) = Store::open(folder) else { return false };
     let (ended, signed) = (store.ended_cycles().map(|all| all.len()), store.signatures().map(|all| all.len()));

@@ -11,7 +11,7 @@ const P95_MAX_MS: f64 = 300.0;
 /// Requests for each page.
 const REQUESTS: usize = 60;
 const CELLS: usize = 50;
-/// Quantities of each cycle, as a real one has them.
+/// Quantities of each cycle, as in a real cycle.
 const QUANTITIES: [&str; 12] = [
     "localization-residual",
     "outline-residual",
@@ -27,7 +27,8 @@ const QUANTITIES: [&str; 12] = [
     "disc-swept",
 ];
 
-/// Rows as the archive writes them: half of the records are ends of cycles, half are signatures.
+/// Returns the SQL for rows as the archive writes them: half of the records are ends of cycles, half are
+/// signatures.
 fn filling(cycles: usize) -> String {
     let quantities = QUANTITIES.map(|word| format!("'{word}'")).join(",");
     let of_cell = "'cell-' || (n % 50)";
@@ -68,7 +69,7 @@ fn psql(programs: &Path, port: u16, arguments: &[&str]) -> String {
     String::from_utf8_lossy(&done.stdout).trim().to_owned()
 }
 
-/// Fills a database and times every page.
+/// Fills a database and measures the time of every page.
 pub fn pages(programs: &Path, records: usize) -> bool {
     let mut plant = Plant::start(programs);
     let text = std::fs::read_to_string(&plant.settings).expect("settings");

@@ -1,4 +1,4 @@
-//! A network between cells and broker that cuts connections and holds them up.
+//! A network between cells and broker that cuts and delays connections.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -23,7 +23,7 @@ pub struct Network {
 }
 
 impl Network {
-    /// To the broker on this port.
+    /// Starts a network to the broker on this port.
     pub fn to(broker_port: u16, seed: u64) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let port = listener.local_addr().expect("its number").port();
@@ -44,7 +44,7 @@ impl Network {
         Network { port, counts }
     }
 
-    /// From now on it cuts nothing.
+    /// Stops cutting connections from now on.
     pub fn heal(&self) {
         self.counts.is_healed.store(true, Ordering::Relaxed);
     }
@@ -58,7 +58,8 @@ impl Network {
     }
 }
 
-/// Passes bytes on; one piece in 200 ends the connection in its middle, one in 100 waits up to three seconds.
+/// Passes bytes on. One piece in 200 ends the connection in the middle of the piece; one in 100 waits up to three
+/// seconds.
 fn pass(mut from: TcpStream, mut to: TcpStream, mut random: Pcg64Mcg, counts: &Counts) {
     let mut buffer = [0; 16_384];
     while let Ok(count @ 1..) = from.read(&mut buffer) {

@@ -1,6 +1,6 @@
-//! Edges, curvature and tilt beside a finer reference of our own: still discs every 0.1 mm, each on 24 places of
-//! its orbit, the force balanced over a square net of 0.15 mm. It shares the formulas of the pad with what it
-//! tests, and none of its code.
+//! Edges, curvature and tilt compared with a finer reference of our own. It has still discs every 0.1 mm, each on
+//! 24 points of its orbit, with the force balanced over a square net of 0.15 mm. It shares the pad's formulas with
+//! the code under test, but none of its code.
 
 use super::held;
 use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_model, pose, region};
@@ -11,14 +11,15 @@ use panelprep::surface::Parameter;
 use std::f64::consts::TAU;
 
 const OFF_PERCENT: f64 = 3.0;
-/// A little less than whole, so that samples are 1 mm apart.
+/// Sides a little shorter than whole millimetres, so that samples are 1 mm apart.
 const SIDES_MM: [f64; 2] = [119.999_9, 79.999_9];
 const FEED_MM_S: f64 = 60.0;
 const STEP_MM: f64 = 0.1;
 const NET_MM: f64 = 0.15;
 const PHASES: usize = 24;
 
-/// A line along x at this y, on a surface of these curvatures, the tool leant about Y, the panel ending at this y.
+/// A path line along x at this y, on a surface of these curvatures, with the tool leaning about Y and the panel
+/// ending at this y.
 struct Case {
     name: &'static str,
     bends: [f64; 2],
@@ -80,7 +81,7 @@ fn height_mm([k1, k2]: [f64; 2], x: f64, y: f64) -> f64 {
     -0.5 * (k1 * x * x + k2 * y * y)
 }
 
-/// The depth across the middle of the line, µm, at y = −39.5, −38.5 … mm.
+/// Returns the depth across the middle of the line, µm, at y = −39.5, −38.5 … mm.
 fn ours(case: &Case) -> Vec<f64> {
     let surface = bent(SIDES_MM, case.bends);
     let line: Vec<_> = (0..=16)

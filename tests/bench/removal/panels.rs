@@ -29,8 +29,9 @@ const WITHIN_PERCENT: f64 = 10.0;
 const SHARE: f64 = 0.95;
 const HELD: [f64; 2] = [0.90, 0.99];
 const COUPONS: usize = 12;
-/// σ by which one piece differs from another, coupon or panel; of a measured depth; of the force's bias from panel
-/// to panel; and of its noise from pose to pose.
+/// Standard deviation of the difference from piece to piece, coupon or panel. `MEASURED_DEVIATION` is that of a
+/// measured depth, `FORCE_BIAS` that of the force's bias from panel to panel, and `FORCE_NOISE` that of its noise
+/// from pose to pose.
 const PIECE_DEVIATION: f64 = 0.02;
 const MEASURED_DEVIATION: f64 = 0.022;
 const FORCE_BIAS: f64 = 0.015;
@@ -122,12 +123,12 @@ pub fn path_recipe(more: &str) -> Recipe {
 }
 
 fn outline() -> Vec<Point<Panel>> {
-    // So far beside the region that no disc comes to it.
+    // The outline is so far outside of the region that no disc reaches it.
     let [w, h] = SIDES_MM.map(|side| 0.5 * side + 60.0);
     [(-w, -h), (w, -h), (w, h), (-w, h)].map(|(x, y)| Point::at(x, y, 0.0)).to_vec()
 }
 
-/// The plan with scheduled feeds, as the stage makes it.
+/// Returns the plan with scheduled feeds, as the stage makes it.
 pub fn scheduled_plan(
     (surface, region): (&BSplineSurface, &Region),
     recipe: &Recipe,
@@ -148,14 +149,14 @@ pub fn scheduled_plan(
     laid.fed(&feeds_mm_s, settings)
 }
 
-/// Lines as far beyond the border as the stage lays them.
+/// Returns a plan with lines as far beyond the border as in the stage's plan.
 pub fn beyond(surface: &BSplineSurface, region: &Region, grids: &[GridId], recipe: &Recipe) -> Plan {
     let beyond_mm = 0.4 * PAD.radius_mm;
     let holes = Holes::none(region);
     plan_beyond(surface, region, grids, (&outline(), &holes), (recipe.path(), beyond_mm)).expect("a plan")
 }
 
-/// Today's feed, such that the target is removed in the mean.
+/// Returns a plan with today's constant feed, chosen such that the mean removal is the target.
 fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, truth: &Truth) -> Plan {
     let grids: Vec<GridId> = region.ids().collect();
     let recipe = path_recipe("");
@@ -202,7 +203,7 @@ fn normal(random: &mut Pcg64Mcg) -> f64 {
     (-2.0 * a.ln()).sqrt() * b.cos()
 }
 
-/// The same poses, pressed with a force that has a bias for the panel, and noise that lasts some poses.
+/// Returns the same poses with a force that has a bias for the panel and a noise that lasts for some poses.
 fn pressed(poses: &[Executed], random: &mut Pcg64Mcg) -> Vec<Executed> {
     let bias = FORCE_BIAS * normal(random);
     let (mut slow, keep) = (0.0, 0.8_f64);

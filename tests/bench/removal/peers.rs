@@ -16,7 +16,7 @@ use std::time::Instant;
 
 const OFF_PERCENT: f64 = 2.0;
 const FASTER: f64 = 20.0;
-/// A little less than whole, so that samples are 1 mm apart.
+/// Sides a little shorter than whole millimetres, so that samples are 1 mm apart.
 const SIDES_MM: [f64; 2] = [119.999_9, 59.999_9];
 const FEED_MM_S: f64 = 60.0;
 /// The case's name and its curvatures, 1/mm.
@@ -26,7 +26,7 @@ const CASES: [(&str, [f64; 2]); 4] = [
     ("1/1000 by 1/500 mm", [1.0 / 1_000.0, 1.0 / 500.0]),
     ("ball of 120 mm, in contact in its middle", [1.0 / 120.0, 1.0 / 120.0]),
 ];
-/// Nearer to the rim than this a net of 1 mm is not exact, mm.
+/// Distance from the rim below which a net of 1 mm is not exact, mm.
 const RIM_MM: f64 = 2.0;
 
 pub fn measure() -> usize {

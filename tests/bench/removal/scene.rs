@@ -19,7 +19,7 @@ pub fn disc(rim_orbits: bool) -> Disc {
     Disc { pad: PAD, orbit: ORBIT, rim_orbits, swept_mm2: 0.0 }
 }
 
-/// A model that is known exactly.
+/// Returns a model without uncertainty.
 pub fn exact_model() -> Model {
     Model {
         preston_mm2_per_n: PRESTON_MM2_PER_N,
@@ -33,7 +33,7 @@ pub fn exact_model() -> Model {
     }
 }
 
-/// z = −½ (k₁ x² + k₂ y²) over a rectangle around the origin, by cubics that hold a parabola exactly.
+/// Returns z = −½ (k₁ x² + k₂ y²) over a rectangle around the origin, as cubics that represent a parabola exactly.
 pub fn bent([width_mm, height_mm]: [f64; 2], [k1, k2]: [f64; 2]) -> BSplineSurface {
     let knots = || KnotVector::uniform(3, 1, 0.0..=1.0).expect("knots");
     // The control points of t and of t² on 0…1 as a cubic.
@@ -62,7 +62,8 @@ pub fn region(grids: [usize; 2]) -> Region {
     Region::new(recipe(grids, "").region()).expect("convex")
 }
 
-/// The tool's point there, its pad along the surface's normal, leant by an angle about Y.
+/// Returns the pose with the tool's point at this position and the pad along the surface's normal, leaning by an
+/// angle about Y.
 pub fn pose(at: [f64; 3], normal: [f64; 3], (lean_deg, seconds): (f64, f64)) -> Executed {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
     let away = Vector3::from(normal).normalize();

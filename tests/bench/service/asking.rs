@@ -1,4 +1,4 @@
-//! A request of the service's socket.
+//! Sends requests to the service's socket.
 
 use serde_json::Value;
 use std::io::{self, Read, Write};
@@ -9,7 +9,7 @@ use std::time::Duration;
 /// An answer that is slower than this counts as missing.
 pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// One line to the socket, and its answer.
+/// Sends one line to the socket and returns the answer.
 pub fn ask(socket: &Path, line: &str) -> io::Result<Value> {
     let mut stream = UnixStream::connect(socket)?;
     stream.set_read_timeout(Some(RESPONSE_TIMEOUT))?;

@@ -10,23 +10,23 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Of the sixteen that a controller's firewall leaves open; no test has them.
+/// Two of the sixteen ports that a controller's firewall leaves open; no test uses them.
 const PORTS: [u16; 2] = [54_606, 54_607];
-/// Those of a cell that was copied.
+/// Ports of a copied cell.
 pub const OTHER_PORTS: [u16; 2] = [54_608, 54_609];
 /// The controller's address, where the service looks for it and where it listens.
 const HERE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
-/// The account of those who read the page.
+/// The account of the clients that read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
 
 const LINE: &str = "\n[line]\nrecipe = 'recipe.toml'\n";
 
-/// How the cell's time passes, and who starts cycles.
+/// How the cell's time passes, and what starts the cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// By the wall clock; a person.
+    /// Time passes by the wall clock; a person starts cycles.
     Wall,
-    /// In lock step; a simulated line.
+    /// Time passes in lock step; a simulated line starts cycles.
     Line,
 }
 
@@ -64,7 +64,7 @@ impl Prepared {
         self.folder.path().join("cell/recipe.toml")
     }
 
-    /// A file that the service names as seen from its own folder.
+    /// Returns a file that the service names relative to its own folder.
     pub fn in_folder(&self, file: &str) -> PathBuf {
         self.folder.path().join(file)
     }
@@ -116,7 +116,7 @@ fn copy(from: &Path, to: &Path) {
 
 fn bytes_of(folder: &Path) -> u64 {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    // A file may go between the two looks.
+    // A file may be deleted between the listing and this call.
     let bytes = entries.map(|entry| match entry.metadata() {
         Ok(found) if found.is_dir() => bytes_of(&entry.path()),
         found => found.map_or(0, |found| found.len()),
@@ -124,7 +124,7 @@ fn bytes_of(folder: &Path) -> u64 {
     bytes.sum()
 }
 
-/// Changes a file of the cell.
+/// Replaces texts in a file of the cell.
 fn replaced(file: &Path, changes: &[(&str, &str)]) {
     let mut text = fs::read_to_string(file).expect("rendered");
     for (from, to) in changes {
@@ -171,7 +171,7 @@ pub fn prepare(program: &Path, pace: Pace) -> Prepared {
     prepared
 }
 
-/// A process that is killed when this is dropped.
+/// A process that is killed when this value is dropped.
 struct Killed(Child);
 
 impl Drop for Killed {
@@ -189,13 +189,14 @@ pub struct Running<'p> {
 }
 
 impl<'p> Running<'p> {
-    /// Starts both and waits until the service listens.
+    /// Starts the controller and the service, and waits until the service listens.
     pub fn start(prepared: &'p Prepared) -> (Self, Watchdog) {
         let parts = if prepared.pace == Pace::Line { "--line-parts 1000000" } else { "" };
         Running::start_with(prepared, parts)
     }
 
-    /// The same, with more arguments for the service.
+    /// Starts the controller and the service, with more arguments for the service, and waits until the service
+    /// listens.
     pub fn start_with(prepared: &'p Prepared, more: &str) -> (Self, Watchdog) {
         let folder = prepared.folder.path();
         let notify = folder.join("notify");

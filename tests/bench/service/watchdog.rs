@@ -1,11 +1,11 @@
-//! systemd's side of the watchdog: a datagram socket, and the largest time from one sign of life to the next.
+//! systemd's side of the watchdog: a datagram socket, and the longest time between two signs of life.
 
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// As `WatchdogSec` of `config/panelprep.service`.
+/// The same as `WatchdogSec` in `config/panelprep.service`.
 pub const WATCHDOG_TIMEOUT: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
@@ -15,7 +15,7 @@ struct WatchdogStats {
     largest_gap: Duration,
 }
 
-/// What was heard so far.
+/// The signs of life that were received so far.
 #[derive(Debug, Clone, Default)]
 pub struct Watchdog(Arc<Mutex<WatchdogStats>>);
 
@@ -50,7 +50,7 @@ impl Watchdog {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).signs
     }
 
-    /// The one that has not ended yet is one of them.
+    /// Returns the longest time between two signs of life, including the gap that has not ended yet.
     pub fn largest_gap(&self) -> Duration {
         let heard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         heard.largest_gap.max(heard.last.map_or(Duration::ZERO, |last| last.elapsed()))

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// Programs that poll the socket.
 const POLLERS: usize = 3;
-/// Pages whose events are read, and pages that people open and leave.
+/// Number of pages whose events are read; `READERS` is the number of pages that people open and leave.
 const FOLLOWERS: usize = 4;
 const READERS: usize = 2;
 /// Connections of each kind that send nothing, or half a request.
@@ -22,7 +22,7 @@ const SILENT: usize = 6;
 /// The service reports the state of the cell at least once a second. Without an event for this time, it does not.
 const EVENT_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What everybody counts together.
+/// Counts that all clients share.
 #[derive(Debug, Default)]
 pub struct Counts {
     ends: AtomicBool,
@@ -61,7 +61,7 @@ impl Counts {
         !self.ends.load(Ordering::SeqCst)
     }
 
-    /// Waits, but not beyond the end.
+    /// Waits for this time, but not beyond the end of the run.
     pub fn rest(&self, time: Duration) {
         let since = Instant::now();
         while self.goes_on() && since.elapsed() < time {
@@ -87,7 +87,7 @@ impl Counts {
             1;
     }
 
-    /// A request that was sent and not answered, or a connection that was not had.
+    /// Counts a request without an answer, or a connection that could not be made.
     pub fn failed(&self, what: &str, error: &io::Error) {
         let is_refused = matches!(
             error.kind(),
@@ -122,7 +122,7 @@ impl fmt::Display for Counts {
     }
 }
 
-/// Begins all of them.
+/// Starts all clients.
 pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Counts) {
     let repeat = move |many: usize, each: fn(&Prepared, &Counts)| {
         for _ in 0..many {
@@ -152,7 +152,7 @@ fn poll(cell: &Prepared, counts: &Counts) {
     counts.rest(Duration::from_millis(200));
 }
 
-/// A page that is left open for some time; its events are read as they come.
+/// Leaves a page open for some time and reads its events as they come.
 fn follow(cell: &Prepared, counts: &Counts) {
     let (since, stays) = (Instant::now(), Duration::from_secs(5 + counts.events.load(Ordering::Relaxed) % 60));
     let read = || {
@@ -186,8 +186,8 @@ fn does_not_read(cell: &Prepared, counts: &Counts) {
     count(&counts.silent);
 }
 
-/// A person logs in, looks at everything some times, and logs in anew: the session that was left is forgotten by
-/// the service.
+/// Acts as a person who logs in, looks at everything several times, and logs in again. The service forgets the
+/// abandoned session.
 fn read_pages(cell: &Prepared, counts: &Counts) {
     let (name, password) = VIEWER;
     let words = format!("{{\"name\":\"{name}\",\"password\":\"{password}\"}}");
@@ -205,7 +205,7 @@ fn read_pages(cell: &Prepared, counts: &Counts) {
         for path in paths {
             match http::get(cell.page, &path, session.as_deref()) {
                 Ok(answer) if answer.status == 200 => count(&counts.pages),
-                // A picture or a cycle that is not there yet.
+                // The picture or the cycle does not exist yet.
                 Ok(_) => count(&counts.refused_pages),
                 Err(error) => counts.failed(&path, &error),
             }
@@ -217,7 +217,7 @@ fn read_pages(cell: &Prepared, counts: &Counts) {
     }
 }
 
-/// Connections that are closed as soon as they are open, and lines that are nothing.
+/// Opens connections and closes them at once, and sends lines that are no request.
 fn come_and_go(cell: &Prepared, counts: &Counts) {
     for _ in 0..5 {
         drop(UnixStream::connect(cell.socket()));
@@ -253,7 +253,7 @@ fn silent_at_page(cell: &Prepared, counts: &Counts, begins: &str) {
             stream.write_all(format!("{}{begins}", http::head(cell.page, "GET /", None)).as_bytes())?;
         }
         match stream.read_to_end(&mut Vec::new()) {
-            // Closed with bytes unread.
+            // The service closed the connection with unread bytes.
             Err(error) if error.kind() == io::ErrorKind::ConnectionReset => Ok(0),
             read => read,
         }

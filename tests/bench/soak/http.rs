@@ -1,10 +1,10 @@
-//! As much of a browser as the soak needs: one request for each connection, the answer read to its end.
+//! The part of a browser that the soak needs: one request for each connection, with the answer read to its end.
 
 use super::asking::RESPONSE_TIMEOUT;
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 
-/// An answer's status, and the session that it begins.
+/// An answer's status, and the session that begins with it.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -18,7 +18,7 @@ pub fn connect(page: SocketAddr) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// The head of a request, up to the line that ends it.
+/// Returns the head of a request, up to the empty line that ends it.
 pub fn head(page: SocketAddr, what: &str, session: Option<&str>) -> String {
     let cookie = session.map(|session| format!("cookie: {session}\r\n")).unwrap_or_default();
     format!("{what} HTTP/1.1\r\nhost: {page}\r\n{cookie}")
@@ -29,7 +29,7 @@ pub fn get(page: SocketAddr, path: &str, session: Option<&str>) -> io::Result<An
     ask(page, &format!("{head}connection: close\r\n\r\n"))
 }
 
-/// As the page's own form sends it.
+/// Sends a form as the page's own script does.
 pub fn post(page: SocketAddr, path: &str, body: &str) -> io::Result<Answer> {
     let head = head(page, &format!("POST {path}"), None);
     let length = body.len();

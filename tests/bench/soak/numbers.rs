@@ -1,11 +1,11 @@
-//! What a process holds, sampled, and how that grows: the least of each period, since what is held for a cycle or a
-//! client goes again.
+//! Samples of a process's resources and their growth. The least value of each period is used, since the process
+//! frees what it keeps for a cycle or a client.
 
 use std::fmt;
 use std::fs;
 use std::time::Duration;
 
-/// What the process holds at one moment.
+/// The process's resources at one moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {
     resident_kb: f64,
@@ -43,15 +43,15 @@ pub struct Period {
 type Named = (&'static str, &'static str, Option<f64>, fn(&Sample) -> f64);
 
 impl Period {
-    /// What is held on to. Of the resident memory that of files goes back to the system when it is needed, so it is
-    /// not judged.
+    /// The resources whose lowest value is judged. Resident memory of files is not judged, because the system frees
+    /// it when needed.
     pub const LOWEST: [Named; 3] = [
         ("memory of its own", "kB", None, |sample| sample.anonymous_kb),
         ("descriptors", "", Some(1.0), |sample| sample.descriptors),
         ("threads", "", Some(1.0), |sample| sample.threads),
     ];
 
-    /// `None` without a sample.
+    /// Summarizes the samples of a period; `None` without a sample.
     pub fn from_samples(end: Duration, samples: &[Sample]) -> Option<Self> {
         let first = *samples.first()?;
         let by = |pick: fn(f64, f64) -> f64| {
@@ -94,7 +94,7 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// `None` for fewer than three periods.
+    /// Fits a line through the periods; `None` for fewer than three periods.
     pub fn fit(periods: &[Period], value: fn(&Sample) -> f64) -> Option<Self> {
         let count = periods.len() as f64;
         if periods.len() < 3 {

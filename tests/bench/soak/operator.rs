@@ -8,7 +8,7 @@ use std::fs;
 use std::thread::Scope;
 use std::time::{Duration, Instant};
 
-/// From one look at the cell to the next.
+/// Interval between two looks at the cell.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// A line resets the cell itself; a person resets it if it stays complete for longer.
 const LINE_RESET_TIMEOUT: Duration = Duration::from_secs(10);
@@ -37,7 +37,7 @@ struct Operator<'s> {
     /// The last cycle with an observed end, and the last disturbed cycle.
     ended: i64,
     disturbed: i64,
-    /// Since when the cell is in its state.
+    /// Time since which the cell is in its state.
     since: Instant,
 }
 
@@ -115,7 +115,7 @@ impl Operator<'_> {
         }
     }
 
-    /// A result that is for a person, or a hold of their own.
+    /// Answers a result that needs a person's decision, or ends a hold that the operator requested.
     fn answer(&self, state: &Value) {
         if state["reasons"].to_string().contains("disc") {
             self.request("new-disc");
@@ -128,7 +128,7 @@ impl Operator<'_> {
         }
     }
 
-    /// In the midst of the film or of the abrasion, as its number has it.
+    /// Disturbs the cycle in the middle of the film or of the abrasion, depending on the cycle's number.
     fn disturb(&mut self, cycle: i64, state: &Value) {
         let phase = if cycle % 2 == 0 { "inspect" } else { "abrade" };
         let is_line = self.cell.pace == Pace::Line;

@@ -1,4 +1,5 @@
-//! The fit against the truth, in the camera's frame: with all of the camera's noise, and with its white noise alone.
+//! The fit against the ground truth in the camera's frame: with all of the camera's noise, and with only its white
+//! noise.
 
 use super::scanned::Scanned;
 use super::{Timed, held, held_time, timed};
@@ -12,9 +13,9 @@ const NORMAL_P95_DEG: f64 = 0.2;
 const NORMAL_MAX_DEG: f64 = 0.7;
 const WHITE_MEAN_MM: f64 = 0.004;
 const WHITE_NORMAL_P95_DEG: f64 = 0.06;
-/// Seeds with white noise alone, at most.
+/// Maximum number of seeds with only white noise.
 const WHITE_SEEDS: u64 = 5;
-/// Fits of one scan of which the median counts.
+/// Number of fits of one scan; the median time counts.
 const RUNS: usize = 5;
 
 pub fn measure(seeds: u64) -> usize {

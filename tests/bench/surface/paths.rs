@@ -11,7 +11,7 @@ use std::f64::consts::FRAC_PI_2;
 const PATHS_MS: f64 = 50.0;
 const LEFT: f64 = 0.005;
 const PASS_OFF: f64 = 0.01;
-/// Runs of which the median counts.
+/// Number of runs; the median time counts.
 const RUNS: usize = 9;
 
 const ATTITUDES: [(&str, [f64; 3]); 4] = [
@@ -21,17 +21,17 @@ const ATTITUDES: [(&str, [f64; 3]); 4] = [
     ("aside", [0.0, 0.0, FRAC_PI_2]),
 ];
 
-/// The whole region as one patch.
+/// A patch that is the whole region.
 const WHOLE: Patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 1.0, v: 1.0 } };
 
-/// Time, distances between passes and every pattern on one panel of 48 grids.
+/// Tests time, distances between passes and every pattern on one panel of 48 grids.
 pub fn panel() -> usize {
     let scanned = Scanned::upright(1);
     let surface = surface::fit(&scanned.panel, scanned.recipe.surface()).expect("a fit").surface;
     let (region, outline, settings) = (&scanned.panel.region, &scanned.panel.outline, scanned.recipe.path());
     let grids: Vec<GridId> = region.ids().collect();
     let all = timed(RUNS, || path::plan(&surface, region, &grids, outline, settings));
-    // Every other grid, as on a chessboard: nothing to join.
+    // Every other grid, as on a chessboard: there are no neighbours to join.
     let apart: Vec<GridId> = grids.iter().copied().filter(|id| (id.row + id.column) % 2 == 0).collect();
     let alone = timed(RUNS, || path::plan(&surface, region, &apart, outline, settings));
     let plan = path::plan(&surface, region, &grids, outline, settings).expect("a plan");

@@ -4,15 +4,15 @@ use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
 use panelprep::geometry::{Base, Camera, OrganizedCloud, Rigid};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
-use panelprep::sim::{Cell, SEARCH_BOX_MM, Scene, noise_in_force};
+use panelprep::sim::{Cell, SEARCH_BOX_MM, Scene, scanner_noise};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Rows and columns of grids.
+/// Number of rows and columns of grids.
 const GRIDS: [usize; 2] = [6, 8];
-/// A point farther than this from the panel is none of its surface, mm.
+/// Distance from the panel beyond which a point does not belong to its surface, mm.
 const OFF_PANEL_MM: f64 = 3.0;
-/// White noise is stated at this distance, mm.
+/// Distance for which the white noise is stated, mm.
 const WHITE_AT_MM: f64 = 700.0;
 
 pub struct Scanned {
@@ -23,7 +23,8 @@ pub struct Scanned {
 }
 
 impl Scanned {
-    /// With all the noise of the simulated camera, the cell turned by roll, pitch and yaw, rad, about the base.
+    /// Scans with all noise of the simulated camera, with the cell turned by roll, pitch and yaw, rad, about the
+    /// base.
     pub fn turned(seed: u64, [roll, pitch, yaw]: [f64; 3]) -> Self {
         let cell = Cell::new(seed, Scene::Good, 1);
         let scan = cell.taught_scan();
@@ -35,8 +36,8 @@ impl Scanned {
         Self::turned(seed, [0.0; 3])
     }
 
-    /// Upright, the panel's points with white noise alone: each is put back onto the true surface along its ray and
-    /// moved by the simulator's white noise.
+    /// Scans upright, with only white noise on the panel's points: each point is moved along its ray onto the true
+    /// surface and then by the simulator's white noise.
     pub fn white(seed: u64) -> Self {
         let cell = Cell::new(seed, Scene::Good, 1);
         let scan = white(&cell, &cell.taught_scan());
@@ -51,12 +52,12 @@ impl Scanned {
         Scanned { cell, recipe, panel, turn }
     }
 
-    /// The same panel's recipe with more lines.
+    /// Returns the same panel's recipe with more lines.
     pub fn recipe_with(&self, more: &str) -> Recipe {
         recipe(&self.cell, &self.turn, more)
     }
 
-    /// What the simulator's white noise is along the normal here, rms over the region's points, mm.
+    /// Returns the simulator's white noise along the normal, rms over the region's points, mm.
     pub fn white_mm(&self) -> f64 {
         let scan = &self.panel.scan;
         let panel_from_camera = self.panel.panel_from_camera;
@@ -66,7 +67,7 @@ impl Scanned {
         });
         let (sum, count) = depths.fold((0.0, 0_usize), |(sum, count), (_, point)| {
             let depth_mm = (panel_from_camera.inverse() * point).mm.z;
-            let sigma = noise_in_force().range_white_mm * (depth_mm / WHITE_AT_MM).powi(2);
+            let sigma = scanner_noise().range_white_mm * (depth_mm / WHITE_AT_MM).powi(2);
             (sum + sigma * sigma, count + 1)
         });
         (sum / count.max(1) as f64).sqrt()
@@ -94,7 +95,7 @@ fn white(cell: &Cell, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         let [a, b] = [0, 1].map(|_| random.random::<f64>());
         (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
     };
-    // At the nominal place the panel's frame is the base.
+    // At the panel's nominal place, its frame is equal to the base frame.
     let panel_from_camera = Rigid::<panelprep::geometry::Panel, Camera>::claim(*truth.base_from_camera.isometry());
     let point = |index: usize| {
         let Some(seen) = scan.point_at(index) else { return [f32::NAN; 3] };
@@ -110,7 +111,7 @@ fn white(cell: &Cell, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
             along_mm += truth.distance_mm(on_panel) / cosine;
         }
         let depth_mm = along_mm * ray.z;
-        let sigma = noise_in_force().range_white_mm * (depth_mm / WHITE_AT_MM).powi(2) / cosine;
+        let sigma = scanner_noise().range_white_mm * (depth_mm / WHITE_AT_MM).powi(2) / cosine;
         (ray * (along_mm + sigma * normal())).map(|mm| mm as f32).into()
     };
     let (width, height) = (scan.width(), scan.height());

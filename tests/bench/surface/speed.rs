@@ -1,4 +1,4 @@
-//! A point with its first and second derivatives, on one core, beside geomdl and scipy.
+//! Time for a point with its first and second derivatives on one core, compared with geomdl and scipy.
 
 use super::scanned::Scanned;
 use super::{held, timed_alone};
@@ -6,15 +6,15 @@ use panelprep::surface::{self, BSplineSurface, KnotVector, Parameter};
 use std::process::Command;
 
 const POINT_US: f64 = 0.1;
-/// Points in a batch.
+/// Number of points in a batch.
 const BATCH: usize = 100_000;
-/// Runs of which the median counts.
+/// Number of runs; the median time counts.
 const RUNS: usize = 9;
 
 pub fn evaluation() -> usize {
     let scanned = Scanned::upright(1);
     let surface = surface::fit(&scanned.panel, scanned.recipe.surface()).expect("a fit").surface;
-    // Scattered over the region, the same every time.
+    // The parameters are scattered over the region and the same in every run.
     let place = |n: usize| Parameter { u: (n as f64 * 0.618_034).fract(), v: (n as f64 * 0.414_214).fract() };
     let places: Vec<Parameter> = (0..BATCH).map(place).collect();
     let took = timed_alone(RUNS, || surface.derivatives_at(&places));
@@ -25,7 +25,7 @@ pub fn evaluation() -> usize {
     missed
 }
 
-/// The same surface in geomdl and scipy.
+/// Measures the same surface in geomdl and scipy.
 fn peers(surface: &BSplineSurface, point_us: f64) {
     let Ok(python) = std::env::var("PANELPREP_PEERS") else {
         println!("   peers: not run; `make bench-surface` sets them up");
@@ -39,7 +39,7 @@ fn peers(surface: &BSplineSurface, point_us: f64) {
     std::fs::write(&file, net.to_string()).expect("a folder for passing files");
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/surface_peers.py");
     let output = Command::new(python).arg(script).arg(&file).output();
-    // Best effort: what stays behind is in the system's own folder for such things.
+    // Best effort: leftover files are in the system's folder for temporary files.
     let _ = std::fs::remove_file(&file);
     match output {
         Ok(output) if output.status.success() => {

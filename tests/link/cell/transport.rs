@@ -167,7 +167,7 @@ impl Cell {
     }
 }
 
-/// Both from a command's own bytes: `<Cmd Id="17" Ep="3" …`.
+/// Returns a command's epoch and id, from its own bytes: `<Cmd Id="17" Ep="3" …`.
 fn epoch_and_id(bytes: &[u8]) -> (u32, u32) {
     let text = std::str::from_utf8(bytes).expect("ASCII");
     let mut values = text.split('"').skip(1).step_by(2).map(|value| value.parse::<u32>().expect("a number"));

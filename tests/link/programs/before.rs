@@ -1,5 +1,5 @@
-//! The faults that a reading of the programs found: each is shown by a run of the programs as they were before they were
-//! mended, kept in `fixtures/kuka_before`, and is gone in the same run of those that ship.
+//! Faults that a review of the programs found. A run of the programs before the repair, stored in
+//! `fixtures/kuka_before`, shows each fault; the same run of the shipped programs does not.
 
 use super::super::cell::TOOL_OUTPUT;
 use super::raw::{Raw, started};
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const BEFORE: &str = "fixtures/kuka_before";
 const SHIPS: &str = "config/kuka";
 
-/// Both, in this meaning.
+/// Loads the programs before the repair and the shipped programs, with this meaning.
 fn both(meaning: Meaning) -> [Programs; 2] {
     [BEFORE, SHIPS].map(|folder| {
         let mut programs = load(&texts(folder));
@@ -52,7 +52,8 @@ fn walks_show_the_faults_of_before() {
     }
 }
 
-/// Comes and goes between two cycles; then a client tries to connect for 10 s.
+/// A client connects and disconnects between two cycles; then a client tries to connect for 10 s. Returns whether
+/// it succeeds.
 fn comes_back(programs: Programs) -> bool {
     let mut controller = started(programs);
     for channel in [Channel::Command, Channel::State] {
@@ -87,13 +88,14 @@ fn a_foreign_program_is_left_alone() {
         controller.switch_drives(false);
         controller.advance_ms(1_000);
         controller.switch_drives(true);
-        (controller.foreign_resets(), controller.robot_state())
+        (controller.foreign_program_resets(), controller.robot_state())
     };
     let [before, ships] = both(Meaning::default()).map(resets);
     assert_eq!((before.0, ships), (1, (0, Some(RobotState::Stopped))));
 }
 
-/// In contact with the tool on, in T2; the start key is let go. The tool's output, and how long it stayed on, ms.
+/// Releases the start key in T2, in contact with the tool on. Returns the time for which the tool's output stayed
+/// on, ms.
 fn key_in_contact(programs: Programs) -> Option<u64> {
     let mut raw = Raw::opened(programs);
     raw.controller.select_mode(Mode::T2);
@@ -129,7 +131,7 @@ fn the_stop_key_in_contact_switches_the_tool_off() {
     assert!(ships.is_some_and(|ms| ms <= 100), "{ships:?}");
 }
 
-/// The first start of a controller: no channel was ever initialised.
+/// At the first start of a controller, no channel was ever initialised.
 #[test]
 fn no_channel_is_cleared_before_it_was_initialised() {
     let meaning = Meaning { clear_of_unknown_stops: true, ..Meaning::default() };
@@ -138,7 +140,7 @@ fn no_channel_is_cleared_before_it_was_initialised() {
     assert_eq!(ships, Vec::<String>::new());
 }
 
-/// Every version of KSS that the installation page names has the variables that the programs read.
+/// Every version of KSS on the installation page has the system variables that the programs read.
 #[test]
 fn every_version_of_the_page_has_the_system_variables() {
     let lacking = |folder: &str, minor: u8| {
@@ -194,7 +196,7 @@ fn the_axes_speed_of_set_acc_speed_is_applied() {
     assert_eq!([BEFORE, SHIPS].map(seen), [100, 37]);
 }
 
-/// One blended line in the air, more points promised and none sent.
+/// Sends a single blended line in the air; more points are promised, but none is sent.
 #[test]
 fn a_lone_blended_line_starts() {
     let meaning = Meaning { lone_approximation_waits: true, ..Meaning::default() };
@@ -207,8 +209,9 @@ fn a_lone_blended_line_starts() {
     assert_eq!(both(meaning).map(moved), [false, true]);
 }
 
-/// A path that ends in contact: the programs stop it, and the arm must leave the panel whatever the scheduler does. A stop
-/// closes the epoch before it raises its flag; in between the robot program of before left the epoch in contact.
+/// The programs stop a path that ends in contact, and the arm must leave the panel whatever the scheduler does. A
+/// stop closes the epoch before it raises its flag. Between the two, the earlier robot program left the epoch in
+/// contact.
 #[test]
 fn no_stop_in_contact_goes_without_a_retract() {
     let seeds =
@@ -218,7 +221,7 @@ fn no_stop_in_contact_goes_without_a_retract() {
     assert_eq!(ships, 0, "of 400");
 }
 
-/// Lines that stop, an output behind each: a trigger that fires late must not count the next line.
+/// After each line that stops, an output follows. A trigger that fires late must not count the next line.
 #[test]
 fn a_late_trigger_counts_its_own_motion() {
     let meaning = Meaning { late_triggers: true, ..Meaning::default() };
@@ -243,7 +246,7 @@ fn a_late_trigger_counts_its_own_motion() {
     assert_eq!(both(meaning).map(is_ahead), [true, false]);
 }
 
-/// Undone one at a time in the programs that ship: what else is mended cannot hide it.
+/// Repairs that are undone one at a time in the shipped programs, so that the other repairs cannot hide the fault.
 const UNDONE: [Undone; 2] = [
     Undone {
         name: "another program is reset",

@@ -1,6 +1,6 @@
-//! The hand-written model of the controller and the programs that ship, side by side: the same commands and the same
-//! disturbances, each at the same point of the work. What the client can observe must be the same, or the difference
-//! must be in the table of those that are meant.
+//! The hand-written model of the controller and the shipped programs, side by side: the same commands and the same
+//! disturbances, each at the same point of the work. The client must observe the same on both, or the difference
+//! must be in the table of intended differences.
 
 mod meant;
 mod script;
@@ -15,29 +15,29 @@ use script::{Disturbance, Moment, Part, script};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-/// Scripts in every run of the tests.
+/// Number of scripts in each test run.
 const SCRIPTS: u64 = 250;
-/// So long the link may need to be back.
+/// Time limit for the link to be connected again, ms.
 const BACK_MS: u64 = 15_000;
 /// Time limit for an epoch.
 const EPOCH_MS: u64 = 15_000;
-/// From an epoch's end to when everything is mended and still.
+/// Time from an epoch's end until all faults are removed and the arm is still, ms.
 const SETTLE_MS: u64 = 5_000;
 /// Off the panel.
 const OFF_MM: f64 = 1.0;
 /// Outputs that the end of an epoch switches off at once.
 const HARMFUL: [u16; 2] = [2, cell::TOOL_OUTPUT];
 
-/// What the client could observe of an epoch.
+/// Outputs that are switched off at once at the end of an epoch.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct EpochTrace {
     opened: bool,
     /// Its last path was reported done.
     finished: bool,
     executed: Vec<Executed>,
-    /// Outputs that were on before.
+    /// The events of an epoch that the client could observe.
     before: BTreeMap<u16, bool>,
-    /// Outputs in the order in which they changed.
+    /// Outputs that were on before the epoch.
     outputs: Vec<(u16, bool)>,
     /// The reason for its end: the first that was reported.
     why: Option<&'static str>,
@@ -46,7 +46,7 @@ struct EpochTrace {
     connected: bool,
 }
 
-/// What changes at the terminals, in order.
+/// The changes at the terminals, in order.
 #[derive(Default)]
 struct Terminals(Arc<Mutex<Vec<(u16, bool)>>>);
 
@@ -60,7 +60,7 @@ impl World for Terminals {
     }
 }
 
-/// A script on one controller: the trace of each epoch.
+/// A run of a script on one controller; it gives the trace of each epoch.
 struct Run {
     cell: Cell,
     changes: Arc<Mutex<Vec<(u16, bool)>>>,
@@ -119,7 +119,7 @@ impl Run {
             self.take_reports(&mut trace, last);
         }
         if trace.finished {
-            // Outputs behind the last motion.
+            // Waits for the outputs after the last motion.
             self.cell.run(200, &mut Blind);
         }
         trace.outputs = self.changes.lock().expect("whole").clone();
@@ -218,7 +218,7 @@ fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
     found
 }
 
-/// More scripts: `KRL_WALKS=5000`. Scripts that show what is meant come behind the others.
+/// More scripts: `KRL_WALKS=5000`. Scripts that show intended differences are added to the others.
 #[test]
 fn the_model_and_the_programs_do_the_same() {
     let ships = load(&texts("config/kuka"));

@@ -4,14 +4,14 @@ use panelprep::devices::mock::{Controller, Programs};
 use panelprep::krl::{Op, Program};
 use std::collections::BTreeMap;
 
-/// Counts over many walks.
+/// Counts of executed statements and branches over many walks.
 #[derive(Clone, Default)]
 pub struct Coverage {
     hits: Vec<u64>,
     branches: Vec<[bool; 2]>,
 }
 
-/// What no walk reaches: file, a piece of the line, and why.
+/// Lines that no walk reaches: file, a piece of the line, and the reason.
 const UNREACHABLE: [(&str, &str, &str); 2] = [
     ("cell_motion.src", "CELL_E_OPERATION", " (CELL_WHY_NOT refuses it before)"),
     // In the CASE of an output on the path, if the motion ends between two statements of this command.
@@ -19,7 +19,7 @@ const UNREACHABLE: [(&str, &str, &str); 2] = [
 ];
 
 impl Coverage {
-    /// What this controller has executed.
+    /// Returns the counts of the statements and branches that this controller has executed.
     pub fn from_controller(controller: &Controller) -> Self {
         let hits = controller.statement_hits().iter().map(|&hits| u64::from(hits)).collect();
         Coverage { hits, branches: controller.branches().to_vec() }
@@ -36,7 +36,8 @@ impl Coverage {
         self
     }
 
-    /// Prints the shares of each file and every place that is missing; the lines that no walk has executed come back.
+    /// Prints the shares of each file and every statement or branch that is missing; returns the lines that no walk
+    /// has executed.
     pub fn print(&self, programs: &Programs, texts: &[(String, String)]) -> Vec<String> {
         let program = programs.program();
         let line_of = |file: usize, line: usize| {
@@ -77,7 +78,7 @@ impl Coverage {
     }
 }
 
-/// Each line that can be executed, and how often it was.
+/// Returns each line that can be executed, and the number of its executions.
 fn lines(program: &Program, hits: &[u64], file: usize) -> BTreeMap<usize, u64> {
     let mut lines = BTreeMap::new();
     for (at, hits) in program.statements.iter().zip(hits).filter(|(at, _)| at.file == file) {
@@ -87,7 +88,7 @@ fn lines(program: &Program, hits: &[u64], file: usize) -> BTreeMap<usize, u64> {
     lines
 }
 
-/// Each condition of the file: its line, and whether it was ever FALSE and ever TRUE.
+/// Returns each condition of the file: its line, and whether it was ever FALSE and ever TRUE.
 fn branches(program: &Program, taken: &[[bool; 2]], file: usize) -> Vec<(usize, [bool; 2])> {
     let mut found = Vec::new();
     let mut at = None;

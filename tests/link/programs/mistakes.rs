@@ -1,4 +1,4 @@
-//! Mistakes, planted by hand into the programs one at a time: walks and scenes must find each.
+//! Mistakes that are planted by hand into the programs, one at a time: walks or scenes must find each.
 
 use super::scenes::first_wrong;
 use super::{load, meaning, texts, walk};
@@ -283,15 +283,15 @@ fn planted(mistake: &Mistake) -> Programs {
     load(&texts)
 }
 
-/// The first of these walks that finds it, and what it found.
+/// Returns the first of these walks that finds the mistake, and its finding.
 fn finds(programs: &Programs, seeds: std::ops::Range<u64>) -> Option<(u64, String)> {
     seeds
         .into_par_iter()
         .find_map_first(|seed| walk(seed, programs, meaning(seed)).1.err().map(|violation| (seed, violation)))
 }
 
-/// Each is found by a walk in which the programs that ship violate no rule, or by a scene. `KRL_FIND=400` looks for such
-/// walks anew, `KRL_NAME=speed` for those of the mistakes that are named so.
+/// Each mistake is found by a scene, or by a walk in which the shipped programs violate no rule. `KRL_FIND=400`
+/// searches for such walks again; `KRL_NAME=speed` limits this to mistakes with this word in their name.
 #[test]
 fn mistakes_that_are_planted_are_found() {
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());

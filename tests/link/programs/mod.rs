@@ -1,4 +1,5 @@
-//! The programs as they ship, executed: seeded walks of the real client, in every meaning that public documents leave open.
+//! The shipped programs are executed in seeded walks of the real client, in every meaning that public documents
+//! leave open.
 
 mod before;
 mod both;
@@ -16,12 +17,12 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
 
-/// Walks in every run of the tests.
+/// Number of walks in each test run.
 const WALKS: u64 = 2_000;
 /// From this number of walks on, every statement must have been executed.
 const ALL_STATEMENTS: u64 = 2_000;
 
-/// The texts of a folder's programs and data lists.
+/// Returns the texts of a folder's programs and data lists.
 pub fn texts(folder: &str) -> Vec<(String, String)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let mut found = Vec::new();
@@ -41,7 +42,7 @@ pub fn load(texts: &[(String, String)]) -> Programs {
     Programs::load(&named).expect("right programs")
 }
 
-/// The meaning of this walk: each switch by a bit of its seed, so that 1,024 walks go through all of them together.
+/// Returns the meaning for this walk: each switch is a bit of the seed, so that 1,024 walks cover all combinations.
 pub fn meaning(seed: u64) -> Meaning {
     let bit = |place: u32| seed >> place & 1 == 1;
     Meaning {
@@ -58,25 +59,25 @@ pub fn meaning(seed: u64) -> Meaning {
     }
 }
 
-/// One walk of the programs: the cell at its end, and what was wrong.
+/// Runs one walk of the programs; returns the cell at its end, and what was wrong.
 pub fn walk(seed: u64, programs: &Programs, meaning: Meaning) -> (Cell, Result<(), String>) {
     let mut programs = programs.clone();
     (programs.meaning, programs.seed, programs.adverse) = (meaning, seed, true);
     programs.cold_start = seed.is_multiple_of(3);
-    // It goes round several times in a tick.
+    // The submit interpreter executes several rounds in one tick.
     programs.busy_submit = seed % 64 == 7;
     programs.uptime_ms = if seed.is_multiple_of(5) { (1 << 31) - 6_000 } else { 0 };
     let (cell, mut found) = walk_over(seed, &Weak { programs: Some(programs), ..Weak::default() });
     if let Some(fault) = cell.controller.program_faults().first() {
         found = Err(format!("{fault} ({found:?})"));
     }
-    if cell.controller.foreign_resets() > 0 {
+    if cell.controller.foreign_program_resets() > 0 {
         found = Err(format!("a foreign program was reset ({found:?})"));
     }
     (cell, found)
 }
 
-/// The walks of these seeds: those that violate a rule, and what was executed.
+/// Runs the walks of these seeds; returns those that violate a rule, and the executed statements and branches.
 pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, String)>, Coverage) {
     let walked = seeds.into_par_iter().map(|seed| {
         let (cell, found) = walk(seed, programs, meaning(seed & mask));
@@ -92,8 +93,8 @@ pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, Str
     (found, covered)
 }
 
-/// More walks: `KRL_WALKS=20000`, from a seed on: `KRL_FROM=5000`. What one looks like at its end: `KRL_SEED=148`.
-/// In fewer meanings: `KRL_MASK=0`.
+/// More walks: `KRL_WALKS=20000`, starting at another seed: `KRL_FROM=5000`. To see the end of one walk:
+/// `KRL_SEED=148`. In fewer meanings: `KRL_MASK=0`.
 #[test]
 fn no_walk_of_the_shipped_programs_violates_a_rule() {
     let shipped = texts("config/kuka");
@@ -151,11 +152,11 @@ struct Undone {
     ships: &'static str,
     before: &'static str,
     meaning: fn(&mut Meaning),
-    /// A walk that shows it.
+    /// The seed of a walk that shows the fault.
     seed: u64,
 }
 
-/// The text of before, in the programs that ship.
+/// Loads the shipped programs with the text before the repair.
 fn undo(undone: &Undone) -> Programs {
     let mut texts = texts("config/kuka");
     let (_, text) = texts.iter_mut().find(|(name, _)| name == undone.file).expect("a file");

@@ -14,7 +14,7 @@ pub struct Raw {
     id: i32,
 }
 
-/// A controller with these programs, its channels open, its robot program at work.
+/// Returns a controller with these programs, open channels, and its robot program running.
 pub fn started(programs: Programs) -> Controller {
     let setup = Setup { programs: Some(programs), ..setup(Clock::Free) };
     let mut controller = Controller::new(setup, Box::new(Unwired)).expect("starts");
@@ -23,7 +23,7 @@ pub fn started(programs: Programs) -> Controller {
 }
 
 impl Raw {
-    /// Connected, an epoch open, base and sanding tool set.
+    /// Returns a connected controller with an open epoch, base and sanding tool set.
     pub fn opened(programs: Programs) -> Self {
         let mut raw = Raw { controller: started(programs), epoch: 0, id: 0 };
         for channel in [Channel::Command, Channel::State] {
@@ -44,7 +44,7 @@ impl Raw {
         self.run(120);
     }
 
-    /// What is written from here on belongs to this epoch.
+    /// Sets the epoch to which the next commands belong.
     pub fn count_from(&mut self, epoch: i32) {
         (self.epoch, self.id) = (epoch, 0);
     }
@@ -70,7 +70,7 @@ impl Raw {
         self.command(2, [to_come, i32::from(contact)], [1.2, 0.0], [x, y, z, 0.0, 0.0, 0.0]);
     }
 
-    /// Lets time pass, heartbeats going on.
+    /// Lets time pass, with heartbeats.
     pub fn run(&mut self, ms: u64) {
         let end_ms = self.controller.time_ms() + ms;
         while self.controller.time_ms() < end_ms {

@@ -1,16 +1,17 @@
-//! Short scenes with one thing wrong each, written to the channels by hand: what the programs must have done after them.
+//! Short scenes with one fault each, written directly to the channels, and the reaction that the programs must have
+//! shown.
 
 use super::super::cell::{TOOL_OUTPUT, height_mm};
 use super::raw::{Raw, started};
 use panelprep::devices::mock::{Channel, Fault, Programs, RobotState};
 use panelprep::krl::{Cell, Meaning};
 
-/// Runs of a path that ends in contact, each with another order of the interpreters.
+/// Number of runs of a path that ends in contact, each with another order of the interpreters.
 const ORDERS: u64 = 150;
 
-/// So far above the panel, at least, a retract of 50 mm ends.
+/// Least height above the panel at which a retract of 50 mm ends, mm.
 const RETRACTED_MM: f64 = 40.0;
-/// Aborts at one tick after the other.
+/// Number of aborts, each one tick later than the previous one.
 const ABORTS: u64 = 80;
 
 type Scene = fn(&Programs) -> bool;
@@ -167,7 +168,7 @@ const SCENES: [(&str, Scene); 24] = [
         raw.controller.switch_drives(true);
         raw.run(1_000);
         let stays = raw.controller.robot_state() == Some(RobotState::Stopped);
-        is_at_work && connected == [true; 2] && stays && raw.controller.foreign_resets() == 0
+        is_at_work && connected == [true; 2] && stays && raw.controller.foreign_program_resets() == 0
     }),
     ("contact at another override is refused", |programs| {
         let mut raw = Raw::opened(programs.clone());
@@ -203,7 +204,8 @@ const SCENES: [(&str, Scene); 24] = [
     }),
 ];
 
-/// Starts a path in contact, tool on, and runs it until ten commands are executed; true if they are.
+/// Starts a path in contact with the tool on, and runs it until ten commands are executed; returns whether they
+/// are.
 fn is_in_contact(raw: &mut Raw) -> bool {
     raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
     raw.line(30, false, [-40.0, 0.0, -10.0]);
@@ -214,7 +216,7 @@ fn is_in_contact(raw: &mut Raw) -> bool {
     })
 }
 
-/// With the limits of `cell_config.dat` as it ships, in place of those of any cell.
+/// Returns the programs with the limits of the shipped `cell_config.dat`, not those of a cell.
 fn as_configured(programs: &Programs) -> Programs {
     let mut programs = programs.clone();
     programs.keeps_config = true;
@@ -286,12 +288,13 @@ fn echoes_the_base(programs: &Programs, seed: u64) -> bool {
     told.split("<St ").all(is_right)
 }
 
-/// The first scene that goes wrong.
+/// Returns the name of the first scene that goes wrong.
 pub fn first_wrong(programs: &Programs) -> Option<&'static str> {
     SCENES.iter().find(|(_, scene)| !scene(programs)).map(|(name, _)| *name)
 }
 
-/// A path that ends in contact: the programs stop it, and the arm must leave the panel in this order of the interpreters.
+/// Runs a path that ends in contact, which the programs stop. Returns whether the arm stays on the panel in this
+/// order of the interpreters.
 pub fn is_left_in_contact(programs: &Programs, seed: u64) -> bool {
     let mut programs = programs.clone();
     (programs.seed, programs.adverse) = (seed, true);
@@ -305,14 +308,14 @@ pub fn is_left_in_contact(programs: &Programs, seed: u64) -> bool {
 }
 
 impl Raw {
-    /// A new epoch, without base and tool.
+    /// Opens a new epoch, without base and tool.
     fn begin(&mut self) {
         let next = self.controller.epoch() + 1;
         self.request(12, next);
         self.count_from(next);
     }
 
-    /// A command of the epoch before.
+    /// Sends a command of the previous epoch.
     fn stale(&mut self) {
         let epoch = self.controller.epoch();
         self.count_from(epoch - 1);
@@ -345,8 +348,8 @@ fn scenes_miss_the_mends_that_the_model_has_asked_for() {
     }
 }
 
-/// The PC computes from the files what the controller computes of what it has: with the files as they ship, and
-/// with edited ones.
+/// The PC computes the checksum from the files, and the controller from its loaded values. The two are equal for
+/// the shipped files and for edited ones.
 #[test]
 fn the_sum_of_the_files_is_that_of_the_programs() {
     for (from, to) in [("CELL_OUT[1]=17", "CELL_OUT[1]=17"), ("CELL_OFF_MS[1]=60000", "CELL_OFF_MS[1]=61000")] {

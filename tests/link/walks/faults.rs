@@ -1,4 +1,4 @@
-//! What goes wrong on a walk: one fault after the other, each drawn with all that belongs to it.
+//! Faults on a walk: one after the other, each drawn with all its details.
 
 use super::super::cell::Side;
 use super::super::damage;
@@ -67,7 +67,7 @@ impl Walk {
                 self.home_at_ms = Some(until_ms + 3_000);
                 return self.cell.controller.select_foreign_program();
             }
-            // A client that is gone before the programs have looked.
+            // A client that disconnects before the programs have checked for it.
             24 => {
                 let channel = [mock::Channel::Command, mock::Channel::State][draw.random_range(0..2)];
                 if self.cell.controller.connect(channel) {
@@ -75,7 +75,7 @@ impl Walk {
                 }
                 return;
             }
-            // A thumb on the start key, whatever the program does.
+            // A person holds or releases the start key, whatever the program does.
             25 => return self.cell.controller.hold_start_key(draw.random_bool(0.5)),
             26..30 => return self.damage(),
             30 => return self.turn_over(),
@@ -86,13 +86,13 @@ impl Walk {
         self.cell.controller.inject(fault);
     }
 
-    /// What no good client sends.
+    /// Sends messages that no good client sends.
     fn damage(&mut self) {
         let (epoch, (received, _)) = (self.cell.controller.epoch(), self.cell.controller.counts());
         self.oracles.strange_epoch = epoch.saturating_add(2);
         let documents = damage::documents(&mut self.draw, epoch, received);
         if documents.len() > 100 {
-            // Else the client ends the epoch before the ring is full.
+            // Without this, the client would end the epoch before the ring is full.
             self.cell.deaf_until_ms = self.cell.now_ms + 350;
         }
         for document in documents {
@@ -103,13 +103,13 @@ impl Walk {
         }
     }
 
-    /// The count of states has come to its end.
+    /// Sets the count of states close to its end.
     fn turn_over(&mut self) {
         // One less than the last: the program may be between its check of the count and its step.
         self.cell.controller.set_shared("CELL_SEQ", i32::MAX - 1 - self.draw.random_range(0..4));
     }
 
-    /// The drives go off and on while the foreign program runs; then the cell's is selected again.
+    /// Switches the drives off and on while the foreign program runs; then the cell's program is selected again.
     pub(super) fn work_with_another_program(&mut self) {
         let Some(home_at_ms) = self.home_at_ms else { return };
         if self.cell.now_ms >= home_at_ms {

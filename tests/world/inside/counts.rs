@@ -1,24 +1,24 @@
-//! What a world found and counted.
+//! The findings and counts of a world.
 
 use std::collections::BTreeMap;
 
 /// An error, and the judge that found it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
-    /// The judge, by which two violations are the same one.
+    /// The judge's name; two violations with the same judge count as the same violation.
     pub judge: &'static str,
     /// What it saw.
     pub what: String,
 }
 
-/// What was counted in a world.
+/// The counts of a world.
 #[derive(Debug, Clone, Default)]
 pub struct Counts {
     /// Faults that struck, by kind and place.
     pub faults: BTreeMap<(&'static str, &'static str), u64>,
-    /// How often each judge judged.
+    /// Number of judgements by each judge.
     pub judged: BTreeMap<&'static str, u64>,
-    /// Visits of each place.
+    /// Number of visits to each place.
     pub places: BTreeMap<&'static str, u64>,
     /// Verdicts.
     pub verdicts: BTreeMap<&'static str, u64>,
@@ -30,11 +30,11 @@ pub struct Counts {
     pub cuts: u64,
     /// Moments at which a power cut was imagined: the program was started on its result, and the world continued.
     pub imagined_cuts: u64,
-    /// Kills of the process.
+    /// Number of kills of the process.
     pub kills: u64,
-    /// How often a person jogged the arm away from a place that was not known.
+    /// Number of times a person jogged the arm away from an unknown position.
     pub jogs: u64,
-    /// Backups of the store, and restores.
+    /// Number of backups of the store; `restores` is the number of restores.
     pub backups: u64,
     pub restores: u64,
     /// Virtual time, ms.
@@ -42,7 +42,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Adds those of another world.
+    /// Adds the counts of another world.
     pub fn add(&mut self, other: &Counts) {
         other.faults.iter().for_each(|(key, count)| *self.faults.entry(*key).or_default() += count);
         other.judged.iter().for_each(|(key, count)| *self.judged.entry(key).or_default() += count);
@@ -59,7 +59,7 @@ impl Counts {
         self.time_ms += other.time_ms;
     }
 
-    /// This judge judged once more.
+    /// Counts one more judgement by this judge.
     pub fn judged(&mut self, judge: &'static str) {
         *self.judged.entry(judge).or_default() += 1;
     }

@@ -12,7 +12,7 @@ use panelprep::geometry::{Base, Flange, Joints, Panel, Point, Rigid, Tool};
 use panelprep::stages::abrade::off_limit_mm;
 use std::collections::VecDeque;
 
-/// By axes the tip never comes nearer to the panel, mm.
+/// Distance from the panel within which the tip must never come in a motion by axes, mm.
 const NEAR_MM: f64 = 5.0;
 /// A state on its way, and the time of the controller's programs, ms.
 const OVERRIDE_MS: u64 = 300 + 250;
@@ -21,10 +21,10 @@ const MEASURED_MS: u64 = 600;
 const FAR_OFF_LIMITS: f64 = 4.0;
 /// The middle of the panel in its own frame, mm.
 const MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
-/// Motions by axes that are remembered.
+/// Number of stored motions by axes.
 const AXIS_MOTIONS: usize = 8;
 
-/// A jog that waits for an arm that is at rest.
+/// A jog that waits until the arm is at rest.
 #[derive(Debug, Clone, Copy)]
 pub struct Jog {
     pub percent: u8,
@@ -32,7 +32,7 @@ pub struct Jog {
     pub for_ms: u64,
 }
 
-/// What is known of places.
+/// Positions of the arm, and facts about them.
 #[derive(Debug, Default)]
 pub struct Places {
     pub jog: Option<Jog>,
@@ -63,7 +63,7 @@ impl Places {
 }
 
 impl Inside {
-    /// The controller's fault of this text, except for what a planted mistake changes.
+    /// Returns the controller's fault with this name, except for the part that a planted mistake changes.
     pub(super) fn fault_of(&mut self, text: &str) -> Option<mock::Fault> {
         let fault = script::controller_fault(text).ok()?;
         let now_ms = self.now_ms();
@@ -83,7 +83,7 @@ impl Inside {
         }
     }
 
-    /// A person jogs the arm who has waited for it to be at rest, in T1.
+    /// Jogs the arm in T1 as a person does who has waited until the arm is at rest.
     pub(super) fn jogs(&mut self) {
         let Some(jog) = self.places.jog else { return };
         let (from, to) = (self.cell.controller.joints(), self.jogged_to(jog));
@@ -117,7 +117,7 @@ impl Inside {
         (height_mm > 0.5 || beside_mm > 0.0).then_some(to)
     }
 
-    /// What holds wherever the arm is.
+    /// Checks the rules that apply wherever the arm is.
     pub(super) fn judge_where(&mut self) {
         let joints = self.cell.controller.joints();
         let before = self.places.joints.replace(joints);
@@ -148,12 +148,12 @@ impl Inside {
         }
     }
 
-    /// No contact at another override than 100 %.
+    /// Checks that there is no contact at another override than 100 %.
     fn judge_override(&mut self, moved: bool) {
         let is_other =
             self.cell.controller.override_percent() != 100 || self.now_ms() < self.places.hidden_override_until_ms;
         if !(is_other && self.is_in_contact(moved)) {
-            // Between two ticks nothing moves.
+            // Nothing moves between two ticks, so a lack of motion does not reset the time.
             if !is_other || self.cell.controller.is_stopped() || self.height_mm() >= LOW_MM {
                 self.places.overridden_since_ms = None;
             }
@@ -170,7 +170,7 @@ impl Inside {
         }
     }
 
-    /// No contact continues while the measured pose is far off the path.
+    /// Checks that contact ends if the measured pose is far from the path.
     fn judge_measured(&mut self, moved: bool) {
         let far_mm = FAR_OFF_LIMITS * off_limit_mm(Fixture::get().cycle.recipe.path());
         let is_far = self.cell.controller.measured_off_mm() > far_mm + LOW_MM && self.is_calm_but_for_feedback();
@@ -190,13 +190,13 @@ impl Inside {
         }
     }
 
-    /// The tip is on the panel, moved just now, and the epoch that moves it is open.
+    /// Returns whether the tip is on the panel and has just moved, with its epoch still open.
     fn is_in_contact(&self, moved: bool) -> bool {
         moved && !self.cell.controller.is_stopped() && self.height_mm() < LOW_MM
     }
 }
 
-/// How far the tool's tip is above the panel's surface, and how far beside its outline, mm.
+/// Returns the height of the tool's tip above the panel's surface, and its distance beside the outline, mm.
 fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
     let fixture = Fixture::get();
     let tool: Rigid<Base, Tool> = *base_from_flange * fixture.cycle.calibrations.flange_from_tool;
@@ -205,7 +205,7 @@ fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
     (fixture.truth().distance_mm(tip), fixture.truth().outline_distance_mm(tip))
 }
 
-/// The axes with the tool square to the panel's middle, so far above it.
+/// Returns the axes for the tool at this height above the panel's middle, perpendicular to the panel.
 fn near_panel(height_mm: f64) -> Option<Joints> {
     let fixture = Fixture::get();
     let truth = fixture.truth();

@@ -10,7 +10,7 @@ use std::sync::PoisonError;
 
 /// Time after which the cell's own program is selected again when a person worked with another one.
 const HOME_MS: u64 = 3_000;
-/// An abort that was not obeyed is sent again so soon, ms.
+/// Time after which an abort that was not obeyed is sent again, ms.
 const ABORT_RETRY_MS: u64 = 300;
 
 impl Inside {
@@ -52,12 +52,12 @@ impl Inside {
                 tampering.harms.push((to_robot, channel, harm));
             }
             Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
-            // A good controller drops them: there is nothing to distrust.
+            // A good controller drops these messages, so its reports remain reliable.
             Fault::Replay(count) => {
                 tampering.replays = count;
                 return;
             }
-            // What it makes of the abort is no more than a heartbeat.
+            // The controller takes the abort only for a heartbeat.
             Fault::Unheeded(count) => {
                 tampering.unheeded = count;
                 self.oracles.unheeded_ms = u64::from(count) * ABORT_RETRY_MS;

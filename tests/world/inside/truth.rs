@@ -6,40 +6,41 @@ use super::Inside;
 use panelprep::devices::mock::Fault;
 use panelprep::eki::{CommandId, Epoch};
 
-/// A request by which a client ends an epoch.
+/// The operation of the request by which a client ends an epoch.
 const ABORT: i32 = 11;
 /// Time limit for the end of an epoch, by the model and by the programs, whose scheduler may starve them, ms.
 const ENDS_MS: u64 = 50;
 const PROGRAMS_END_MS: u64 = 250;
-/// What lasts so long the programs see, ms.
+/// Duration from which the programs detect a condition, ms.
 const SEEN_MS: u64 = 100;
-/// A state comes each 100 ms, and the programs may be late, ms.
+/// Longest delay of a state, ms: a state comes each 100 ms, and the programs may be late.
 const STATE_DELAY_MS: u64 = 250;
 /// Time limit for the client to know that its epoch has ended, ms.
 const KNOWN_MS: u64 = 700;
-/// The client gives up a connection after a second of silence, ms.
+/// Longest time until the client gives up a silent connection, ms: after a second of silence.
 const GIVEN_UP_MS: u64 = 1_000 + 50;
-/// The controller after three, ms.
+/// Longest time until the controller gives up a silent connection, ms: after three seconds of silence.
 const PLACE_MS: u64 = 3_000 + 400;
-/// A fault of the controller with its restart lasts so long at most, ms.
+/// Longest duration of a controller's fault with its restart, ms.
 const FAULTY_MS: u64 = 6_000;
 
-/// What happened at the controller, and what must follow.
+/// The events at the controller, and the reactions that must follow.
 #[derive(Debug, Default)]
 pub struct Truth {
     must_end: Vec<MustEnd>,
     /// Time since which the client considers an ended epoch open, ms.
     unnoticed_since_ms: Option<u64>,
-    /// Until then the controller may be late with everything, ms.
+    /// Until this time the controller may be late with everything, ms.
     pub faulty_until_ms: u64,
     /// The last command that sets base or tool.
     frames: Option<(Epoch, CommandId)>,
     /// The first line of a path that waits to be sent, and the command that sets its base or tool. A controller
     /// that is started again counts from zero.
     lines: Option<(Epoch, CommandId, CommandId)>,
-    /// Bytes to the controller were changed: what comes behind them may be taken for a part of the same message.
+    /// Whether bytes to the controller were changed: the bytes behind them may be taken for a part of the same
+    /// message.
     pub is_garbled: bool,
-    /// How often the controller was started again.
+    /// Number of restarts of the controller.
     pub reboots: u32,
 }
 
@@ -66,7 +67,7 @@ impl Truth {
 }
 
 impl Inside {
-    /// The controller is about to have this fault.
+    /// Notes the reactions that must follow a fault that the controller is about to have.
     pub(super) fn expects_of(&mut self, fault: &Fault) {
         let since_ms = self.now_ms().saturating_sub(TICK_MS);
         match fault {
@@ -90,25 +91,26 @@ impl Inside {
             _ => {}
         }
         if !matches!(fault, Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. }) {
-            // What was to end the epoch meets a controller that may no longer be there.
+            // The condition that was to end the epoch may no longer find the controller running.
             self.truth.must_end.retain(|must| must.by_ms < since_ms);
         }
         self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + FAULTY_MS);
     }
 
-    /// Whether what lasts so long is seen: the programs look in each cycle of an interpreter that may be starved.
+    /// Returns whether a condition of this duration is detected: the programs check for it in each cycle of an
+    /// interpreter that may be starved.
     fn is_seen(&self, for_ms: Option<u64>) -> bool {
         self.cell.controller.robot_state().is_none() || for_ms.is_none_or(|for_ms| for_ms >= SEEN_MS)
     }
 
-    /// Another client's request is about to reach it.
+    /// Notes the reactions that must follow another client's request to the controller.
     pub(super) fn expects_of_foreign(&mut self, operation: i32) {
         if operation == ABORT && self.now_ms() > self.truth.faulty_until_ms && !self.truth.is_garbled {
             self.must_end("an abort".to_owned());
         }
     }
 
-    /// The epoch that client and controller have open is to end.
+    /// Notes that the open epoch of client and controller must end.
     fn must_end(&mut self, why: String) {
         // The controller's clock advances in ticks.
         let (controller, since_ms) = (&self.cell.controller, self.now_ms().saturating_sub(TICK_MS));
@@ -182,7 +184,7 @@ impl Inside {
         }
     }
 
-    /// No line is sent before the controller has executed what sets its base and tool.
+    /// Checks that no line is sent before the controller has executed the commands that set its base and tool.
     fn judge_frames(&mut self) {
         let Some((epoch, first, set)) = self.truth.lines else { return };
         if self.oracles.last_sent(epoch) < first.0 {

@@ -1,4 +1,4 @@
-//! Of the model of the controller's programs.
+//! Mutations of the model of the controller's programs.
 
 use super::{Mutation, change};
 

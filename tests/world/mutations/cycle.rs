@@ -1,4 +1,4 @@
-//! Of the table of the cycle.
+//! Mutations of the table of the cycle.
 
 use super::{Mutation, change};
 

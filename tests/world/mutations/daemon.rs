@@ -1,4 +1,4 @@
-//! Of the service's loop.
+//! Mutations of the service's loop.
 
 use super::{Mutation, change};
 

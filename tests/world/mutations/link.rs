@@ -1,4 +1,4 @@
-//! Of the client's side of the link.
+//! Mutations of the client's side of the link.
 
 use super::{Mutation, change};
 

@@ -1,4 +1,4 @@
-//! The list of changes stays true of the sources.
+//! Checks that the list of mutations still fits the sources.
 
 use crate::world_mutations::{Mutation, all};
 use std::collections::BTreeSet;

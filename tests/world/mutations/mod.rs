@@ -12,7 +12,7 @@ mod link;
 mod programs;
 mod store;
 
-/// A change of the sources.
+/// A change of the sources that breaks a rule.
 #[derive(Debug, Clone, Copy)]
 pub struct Mutation {
     /// The rule that is broken.
@@ -21,20 +21,20 @@ pub struct Mutation {
     pub edit: Edit,
     /// What else is.
     pub beside: Option<Edit>,
-    /// The first seed, and the step to the next: some worlds alone execute the controller's programs.
+    /// The first seed, and the step to the next one: only some worlds execute the controller's programs.
     pub seeds: (u64, u64),
     /// The reason why no world finds it, if it is known.
     pub not_found: Option<&'static str>,
 }
 
-/// Text in place of other text.
+/// A replacement of one text by another.
 #[derive(Debug, Clone, Copy)]
 pub struct Edit {
-    /// The file, from the repository's folder on.
+    /// The file, relative to the repository's folder.
     pub file: &'static str,
-    /// What it holds, exactly once.
+    /// The text that the file contains exactly once.
     pub ships: &'static str,
-    /// What is put in its place.
+    /// The text that replaces it.
     pub changed: &'static str,
 }
 
@@ -50,7 +50,7 @@ const fn change(name: &'static str, file: &'static str, ships: &'static str, cha
 }
 
 impl Mutation {
-    /// With a second change.
+    /// Adds a second change.
     const fn and(self, file: &'static str, ships: &'static str, changed: &'static str) -> Self {
         Mutation { beside: Some(Edit { file, ships, changed }), ..self }
     }
@@ -60,7 +60,7 @@ impl Mutation {
         Mutation { seeds: (5, 8), ..self }
     }
 
-    /// That no world finds it, and why.
+    /// Marks a mutation that no world finds, with the reason.
     const fn not_found(self, why: &'static str) -> Self {
         Mutation { not_found: Some(why), ..self }
     }

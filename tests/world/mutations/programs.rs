@@ -1,4 +1,4 @@
-//! Of the controller's programs as they ship.
+//! Mutations of the controller's shipped programs.
 
 use super::{Mutation, change};
 

@@ -43,7 +43,7 @@ pub(super) fn say_mount(outcome: &Outcome) -> bool {
         return verdict != Verdict::Accept.word();
     };
     let is_worth = next_mm < MAX_REMAINING_SHARE * uncertainty_mm && uncertainty_mm > WELL_KNOWN_MM;
-    let worth = if is_worth { "next" } else { "enough; the pose that would help most" };
+    let worth = if is_worth { "next" } else { "enough poses; the most useful further pose" };
     tell(&format!("{worth}: flange {pose}, for ± {next_mm:.3} mm"));
     is_worth || verdict != Verdict::Accept.word()
 }

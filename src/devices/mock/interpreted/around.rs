@@ -49,7 +49,7 @@ impl Host for Around<'_> {
         let command = Command::from_caller(caller);
         // A motion that belongs to a command; the retract belongs to none.
         if command.is_some() && std::mem::take(&mut self.values.refuses) {
-            return self.give_up("the controller was commanded to give up this motion".to_owned());
+            return self.give_up("the controller was commanded to refuse this motion".to_owned());
         }
         let planned = match (request.motion, request.axes) {
             (Motion::Ptp, true) => self.ptp(request, command.as_ref()),

@@ -42,8 +42,8 @@ impl Controller {
     }
 
     /// How often a program that is not the cell's was reset.
-    pub fn foreign_resets(&self) -> u32 {
-        self.safety.foreign_resets
+    pub fn foreign_program_resets(&self) -> u32 {
+        self.safety.foreign_program_resets
     }
 
     /// Returns the state of the robot program; `None` for the hand-written model.
@@ -189,7 +189,7 @@ impl Running {
         if std::mem::take(&mut values.reset_asked) && values.state == RobotState::Stopped {
             values.state = RobotState::Reset;
             values.stop_message = false;
-            controller.safety.foreign_resets += u32::from(controller.safety.foreign);
+            controller.safety.foreign_program_resets += u32::from(controller.safety.foreign);
             self.robot.clear();
             self.sequences.clear();
             controller.stop_arm_for_good();

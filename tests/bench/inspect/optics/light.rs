@@ -1,17 +1,17 @@
-//! What the panel and the water reflect: a diffuser above the cell with dark gaps, the hole for the camera, the
-//! robot, the room, and the laws of reflection.
+//! The light that the panel and the water reflect. Contains a diffuser above the cell with dark gaps, the hole for
+//! the camera, the robot, the room, and the laws of reflection.
 //!
-//! Everything lies in one plane above the panel, which a mirrored ray meets. Radiance is relative to the diffuser's
-//! middle.
+//! All sources lie in one plane above the panel, which a mirrored ray intersects. Radiance is relative to the
+//! diffuser's middle.
 //!
 //! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55 (range
-//!   1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
+//! 1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
 //! - Fresnel's equations for unpolarised light (Born and Wolf, Principles of Optics, 1.5.2).
-//! - Of light inside of water that comes diffusely from below, 0.474 is thrown back at the surface, and of diffuse
-//!   light from above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet
-//!   surface of diffuse reflectance ρ has  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
-//! - A rough surface mirrors a scene as blurred as its slopes scatter, twice their angle (Beckmann and Spizzichino
-//!   1963; Cook and Torrance 1982); a tool leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
+//! - Of diffuse light from below inside the water, 0.474 is reflected back at the surface, and of diffuse light
+//!   from above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet surface
+//!   of diffuse reflectance ρ has  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
+//! - A rough surface mirrors a scene blurred by twice the angle of its slopes (Beckmann and Spizzichino 1963; Cook
+//!   and Torrance 1982); a tool leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
 
 use super::random::Random;
 
@@ -20,7 +20,7 @@ pub const RESIN: f64 = 1.55;
 const DIFFUSE_IN: f64 = 0.066;
 const DIFFUSE_BACK: f64 = 0.474;
 
-/// Fresnel's reflectance of unpolarised light from air on a material of this index.
+/// Returns Fresnel's reflectance for unpolarised light that falls from air on a material of this index.
 pub fn fresnel(cos_in: f64, index: f64) -> f64 {
     let c = cos_in.clamp(0.0, 1.0);
     let t = (1.0 - (1.0 - c * c) / (index * index)).sqrt();
@@ -35,12 +35,12 @@ pub fn wet_diffuse(rho: f64, f: f64) -> f64 {
     rho * (1.0 - DIFFUSE_IN) * (1.0 - f) / (WATER * WATER * (1.0 - DIFFUSE_BACK * rho))
 }
 
-/// Reflectance of resin under water, almost square.
+/// Returns the reflectance of resin under water at nearly normal incidence.
 pub fn under_water() -> f64 {
     ((RESIN - WATER) / (RESIN + WATER)).powi(2)
 }
 
-/// A rectangle of one radiance in the plane above.
+/// A rectangle with uniform radiance in the plane above the panel.
 #[derive(Debug, Clone, Copy)]
 struct Patch {
     centre: [f64; 2],
@@ -48,18 +48,18 @@ struct Patch {
     rgb: [f64; 3],
 }
 
-/// What is above the panel.
+/// The objects above the panel.
 #[derive(Debug, Clone)]
 pub struct Surroundings {
-    /// Height of the plane over the camera, mm: in the camera's frame at z = −this.
+    /// Height of the plane above the camera, mm; its z in the camera's frame is the negative of this value.
     pub above_mm: f64,
     diffuser: Patch,
-    /// Dark bars across the diffuser, each this far from the next, and their half widths, mm.
+    /// Dark bars across the diffuser: the distance from one to the next, and their half width, mm.
     bars: Option<(f64, f64)>,
-    /// Before the diffuser, seen from the panel.
+    /// Dark patches that hide parts of the diffuser, as seen from the panel.
     dark: Vec<Patch>,
     room: [f64; 3],
-    /// A projector's lens: place, radius and radiance.
+    /// A projector's lens: position, radius and radiance.
     pub projector: Option<([f64; 2], f64, f64)>,
 }
 
@@ -71,7 +71,7 @@ fn step(x: f64, soft: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The normal distribution's cumulative function, to 1e-3 (Bowling et al. 2009).
+/// Returns the normal distribution's cumulative function, to 1e-3 (Bowling et al. 2009).
 fn cumulative(x: f64) -> f64 {
     1.0 / (1.0 + (-1.5976 * x - 0.070_56 * x * x * x).exp())
 }
@@ -93,11 +93,11 @@ impl Patch {
 /// The place of the diffuser, as the panel mirrors it to the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Field {
-    /// Beside: the film mirrors the dark room.
+    /// The diffuser is to the side: the film mirrors the dark room.
     Dark,
-    /// All over: the film mirrors the diffuser everywhere.
+    /// The diffuser is everywhere above: the whole film mirrors it.
     Bright,
-    /// Its edge, its gaps and the robot are seen in the film.
+    /// The film mirrors the diffuser's edge and gaps, and the robot.
     Mixed,
 }
 
@@ -120,7 +120,7 @@ impl Surroundings {
         let room = random.between(0.01, 0.1);
         let mut dark = vec![];
         if field != Field::Dark {
-            // The camera before it, 60 mm across.
+            // The camera in front of the diffuser, 60 mm across.
             dark.push(Patch { centre: [0.0, 0.0], half: [30.0, 30.0], rgb: [0.01; 3] });
         }
         if field == Field::Mixed {
@@ -140,7 +140,7 @@ impl Surroundings {
         }
     }
 
-    /// Radiance by channel at a place of the plane.
+    /// Returns the radiance of each channel at a point of the plane.
     pub fn radiance(&self, at: [f64; 2]) -> [f64; 3] {
         let mut cover = self.diffuser.cover(at);
         let away = (0..2).map(|i| ((at[i] - self.diffuser.centre[i]) / self.diffuser.half[i]).powi(2)).sum::<f64>();
@@ -164,7 +164,7 @@ impl Surroundings {
         rgb
     }
 
-    /// Radiance of the scene as a lobe of this width mirrors it.
+    /// Returns the radiance of the scene, as a reflection lobe of this width mirrors it.
     pub fn blurred(&self, at: [f64; 2], sigma_mm: f64) -> [f64; 3] {
         let cover = self.diffuser.blurred(at, sigma_mm);
         let mut rgb: [f64; 3] =
@@ -181,7 +181,8 @@ impl Surroundings {
         rgb
     }
 
-    /// Irradiance over π at a place of the panel (camera's frame), its normal up the camera's axis.
+    /// Returns the irradiance over π at a point of the panel in the camera's frame, with the normal along the
+    /// camera's axis.
     pub fn irradiance(&self, place: [f64; 3]) -> [f64; 3] {
         const N: usize = 6;
         let height = place[2] + self.above_mm;

@@ -69,7 +69,8 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
     let (picture, last_s) = last.expect("pictures");
     let inspection = watch.finish().expect("wet pictures");
     let wet_from_s = last_s - inspection.observation.observed_s;
-    // What broke by one time: the film is watched for a little longer, and a break may still grow then.
+    // The breaks at the end of the observation: the film is watched for a little longer, and a break may still grow
+    // then.
     let broken = scene.broken(last_s.min(wet_from_s + observed_s));
     if let Ok(folder) = std::env::var("PICTURES") {
         crate::clips::save(&folder, &format!("optics{seed:04}"), &picture, &inspection, &broken);
@@ -89,7 +90,7 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
     tally.times(&inspection, &broken, |index| opens_s[index] - wet_from_s);
 }
 
-/// Every picture of a clip, if `CLIP` names a folder for them.
+/// Saves every picture of a clip, if `CLIP` names a folder.
 fn save_every(picture: &ColorPicture, seed: u64, time_s: f64) {
     if let Ok(folder) = std::env::var("CLIP") {
         let png = panelprep::files::write_color_png(picture).expect("a picture");

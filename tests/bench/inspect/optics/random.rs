@@ -4,7 +4,7 @@
 pub struct Random(u64);
 
 impl Random {
-    /// One stream of a seed.
+    /// Returns one of a seed's streams of random numbers.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut random =
             Random(seed.wrapping_mul(0xD134_2543_DE82_EF95) ^ stream.wrapping_mul(0xA076_1D64_78BD_642F));
@@ -27,14 +27,14 @@ impl Random {
         self.between(0.0, 1.0) < share
     }
 
-    /// A standard normal deviate (Box, Muller 1958).
+    /// Returns a standard normal deviate (Box, Muller 1958).
     fn normal(&mut self) -> f32 {
         let radius = (-2.0 * self.between(1e-12, 1.0).ln()).sqrt();
         (radius * self.between(0.0, std::f64::consts::TAU).cos()) as f32
     }
 }
 
-/// Normal deviates to read from any place on.
+/// A table of normal deviates that can be read from any position.
 #[derive(Debug)]
 pub struct Deviates(Vec<f32>);
 

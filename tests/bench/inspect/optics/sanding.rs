@@ -18,7 +18,7 @@ pub struct Zone {
     rim: f64,
 }
 
-/// The look of a place against the panel as it was made.
+/// The look of a point, relative to the panel's look as it was made.
 #[derive(Debug, Clone, Copy)]
 pub struct Look {
     pub albedo: [f64; 3],
@@ -42,7 +42,7 @@ impl Zone {
         }
     }
 
-    /// How deep inside a place lies, mm; negative outside.
+    /// Returns the distance of a point inside the zone from its edge, mm; negative outside.
     pub fn depth(&self, at: [f64; 2]) -> f64 {
         (0..2).map(|i| (at[i] - self.low[i]).min(self.high[i] - at[i])).fold(f64::INFINITY, f64::min)
     }
@@ -61,17 +61,17 @@ impl Zone {
     }
 }
 
-/// The look of a place after all of these passes.
+/// Returns the look of a point after all of these passes.
 pub fn look(zones: &[Zone], at: [f64; 2]) -> Look {
     zones.iter().fold(Look::AS_MADE, |look, zone| zone.over(look, at))
 }
 
-/// What stays on a greasy place, and what it did to the panel.
+/// The remains of a film on a greasy place, and the stain of the grease.
 #[derive(Debug, Clone)]
 pub struct Remains {
-    /// The share of its dry brightness to which it comes back.
+    /// The share of its dry brightness that a greasy place reaches again.
     pub damp: f64,
-    /// Its stain's factor, dry and wet.
+    /// Factor of the stain on the brightness, dry and wet.
     pub stain: f64,
     /// Droplets: place, mm, size, mm, and the slope of a droplet's surface at its rim.
     droplets: Vec<([f64; 2], f64, f64)>,
@@ -89,7 +89,7 @@ impl Remains {
         Remains { droplets: droplets.collect(), damp: random.between(0.75, 1.0), stain: random.between(0.88, 1.12) }
     }
 
-    /// The share of water that a droplet holds here, 0…1, and the slope of its surface.
+    /// Returns the share of a droplet's water at this point, 0…1, and the slope of the droplet's surface.
     pub fn droplet(&self, at: [f64; 2], pixel_mm: f64) -> Option<(f64, [f64; 2])> {
         self.droplets.iter().find_map(|(centre, radius, slope)| {
             let (dx, dy) = (at[0] - centre[0], at[1] - centre[1]);

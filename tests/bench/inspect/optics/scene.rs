@@ -23,10 +23,10 @@ use rayon::prelude::*;
 
 const DEPTH_MM: f64 = 800.0;
 const BOARD_MM: f64 = 860.0;
-/// Tows of the weave, mm.
+/// Width of the weave's tows, mm.
 const TOW_MM: f64 = 2.0;
 
-/// What a clip is like; drawn from its seed.
+/// The properties of a clip, drawn from its seed.
 #[derive(Debug, Clone)]
 pub struct Spec {
     pub name: &'static str,
@@ -62,18 +62,19 @@ impl Spec {
     }
 }
 
-/// A pixel of the panel, or one on its edge.
+/// A pixel that is on the panel or on its edge.
 #[derive(Debug, Clone)]
 struct Seen {
     index: usize,
     cover: f64,
     point: [f64; 3],
-    /// Slopes of the surface's depth.
+    /// Slopes of the surface's depth along x and y.
     slope: [f64; 2],
     weave: f64,
     rho: [f64; 3],
     lit: [f64; 3],
-    /// Dry as it was made, dry as it is now, and the gloss under water.
+    /// Values for each channel: dry as the panel was made; dry as the panel is now (`dry`); the gloss under water
+    /// (`gloss_wet`).
     made: [f64; 3],
     dry: [f64; 3],
     gloss_wet: [f64; 3],
@@ -92,7 +93,7 @@ pub struct Scene {
     above: Surroundings,
     water: Water,
     seen: Vec<Seen>,
-    /// Board, dry and wet, and how far from the panel, mm.
+    /// Pixels of the board around the panel: dry colour, wet colour, and distance from the panel, mm.
     board: Vec<([f32; 3], [f32; 3], f32)>,
     drip_mm: f64,
     scale: f64,
@@ -106,7 +107,7 @@ pub struct Scene {
     pub conditions: Conditions,
 }
 
-/// The panel's depth and its slopes.
+/// The panel's shape: its depth and slopes.
 struct Shape {
     half: [f64; 2],
     tilt: [f64; 2],
@@ -129,7 +130,7 @@ impl Shape {
         ]
     }
 
-    /// From the panel's edge, mm; negative on it. Corners are round.
+    /// Returns the distance from the panel's edge, mm; negative on the panel. The corners are round.
     fn outside(&self, [x, y]: [f64; 2]) -> f64 {
         const ROUND: f64 = 18.0;
         let (dx, dy) = (x.abs() - self.half[0] + ROUND, y.abs() - self.half[1] + ROUND);
@@ -148,18 +149,18 @@ fn weave([x, y]: [f64; 2], pixel_mm: f64) -> f64 {
     sign / (1.0 + (1.5 * pixel_mm / TOW_MM).powi(2))
 }
 
-/// Rows and columns of grids.
+/// Number of rows and columns of grids.
 const GRIDS: [usize; 2] = [3, 4];
-/// The region ends so far from the panel's edge, mm.
+/// Distance of the region from the panel's edge, mm.
 const INSET_MM: f64 = 12.0;
 
-/// The grids of every clip.
+/// Returns the grids, which are the same in every clip.
 pub fn grid_ids() -> Vec<GridId> {
     let columns = |row| (1..=GRIDS[1]).map(move |column| GridId { row, column });
     (1..=GRIDS[0]).flat_map(columns).collect()
 }
 
-/// What was sanded: each grid as a rectangle, and wider by what the disc goes beyond it.
+/// Returns the sanded zones: each sanded grid as a rectangle, widened by the distance that the disc goes beyond it.
 fn zones(conditions: &Conditions, half: [f64; 2], random: &mut Random) -> Vec<Zone> {
     let mut zones = Vec::new();
     for pass in &conditions.sanded {
@@ -276,7 +277,7 @@ impl Scene {
             let yarn = 1.0 + 0.08 * one.weave;
             let stain = water.grease_at(&one.place).map_or(1.0, |(index, _)| remains[index].stain);
             one.made = std::array::from_fn(|i| one.rho[i] * stain * yarn * one.lit[i] + share * lobe[i]);
-            // Scratches scatter as much as they are deep: a sanded place mirrors a wider lobe.
+            // Deeper scratches scatter more: a sanded place mirrors a wider lobe.
             let yarn = 1.0 + 0.08 * one.weave * one.look.weave;
             let (gloss, rough) = (gloss * one.look.gloss, rough.max(0.3 * (1.0 - one.look.gloss)));
             let lobe = above.blurred(meets, wide * rough);
@@ -308,7 +309,7 @@ impl Scene {
         let mut scene = Scene {
             camera,
             camera_from_panel: Rigid::claim(*base_from_camera.inverse().isometry()),
-            // Taught below, by a picture of its own.
+            // A placeholder: the panel is taught below, with a picture of its own.
             taught: Scene::teach(&camera, cloud.clone(), vec![[0; 3]; width * height], base_from_camera, &recipe),
             recipe,
             above,
@@ -344,7 +345,7 @@ impl Scene {
         TaughtPanel::learn(&cloud, *camera, base_from_camera, recipe).expect("a panel to learn")
     }
 
-    /// The region's corners: all of the panel but for 12 mm.
+    /// Returns the region's corners: the region is the panel without a border of 12 mm.
     fn region(shape: &Shape, camera: &PinholeCamera) -> [[f64; 2]; 4] {
         [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[a, b]| {
             let (x, y) = (a * (shape.half[0] - INSET_MM), b * (shape.half[1] - INSET_MM));
@@ -373,10 +374,11 @@ impl Scene {
         }
     }
 
-    /// How bright each channel is at this time, against the lamp's mean.
+    /// Returns the brightness of each channel at this time, relative to the lamp's mean.
     fn lamp(&self, time_s: f64) -> [f64; 3] {
         let drift = 1.0 + self.drift.0 * (std::f64::consts::TAU * time_s / self.drift.1).sin();
-        // The camera's clock is free of the mains: each exposure begins somewhere, within a fifth of a period.
+        // The camera's clock is not synchronized with the mains: each exposure begins at a random time within a
+        // fifth of a period.
         let mut random = Random::new(self.seed, 1000 + (time_s * 1000.0) as u64);
         let begins_s = time_s + random.between(0.0, 0.002);
         let turns = (self.mains_hz * begins_s).fract() * std::f64::consts::TAU;
@@ -431,9 +433,9 @@ impl Scene {
         }
     }
 
-    /// What one place of the panel sends to the camera.
+    /// Returns the light that one point of the panel sends to the camera.
     fn radiance(&self, one: &Seen, surface: &Surface, time_s: f64) -> [f64; 3] {
-        // A place whose film has opened is damp.
+        // A place where the film has opened is damp.
         let damp = (self.water.grease_at(&one.place).filter(|_| self.water.opens_s(&one.place) < time_s))
             .map_or(1.0, |(index, _)| self.remains[index].damp);
         let bare = one.dry.map(|level| level * damp);
@@ -469,7 +471,8 @@ impl Scene {
         mask
     }
 
-    /// Truth: by how many times a pixel's noise a calm film differs from a break.
+    /// Returns the true contrast: the difference between a calm film and a break at each pixel, as a multiple of
+    /// the pixel's noise.
     pub fn contrast(&self) -> Vec<f64> {
         let mut times = vec![0.0; self.camera.width_px * self.camera.height_px];
         for one in &self.seen {
@@ -489,7 +492,7 @@ impl Scene {
 }
 
 impl Seen {
-    /// The unit view ray times the unit normal of a surface with these slopes of depth.
+    /// Returns the dot product of the unit view ray and the unit normal of a surface with these slopes of depth.
     fn view_dot(&self, slope: [f64; 2]) -> f64 {
         let [x, y, z] = self.point;
         let (far, long) = ((x * x + y * y + z * z).sqrt(), (slope[0].powi(2) + slope[1].powi(2) + 1.0).sqrt());

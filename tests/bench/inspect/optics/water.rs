@@ -27,7 +27,7 @@ struct Wave {
     slope: f64,
 }
 
-/// A greasy place, on which the film opens.
+/// A greasy place where the film opens.
 #[derive(Debug, Clone)]
 pub struct Grease {
     pub centre_mm: [f64; 2],
@@ -52,7 +52,7 @@ impl Grease {
         }
     }
 
-    /// How far a place is from the centre, as if the greasy place were a circle, mm; and the direction.
+    /// Returns a point's distance from the centre, as if the greasy place were a circle, mm, and the direction.
     fn centred(&self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
         let (dx, dy) = (x - self.centre_mm[0], y - self.centre_mm[1]);
         let (away, angle) = (dx.hypot(dy), dy.atan2(dx));
@@ -66,7 +66,7 @@ impl Grease {
     }
 }
 
-/// What water does at one place of the panel.
+/// The water's behaviour at one point of the panel.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
     at: [f64; 2],
@@ -74,14 +74,14 @@ pub struct Place {
     grease: Option<(usize, f64, [f64; 2])>,
 }
 
-/// How a place is at one time.
+/// The state of a point at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
     /// Share of the place under water, 0…1.
     pub wet: f64,
-    /// Slope of the water's surface against the panel's.
+    /// Slope of the water's surface relative to the panel's.
     pub slope: [f64; 2],
-    /// How much of the panel's own roughness shows through the film.
+    /// The share of the panel's own roughness that shows through the film.
     pub shows_weave: f64,
 }
 
@@ -130,7 +130,7 @@ impl Water {
         }
     }
 
-    /// Prepares one place of the panel, `down` from 0 at its upper edge to 1 at its lower.
+    /// Prepares one point of the panel, with `down` from 0 at the panel's upper edge to 1 at its lower edge.
     pub fn place(&self, at: [f64; 2], down: f64) -> Place {
         let wets_s = 1.2 + 2.2 * (down * 0.9 + self.front.0 * (at[0] / 60.0 + self.front.1).sin().abs()).min(1.0);
         let near = |(index, grease): (usize, &Grease)| {
@@ -156,7 +156,7 @@ impl Water {
             .map(|(index, ..)| (index, place.at))
     }
 
-    /// The same place under a film at rest.
+    /// A point under a film at rest.
     pub const CALM: Surface = Surface { wet: 1.0, slope: [0.0; 2], shows_weave: 0.0 };
 
     pub fn at(&self, place: &Place, time_s: f64, pixel_mm: f64) -> Surface {
@@ -175,7 +175,7 @@ impl Water {
             let k = wave.per_mm[0].hypot(wave.per_mm[1]);
             slope = [slope[0] + s * wave.per_mm[0] / k, slope[1] + s * wave.per_mm[1] / k];
         }
-        // The front of the spray's water, some millimetres of wedge.
+        // The front of the spray's water is a wedge some millimetres wide.
         let behind_s = time_s - place.wets_s;
         if behind_s < 0.05 {
             slope[1] += 0.15 * (1.0 - behind_s / 0.05);

@@ -7,9 +7,10 @@ use panelprep::devices::mock::{Executed, Fault};
 /// Allowed difference in the number of motions until a stop: 0.3 s at most, from the watchdogs' different last
 /// messages.
 const LATER: usize = 8;
-/// Motions that the client sends ahead.
+/// Number of motions that the client sends ahead.
 const WINDOW: usize = 50;
-/// A corner that was not planned in time is gone through exactly, else this far off.
+/// Deviation at a rounded corner, mm. A corner that was not planned in time is passed exactly, so that a path may
+/// differ by this distance.
 const CORNER_MM: f64 = 0.4 * STEP_MM + 0.01;
 
 /// What may differ.
@@ -21,19 +22,19 @@ pub enum Kind {
     HarmfulOutput,
     OnPanel,
     Connected,
-    /// Of the motions that both have executed.
+    /// The order of the motions that both have executed.
     Order,
-    /// How many motions were executed.
+    /// The number of executed motions.
     Executed,
     Outputs,
     /// The place where a motion ended.
     Place,
 }
 
-/// An epoch of a script on both.
+/// An epoch of a script on the model and on the programs.
 pub struct Both<'a> {
     pub part: &'a Part,
-    /// The scheduler starves the interpreters.
+    /// Whether the scheduler starves the interpreters.
     pub adverse: bool,
     pub model: EpochTrace,
     pub programs: EpochTrace,
@@ -70,7 +71,7 @@ impl Both<'_> {
         self.part.wrong.is_some_and(|(_, disturbance)| which(disturbance))
     }
 
-    /// One side hears nothing of the other for a while.
+    /// Returns whether one side receives nothing from the other for a while.
     fn is_silent(&self) -> bool {
         use Fault::{Mute, NoAcks, Stall, Unplug};
         self.is_wrong(|disturbance| match disturbance {
@@ -88,17 +89,17 @@ impl Both<'_> {
     }
 }
 
-/// A difference that is meant.
+/// A difference between model and programs that is intended.
 pub struct Meant {
     pub name: &'static str,
-    /// A script that shows it.
+    /// The number of a script that shows the difference.
     pub shown_by: u64,
     pub reason: &'static str,
     pub kinds: &'static [Kind],
     pub is_it: fn(&Both<'_>) -> bool,
 }
 
-/// All that may differ beside the time at which something happens.
+/// All differences that are allowed, apart from the time at which something happens.
 pub const MEANT: [Meant; 4] = [
     Meant {
         name: "which message tells of a stop first",

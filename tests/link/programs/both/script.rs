@@ -1,4 +1,4 @@
-//! Scripts: epochs of commands, and what goes wrong at which point of them.
+//! Scripts: epochs of commands, and the disturbances at certain points of them.
 
 use super::super::super::cell::{self, Side, pass, sanding_tool, speed};
 use panelprep::devices::mock::{Fault, Mode, Side as End};
@@ -7,10 +7,10 @@ use panelprep::geometry::Joints;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// From point to point.
+/// Distance between two points, mm.
 pub const STEP_MM: f64 = 4.0;
 
-/// One thing that goes wrong.
+/// A disturbance of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Disturbance {
     Happens(Fault),
@@ -28,7 +28,7 @@ pub enum Moment {
     First,
     /// After this number of executed motions.
     Behind(usize),
-    /// When all is done, the epoch still open.
+    /// After all commands are done, while the epoch is still open.
     Last,
 }
 
@@ -36,7 +36,7 @@ pub enum Moment {
 #[derive(Debug, Clone)]
 pub struct Part {
     pub commands: Vec<Vec<Command>>,
-    /// Its paths are in contact.
+    /// Whether the paths of this epoch are in contact.
     pub contact: bool,
     pub wrong: Option<(Moment, Disturbance)>,
 }
@@ -45,7 +45,7 @@ pub fn script(seed: u64) -> Vec<Part> {
     let mut draw = Pcg64::seed_from_u64(seed);
     let parts = draw.random_range(2..4);
     let mut all: Vec<Part> = (0..parts).map(|_| part(&mut draw)).collect();
-    // Nothing goes wrong in the last one: whatever was before, it must be executed.
+    // The last epoch has no disturbance: whatever happened before, it must be executed.
     all.push(Part { wrong: None, ..part(&mut draw) });
     all
 }
@@ -121,7 +121,7 @@ pub fn wrong(draw: &mut Pcg64, motions: usize) -> (Moment, Disturbance) {
     let moment = match draw.random_range(0..10) {
         0 => Moment::First,
         1 => Moment::Last,
-        // So far from the end that each of them is noticed before it.
+        // Early enough before the end that each disturbance is noticed before the end.
         _ => Moment::Behind(draw.random_range(1..motions / 4)),
     };
     (moment, disturbance)
