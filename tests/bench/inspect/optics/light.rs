@@ -4,8 +4,8 @@
 //! All sources lie in one plane above the panel, which a mirrored ray intersects. Radiance is relative to the
 //! diffuser's middle.
 //!
-//! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55 (range
-//! 1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
+//! - Refractive index of water 1.333 at 20 °C and 589 nm (IAPWS R9-97, 1997), of a cured epoxy surface 1.55
+//!   (range 1.50–1.57, Hull and Clyne, An Introduction to Composite Materials, 1996).
 //! - Fresnel's equations for unpolarised light (Born and Wolf, Principles of Optics, 1.5.2).
 //! - Of diffuse light from below inside the water, 0.474 is reflected back at the surface, and of diffuse light
 //!   from above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet surface
