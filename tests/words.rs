@@ -379,3 +379,19 @@ fn planted_dialect_is_found() {
         comments(planted).iter().map(|text| dialect(text, &DIALECT).map(|(word, _)| *word).collect()).collect();
     assert_eq!(found, [vec!["so often", "goes on"], vec![]]);
 }
+
+/// The page of measured numbers is one table: figure, goal, measured, command, commit.
+#[test]
+fn the_page_of_measured_numbers_is_one_short_table() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bench/README.md");
+    let page = fs::read_to_string(page).expect("the page");
+    let head = "| Figure | Goal | Measured | Command | Commit |";
+    let table: Vec<&str> =
+        page.lines().skip_while(|line| *line != head).skip(2).take_while(|line| line.starts_with('|')).collect();
+    assert!((1..=60).contains(&table.len()), "{} rows, at most 60: replace a row of the same figure", table.len());
+    for row in table {
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        assert!(cells.len() == 5 && cells.iter().all(|cell| !cell.is_empty()), "five cells: {row}");
+        assert!(cells[0].contains(": "), "a figure begins with its area: {row}");
+    }
+}

@@ -391,8 +391,8 @@ impl Inside {
         Some(self.executed_since(before))
     }
 
-    /// The number of executed commands of the present contact path, which follow the first `before` executed ones. A path may be open on
-    /// the record while later motions are executed, if the disk refused its end.
+    /// Returns the number of executed commands of the present contact path after the first `before` executed ones. If
+    /// the disk refused the path's end, the path may be open on the record while later motions are executed.
     fn executed_since(&self, before: usize) -> usize {
         let Some((epoch, first)) = self.contact else { return 0 };
         let is_on_path =

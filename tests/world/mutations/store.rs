@@ -35,7 +35,7 @@ pub(super) const ALL: [Mutation; 18] = [
     change(
         "the folder of the store's files is not flushed",
         BLOBS,
-        r#"flush::names(&self.folder).map_err(at("flush", &self.folder))"#,
+        r#"flush::names(&self.folder).map_err(file_error("flush", &self.folder))"#,
         "Ok(())",
     ),
     change(
