@@ -207,7 +207,7 @@ fn processor_s() -> Option<f64> {
 
 fn wait(link: &mut BlockingLink, found: impl Fn(&Report) -> bool) {
     loop {
-        let report = link.next(TIMEOUT).expect("the link goes on");
+        let report = link.next(TIMEOUT).expect("the link continues");
         if found(&report) {
             return;
         }

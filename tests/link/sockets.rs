@@ -11,7 +11,7 @@ use std::time::Duration;
 /// Waits for the first report for which `found` returns a value, and returns the value.
 fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     for _ in 0..5_000 {
-        let report = link.next(Duration::from_secs(20)).expect("the link goes on");
+        let report = link.next(Duration::from_secs(20)).expect("the link continues");
         if let Some(found) = found(&report) {
             return found;
         }

@@ -15,6 +15,7 @@ use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
 use panelprep::record::{ANOTHER_PART, CycleId};
 use panelprep::supervision::{Failure, ThreadFault};
+use panelprep::verdict::Verdict;
 use std::collections::VecDeque;
 use std::path::Path;
 
@@ -27,7 +28,9 @@ const PICTURE_POLL_INTERVAL_MS: u64 = 60;
 const RECOVERY_MS: u64 = 60_000;
 /// Distance of the tip from the panel beyond which the arm may go to its park pose from anywhere, mm. It is the
 /// gate's 40 mm plus the reach of the tool's body beside its tip.
-const CLEAR_MM: f64 = 160.0;
+const BODY_CLEAR_MM: f64 = 160.0;
+/// With its tip nearer than this to the panel, a person must jog the arm away, mm.
+const CLEAR_MM: f64 = 100.0;
 /// Time after which a false report is forgotten, ms.
 const CALM_MS: u64 = 1_000;
 /// Time for the last fault to have its effect before all faults are ended, however many cycles have ended, ms.
@@ -72,6 +75,10 @@ pub struct People {
     working: Option<(Id, u64)>,
     /// Whether the present cycle began after all faults had ended.
     is_untroubled: bool,
+    /// Whether that cycle began with the tool's body so near to the panel that the gate may ask for a jog.
+    is_body_near: bool,
+    /// Such a cycle was aborted; the cause is not known yet.
+    is_cause_due: bool,
     /// The actions that the table must perform in time.
     in_time: InTime,
     /// Whether the people dry a held panel before they try anything else.
@@ -101,6 +108,8 @@ impl People {
             has_left: false,
             working: None,
             is_untroubled: false,
+            is_body_near: false,
+            is_cause_due: false,
             in_time: InTime::default(),
             dries: false,
             stopping: None,
@@ -176,6 +185,9 @@ impl People {
                     desk.ask(OPERATOR, what);
                 }
             }
+        }
+        if state.at.rests() && std::mem::take(&mut self.is_cause_due) && !asks_for_a_jog(state) {
+            judges::ends_by_itself(&mut self.world.lock(), Verdict::Aborted);
         }
         let request = desk.next(state)?;
         if let Some(request) = &request {
@@ -264,8 +276,7 @@ impl People {
         match self.aim {
             Aim::Recover { whole: true } => {
                 // A cycle that only found the arm at an unknown pose does not count as the new one.
-                let is_next = state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
-                    && self.taken_away < MAX_ATTEMPTS;
+                let is_next = asks_for_a_jog(state) && self.taken_away < MAX_ATTEMPTS;
                 has_begun && state.at.rests() && !state.job.running && !is_next
             }
             Aim::Recover { whole: false } => {
@@ -287,13 +298,17 @@ impl People {
                     && !world.lingers
                     && world.height_mm() > CLEAR_MM;
                 self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
+                self.is_body_near = world.height_mm() <= BODY_CLEAR_MM;
             }
             News::Concluded(verdict) => {
                 self.held = 0;
                 self.ended += 1;
                 let mut world = self.world.lock();
                 if std::mem::take(&mut self.is_untroubled) {
-                    judges::ends_by_itself(&mut world, *verdict);
+                    self.is_cause_due = self.is_body_near && *verdict == Verdict::Aborted;
+                    if !self.is_cause_due {
+                        judges::ends_by_itself(&mut world, *verdict);
+                    }
                 }
                 *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
                 judges::concluded(&mut world, *verdict);
@@ -350,6 +365,11 @@ impl Port<RequestCommand> for People {
             }
         }
     }
+}
+
+/// Returns whether the gate has aborted the cycle: the arm is at an unknown place near the panel.
+fn asks_for_a_jog(state: &State) -> bool {
+    state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
 }
 
 fn begin(is_another_part: bool) -> What {

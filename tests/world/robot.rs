@@ -34,7 +34,7 @@ impl Robot {
         let (now_ms, (told_ms, count)) = (world.now_ms(), self.told);
         self.told = (now_ms, if told_ms == now_ms { count + 1 } else { 0 });
         if self.told.1 == MAX_SIMULTANEOUS_REPORTS {
-            world.wrong("time goes on", format!("{MAX_SIMULTANEOUS_REPORTS} reports in one moment"));
+            world.wrong("time continues", format!("{MAX_SIMULTANEOUS_REPORTS} reports in one moment"));
         }
     }
 

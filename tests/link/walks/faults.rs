@@ -40,8 +40,8 @@ impl Walk {
             15 => Fault::WrongBase,
             16 => Fault::Refuse(8),
             17 => {
-                self.oracles.slowed_until_ms = until_ms;
                 let percent = draw.random_range(20..100);
+                (self.oracles.slowed_until_ms, self.oracles.slowed_to_percent) = (until_ms, percent);
                 if is_program && percent % 2 == 0 {
                     Fault::Override { percent, for_ms }
                 } else {

@@ -68,11 +68,13 @@ impl Inside {
         let fault = script::controller_fault(text).ok()?;
         let now_ms = self.now_ms();
         let slows = match fault {
-            mock::Fault::Slow { for_ms, .. } | mock::Fault::Override { for_ms, .. } => for_ms,
+            mock::Fault::Slow { for_ms, percent } | mock::Fault::Override { for_ms, percent } => {
+                Some((for_ms?, percent))
+            }
             _ => None,
         };
-        if let Some(for_ms) = slows {
-            self.oracles.slowed_until_ms = now_ms + for_ms;
+        if let Some((for_ms, percent)) = slows {
+            (self.oracles.slowed_until_ms, self.oracles.slowed_to_percent) = (now_ms + for_ms, percent);
         }
         match (fault, self.sabotage) {
             (mock::Fault::Override { percent, for_ms }, Some(Sabotage::HidesOverride)) if percent < 100 => {
