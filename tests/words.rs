@@ -115,33 +115,23 @@ impl<'ast> Visit<'ast> for Texts {
     }
 }
 
-/// Returns each file below `src` with its texts, without code that is compiled only for tests.
+/// Returns each file below `src` with its texts, without what is compiled for tests alone.
 fn texts() -> Vec<(String, Vec<String>)> {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let (mut folders, mut files) = (vec![source.clone()], Vec::new());
-    let mut left_out: BTreeSet<PathBuf> = BTreeSet::new();
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).expect("a folder") {
-            let path = entry.expect("an entry").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                let file = syn::parse_file(&fs::read_to_string(&path).expect("text")).expect("it parses");
-                let mut texts = Texts::default();
-                texts.visit_file(&file);
-                let below = match path.file_stem().and_then(|stem| stem.to_str()) {
-                    Some("mod" | "lib" | "main") => folder.clone(),
-                    _ => path.with_extension(""),
-                };
-                left_out.extend(texts.for_tests.iter().map(|name| below.join(name)));
-                files.push((path, texts.found));
-            }
-        }
+    let (mut left_out, mut files) = (BTreeSet::new(), Vec::new());
+    for (name, source) in sources().iter().filter_map(|(name, source)| Some((name.strip_prefix("src/")?, source))) {
+        let path = PathBuf::from(name);
+        let mut texts = Texts::default();
+        texts.visit_file(&syn::parse_file(source).expect("it parses"));
+        let below = match path.file_stem().and_then(|stem| stem.to_str()) {
+            Some("mod" | "lib" | "main") => path.parent().map_or_else(PathBuf::new, Path::to_owned),
+            _ => path.with_extension(""),
+        };
+        left_out.extend(texts.for_tests.iter().map(|name| below.join(name)));
+        files.push((path, texts.found));
     }
     let is_left_out = |path: &Path| left_out.iter().any(|module| path.with_extension("").starts_with(module));
-    let relative = |path: &Path| path.strip_prefix(&source).expect("below src").display().to_string();
-    let kept = files.iter().filter(|(path, _)| !is_left_out(path));
-    kept.map(|(path, found)| (relative(path), found.clone())).collect()
+    let kept = files.into_iter().filter(|(path, _)| !is_left_out(path));
+    kept.map(|(path, found)| (path.display().to_string(), found)).collect()
 }
 
 fn is_for_machines(file: &str, text: &str) -> bool {
